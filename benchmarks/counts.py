@@ -86,7 +86,7 @@ def _windows() -> Any:
 
 def _recipe(name: str) -> Any:
     """A step on one class of scenes, the least to compile."""
-    from neurosym_jax.training.recipe import make_recipe
+    from neurosym_jax.training.catalogue import make_recipe
 
     return make_recipe(name, steps=1, changes=["batch_scenes=4", "best_k=2", "max_agents=2"])
 
@@ -94,20 +94,20 @@ def _recipe(name: str) -> Any:
 def _training_costs() -> dict[str, float]:
     import jax
 
-    from neurosym_jax.models.config import POOLINGS
-    from neurosym_jax.training.recipe import named_network
-    from neurosym_jax.training.step import initial_state, train_steps
+    from neurosym_jax.models.sgan.config import POOLINGS
+    from neurosym_jax.models.sgan.step import init_state, train_steps
+    from neurosym_jax.training.catalogue import make_config
     from neurosym_jax.training.stream import SceneStream
 
     found: dict[str, float] = {}
     key = jax.eval_shape(lambda: jax.random.key(0))
     # SGAN with its discriminator, which takes a batch of its own.
     for model, recipe in (("sgan", _recipe("sgan")), ("neurosym", _recipe("ours"))):
-        config = named_network(model)
+        config = make_config(model)
         batches = 2 if recipe.adversarial_weight else 1
         stream = SceneStream(_windows(), recipe.batch_scenes, recipe.seed, recipe.max_agents)
         groups = stream.steps(0, batches)
-        state = jax.eval_shape(lambda key: initial_state(config, recipe, key), key)  # noqa: B023
+        state = jax.eval_shape(lambda key: init_state(config, recipe, key), key)  # noqa: B023
         step = jax.tree.map(lambda leaf: leaf[None], groups)
         pooling = POOLINGS.name_of(config.pooling)
         cost: Any = train_steps.lower(config, recipe, key, state, step).cost_analysis()
@@ -120,10 +120,10 @@ def _costs() -> dict[str, float]:
     import jax
     import numpy as np
 
-    from neurosym_jax.forecasting.forecasters import GeneratorForecaster
     from neurosym_jax.forecasting.model import forecast_scene
     from neurosym_jax.models import Generator, GeneratorConfig
-    from neurosym_jax.models.config import POOLINGS
+    from neurosym_jax.models.sgan.config import POOLINGS
+    from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
     from neurosym_jax.scene import make_scene, pad_scene
 
     found: dict[str, float] = {}
@@ -147,7 +147,7 @@ def collision_share() -> float:
     from benchmarks.light import decoding, encoding
     from benchmarks.operations import operations
     from neurosym_jax.evaluation import collisions
-    from neurosym_jax.models.config import GeneratorConfig
+    from neurosym_jax.models.sgan.config import GeneratorConfig
 
     people, config = 40, GeneratorConfig(pred_len=12)
     draw = np.random.default_rng(0)

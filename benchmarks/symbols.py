@@ -97,14 +97,14 @@ def _of_weightings(repeats: int) -> list[Row]:
     """Alpha by each weighting, and beside it a whole forecast of such a scene, untrained."""
     import jax
 
-    from neurosym_jax.forecasting.forecasters import GeneratorForecaster
     from neurosym_jax.forecasting.model import Model, predict
     from neurosym_jax.models import AsDescribed, GeneratorConfig
+    from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
     from neurosym_jax.symbolic.weightings import WEIGHTINGS, Ones, Soft, make_weighting
 
     walks = np.random.default_rng(0).normal(0, 0.4, (CROWD, STEPS, 2)).cumsum(axis=1)
     config = GeneratorConfig(pooling=AsDescribed(), weighting=Ones())
-    model = Model(config, GeneratorForecaster(config).initial(jax.random.key(0)))
+    model = Model(config, GeneratorForecaster(config).init(jax.random.key(0)))
     runs: dict[str, Callable[[], object]] = {OURS: lambda: predict(model, walks, samples=SAMPLES)}
     for weighting in [*(each() for each in WEIGHTINGS.values()), Soft(learned=True)]:
         weigh = jax.jit(make_weighting(weighting))

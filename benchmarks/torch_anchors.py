@@ -13,9 +13,9 @@ import torch
 from torch import nn
 from torch.nn.functional import linear
 
-from neurosym_jax.models.anchors import BASIS, HEADS, ROUGHNESS, AnchorConfig, _polynomials
-from neurosym_jax.models.frames import LONGEST, SLOW, WIDE
-from neurosym_jax.training.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.frames import LONGEST, SLOW, WIDE
+from neurosym_jax.models.anchors.network import BASIS, HEADS, ROUGHNESS, AnchorConfig, _polynomials
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
 
 __all__ = ["TorchAnchors"]
 
@@ -69,7 +69,7 @@ class TorchAnchors(nn.Module):
         self.optimizer.step()
 
     def loss(self) -> torch.Tensor:
-        """See `neurosym_jax.training.anchors.anchor_loss`."""
+        """See `neurosym_jax.models.anchors.loss.anchor_loss`."""
         recipe, size, own = self.recipe, self.valid.sum(1), self.valid.sum(1)
 
         def of_crowds(values: torch.Tensor) -> torch.Tensor:

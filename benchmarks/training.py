@@ -22,7 +22,7 @@ def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.data.sources import open_source
     from neurosym_jax.data.windows import cut_windows
-    from neurosym_jax.training.recipe import RECIPES
+    from neurosym_jax.models.sgan.recipe import RECIPES
     from neurosym_jax.training.stream import SceneStream
 
     source, scene = open_source(options.data), "zara1" if options.data else "cross-path"
@@ -50,7 +50,7 @@ def measure(options: Any) -> dict[str, Any]:
 
 def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
     """Return the work of one network's step."""
-    from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+    from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
 
     config, scores = GeneratorConfig(), DiscriminatorConfig()
     agents, sizes = len(array["observed"]), array["sizes"].astype(float)
@@ -91,13 +91,13 @@ def generator_steps(name: str, batches) -> Callable[[], None]:
     """One iteration of a generator's recipe, on batches that lie on the device."""
     import jax
 
-    from neurosym_jax.models.config import GeneratorConfig
-    from neurosym_jax.training.recipe import RECIPES
-    from neurosym_jax.training.step import initial_state, train_step
+    from neurosym_jax.models.sgan.config import GeneratorConfig
+    from neurosym_jax.models.sgan.recipe import RECIPES
+    from neurosym_jax.models.sgan.step import init_state, train_step
 
     generator, recipe, key = GeneratorConfig(), RECIPES[name], jax.random.key(0)
     batches = jax.device_put(batches)
-    state = jax.jit(lambda: initial_state(generator, recipe, key))()
+    state = jax.jit(lambda: init_state(generator, recipe, key))()
 
     def step(state):
         key_of_step = jax.random.fold_in(key, state.step)
@@ -110,22 +110,24 @@ def anchor_steps(windows: Any, torch: bool) -> dict[str, Callable[[], None]]:
     """One iteration of recipe `anchors`, and torch's on the same batch."""
     import jax
 
-    from neurosym_jax.forecasting.anchors import AnchorsForecaster
-    from neurosym_jax.models.anchors import AnchorConfig
-    from neurosym_jax.training.anchors import AnchorStream, anchor_step
-    from neurosym_jax.training.recipe import AnchorRecipe
-    from neurosym_jax.training.step import new_state
+    from neurosym_jax.models.anchors.forecaster import AnchorsForecaster
+    from neurosym_jax.models.anchors.loss import AnchorStream
+    from neurosym_jax.models.anchors.network import AnchorConfig
+    from neurosym_jax.models.anchors.recipe import AnchorRecipe
+    from neurosym_jax.training.state import new_state
+    from neurosym_jax.training.step import gradient_step
 
     network, recipe, key = AnchorConfig(), AnchorRecipe(), jax.random.key(0)
     batch = AnchorStream(windows, recipe).batch(0)
-    params = AnchorsForecaster(network).initial(key)
+    forecaster = AnchorsForecaster(network)
+    params = forecaster.init(key)
     steps: dict[str, Callable[[], None]] = {}
     if torch:
         from benchmarks.torch_anchors import TorchAnchors
 
         steps["torch peer"] = TorchAnchors(network, recipe, params, batch).step
     batch, state = jax.device_put(batch), new_state(recipe, params)
-    ours = _iterate(lambda state: anchor_step(network, recipe, key, state, *batch), state)
+    ours = _iterate(lambda state: gradient_step(forecaster, recipe, key, state, batch), state)
     return {OURS: ours, **steps}
 
 

@@ -28,19 +28,20 @@ DOCS = Path(__file__).parents[1] / "docs"
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.data.sources import open_source
+    from neurosym_jax.forecasting.forecaster import forecaster_of
+    from neurosym_jax.training.catalogue import make_config, recipes_of
     from neurosym_jax.training.loop import train
-    from neurosym_jax.training.recipe import RECIPES, named_network, usual_recipe
 
     source, table = open_source(options.data), []
     parts = [source.recordings("zara1", part) for part in ("train", "val")]
     for model, title in MODELS.items():
-        network = named_network(model, pred_len=12)
-        recipe = RECIPES[usual_recipe(network)]
+        config = make_config(model, pred_len=12)
+        recipe = next(iter(recipes_of(type(forecaster_of(config))).values()))
         if model == "sgan":
             recipe = dataclasses.replace(recipe, steps=5000)
         with tempfile.TemporaryDirectory() as folder:
             start = time.perf_counter()
-            train(*parts, Path(folder, "run"), network=network, recipe=recipe)
+            train(*parts, Path(folder, "run"), config=config, recipe=recipe)
             table.append(row(title, OURS, [time.perf_counter() - start]))
     return {"title": "whole trainings, zara1, 8 + 12", "rows": table}
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.symbolic import register_weighting
+from neurosym_jax.training.catalogue import make_config, make_recipe
 from neurosym_jax.training.loop import train
-from neurosym_jax.training.recipe import make_recipe, named_network
 
 
 @register_weighting("nearness", log_reach=0.0)
@@ -38,10 +38,10 @@ def main(steps: int = 100, weightings: tuple[str, ...] = ("cnd", "nearness")) ->
     for weighting in weightings:
         # Narrow, so that it is quick.
         narrow = ("pooling.hidden_dim=64",)
-        network = named_network("neurosym", weighting=weighting, changes=narrow)
+        config = make_config("neurosym", changes=[f"weighting={weighting}", *narrow])
         with tempfile.TemporaryDirectory() as folder:
             run = Path(folder) / "run"
-            model = train(training, validation, run, network=network, recipe=recipe)
+            model = train(training, validation, run, config=config, recipe=recipe)
             last = (run / "metrics.jsonl").read_text().splitlines()[-1]
         print(f"{model.name} after {steps} steps: {last}")
         if weighting == "nearness":

@@ -13,6 +13,7 @@ import hashlib
 import importlib
 import importlib.util
 import sys
+import typing
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -27,13 +28,31 @@ T = TypeVar("T")
 _loaded: dict[str, None] = {}
 
 
+class _Later(typing.NamedTuple):
+    """A component that is not imported yet."""
+
+    place: str
+
+
 class Registry(dict[str, T]):
     """Components of one kind by name, in the order in which they were registered."""
 
-    def __init__(self, kind: str, built_in: Mapping[str, T] | None = None):
-        """Hold `built_in`; `kind` is what messages call one of them, such as "pooling"."""
+    def __init__(
+        self,
+        kind: str,
+        built_in: Mapping[str, T] | None = None,
+        *,
+        modules: Mapping[str, str] | None = None,
+    ):
+        """Hold `built_in`; `kind` is what messages call one of them, such as "pooling".
+
+        `modules` has the component's name in its module, `MODULE:NAME`, for components that are
+        imported when they are first asked for.
+        """
         super().__init__(built_in or {})
         self.kind = kind
+        for name, place in (modules or {}).items():
+            super().__setitem__(name, typing.cast(T, _Later(place)))
 
     def register(self, name: str, value: T | None = None, *, replace: bool = False) -> Any:
         """Add `value` and return it; without `value`, return a decorator of the component.
@@ -48,7 +67,7 @@ class Registry(dict[str, T]):
             return functools.partial(self.register, name, replace=replace)
         if not name.isidentifier():
             raise InputError(f"{name!r} cannot name a {self.kind}: letters, digits, underscores")
-        if self.get(name, value) != value:
+        if name in self and self[name] != value:
             if not replace:
                 taken = f"there is another {self.kind} {name!r} already"
                 raise InputError(f"{taken}: choose another name, or say replace=True")
@@ -68,6 +87,23 @@ class Registry(dict[str, T]):
             if each is value or each is type(value):
                 return name
         raise InputError(f"{value!r} is not registered as a {self.kind}")
+
+    def __getitem__(self, name: str) -> T:
+        """The component `name`, imported if need be."""
+        value = super().__getitem__(name)
+        if isinstance(value, _Later):
+            module, _, attribute = value.place.partition(":")
+            value = getattr(importlib.import_module(module), attribute)
+            self[name] = value
+        return value
+
+    def values(self) -> list[T]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """All components, imported."""
+        return [self[name] for name in self]
+
+    def items(self) -> list[tuple[str, T]]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Names and components, imported."""
+        return [(name, self[name]) for name in self]
 
     def __missing__(self, name: str) -> T:
         near = difflib.get_close_matches(str(name), self, 1)

@@ -56,6 +56,8 @@ class Scene(struct.PyTreeNode):
     None for all. See `Forecaster.prepared`."""
     period: float = struct.field(pytree_node=False, default=0.4)
     """Seconds between steps; static, so programs are compiled for one period."""
+    alpha: AnyArray | None = None
+    """[N, N, obs_len] weights of j for i in place of a model's own; None for its own."""
     extras: Mapping[str, AnyArray] = struct.field(default_factory=dict)
     """name: [N, ...] further numbers of each agent, zero in padding; for metrics, not models."""
 

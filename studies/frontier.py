@@ -17,8 +17,8 @@ from pathlib import Path
 import polars as pl
 
 from neurosym_jax.evaluation.report import read_report
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.plotting.style import SMALL, dress, model_looks, new_figure, save_figure
-from neurosym_jax.training.recipe import AnchorRecipe
 
 __all__ = ["draw", "errors"]
 

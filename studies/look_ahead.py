@@ -15,7 +15,7 @@ from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.forecasters import ConstantVelocity
+from neurosym_jax.models.baselines import ConstantVelocity
 
 
 def look_ahead(path: Path) -> None:

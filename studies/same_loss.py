@@ -24,13 +24,12 @@ from neurosym_jax.data.sources import Source, open_source
 from neurosym_jax.data.windows import Batch, cut_windows, make_batches
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.forecasting.forecasters import FORECASTERS
-from neurosym_jax.models.config import GeneratorConfig, register_pooling
-from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
+from neurosym_jax.models.sgan.config import GeneratorConfig, register_pooling
+from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
+from neurosym_jax.models.sgan.recipe import RECIPES
 from neurosym_jax.runtime import enable_compilation_cache, tune
 from neurosym_jax.symbolic.weightings import Cnd, CndShipped
-from neurosym_jax.training.recipe import RECIPES, TrainConfig
-from neurosym_jax.training.run import ROUND, Run, rounds_of, start_of
+from neurosym_jax.training.run import ROUND, Run
 
 __all__ = ["LOSSES", "NETWORKS", "Zeros", "run_all"]
 
@@ -41,9 +40,7 @@ PLACES = ("zara1", "hotel")
 METRICS = ("joint_ade", "joint_fde", "energy_score", "neighbour_near")
 HEAD = ("place", "loss", "network", "seed", "step", "split", "metric", "value")
 
-SGAN = RECIPES["sgan"]
-assert isinstance(SGAN, TrainConfig)
-VARIETY = dataclasses.replace(SGAN, steps=TESTED[-1], batch_scenes=10)
+VARIETY = dataclasses.replace(RECIPES["sgan"], steps=TESTED[-1], batch_scenes=10)
 LOSSES = {
     "variety": VARIETY,
     "adversarial": dataclasses.replace(
@@ -95,8 +92,7 @@ def train_and_test(
 
     A `d_loss` of 2 log 2 is that of a discriminator whose last ReLU is shut: it teaches nothing.
     """
-    state, advance = start_of(run), rounds_of(run)
-    forecaster = FORECASTERS["generator"](run.network)
+    state, advance, forecaster = run.init_state(), run.rounds(), run.forecaster
     for done in range(0, run.recipe.steps, ROUND):
         state, metrics = advance(state, done, ROUND)
         if (step := done + ROUND) not in TESTED:

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
 
 
@@ -22,6 +22,6 @@ def random_params(network, *inputs, std=None, seed=1):
 
 def random_model(config, dataset=None, std=None):
     """A model of this configuration."""
-    kind = next(kind for kind, of in FORECASTERS.items() if of.Config is type(config))
-    shapes, draw = FORECASTERS[kind](config).shapes(), drawing(std)
-    return Model(config, jax.tree.map(lambda leaf: draw(leaf.shape), shapes), dataset, kind)
+    forecaster, draw = forecaster_of(config), drawing(std)
+    params = jax.tree.map(lambda leaf: draw(leaf.shape), forecaster.shapes())
+    return Model(config, params, dataset, forecaster.key)

@@ -11,10 +11,10 @@ from flax.traverse_util import flatten_dict
 
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.forecasting.anchors import AnchorsForecaster, apply_anchors
-from neurosym_jax.models.anchors import AnchorConfig
-from neurosym_jax.training.anchors import AnchorStream, anchor_loss, company
-from neurosym_jax.training.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.forecaster import AnchorsForecaster, apply_anchors
+from neurosym_jax.models.anchors.loss import AnchorStream, anchor_loss, company
+from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from tests.repository import ROOT, run_python
 
 

@@ -6,17 +6,13 @@ import pytest
 
 from neurosym_jax.configuration import changed, from_json, to_json
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.models import AsDescribed, PoolNet, Social
-from neurosym_jax.models.anchors import AnchorConfig
-from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.sgan.recipe import GeneratorRecipe
 from neurosym_jax.symbolic.weightings import Cnd, Learned, Soft
-from neurosym_jax.training.recipe import (
-    RECIPES,
-    TrainConfig,
-    make_recipe,
-    model_name,
-    named_network,
-)
+from neurosym_jax.training.catalogue import known_recipes, make_config, make_recipe
 
 
 @pytest.mark.parametrize(
@@ -26,7 +22,7 @@ from neurosym_jax.training.recipe import (
         GeneratorConfig(pooling="social,neighborhood_size=3", pool_every_timestep=True),
         GeneratorConfig(pooling="neurosym_ros", weighting=Soft(learned=True)),
         DiscriminatorConfig(kind="local"),
-        *RECIPES.values(),
+        *known_recipes().values(),
     ],
 )
 def test_json_round_trip(config):
@@ -57,7 +53,7 @@ def change_recipe(change):
 
 
 def recipe(change):
-    return dataclasses.replace(TrainConfig(), **change)
+    return dataclasses.replace(GeneratorRecipe(), **change)
 
 
 def anchors(options):
@@ -102,9 +98,9 @@ REFUSED = [
     (change_network, "pooling=sociall", "network: unknown pooling 'sociall': did you mean"),
     (change_network, "pooling=encounter,bottleneck_dim=6", "must be a multiple of 4"),
     (change_recipe, ".ema=0.5", "must be NAME=VALUE"),
-    (named_network, "sgam", "model must be one of sgan, neurosym, anchors, anchor_table, not"),
-    (make_recipe, "our", "recipe must be one of anchors, ours, sgan, not 'our'"),
-    (change_recipe, "emma=0.9", "--set emma=0.9: must be NAME=VALUE"),
+    (make_config, "sgam", "model must be one of sgan, neurosym, anchors, anchor_table, not"),
+    (make_recipe, "our", "recipe must be one of ours, sgan, anchors, not 'our'"),
+    (change_recipe, "emma=0.9", "set emma=0.9: must be NAME=VALUE"),
     (change_recipe, "ema=fast", "recipe ours: ema must be a finite number, not 'fast'"),
     (change_recipe, 'discriminator={"kind": "big"}', "kind must be one of global, local, not"),
 ]
@@ -126,32 +122,35 @@ def test_changes_of_components():
 
 
 def test_recipes():
-    assert make_recipe("ours") == RECIPES["ours"]
+    assert make_recipe("ours") == known_recipes()["ours"]
     assert make_recipe("sgan", changes=["discriminator.kind=local"]).discriminator.kind == "local"
     changes = ("rotate=0.5", "max_agents=null", "label_real=[0.9, 1]", "schedule=cosine")
     changed = make_recipe("sgan", seed=3, steps=30, changes=changes)
     assert (changed.seed, changed.steps, changed.rotate, changed.max_agents) == (3, 30, 0.5, None)
     assert (changed.label_real, changed.schedule) == ((0.9, 1), "cosine")
-    assert changed.learning_rate == RECIPES["sgan"].learning_rate
+    assert changed.learning_rate == known_recipes()["sgan"].learning_rate
 
 
 def test_networks():
-    assert named_network(pred_len=12).pred_len == 12
-    assert named_network(pooling="social").pooling == Social()
-    symbolic = named_network("neurosym", weighting="learned,speed=0.1")
+    assert make_config(pred_len=12).pred_len == 12
+    assert make_config(changes=["pooling=social"]).pooling == Social()
+    symbolic = make_config("neurosym", changes=["weighting=learned,speed=0.1"])
     assert (symbolic.pooling, symbolic.weighting) == (
         AsDescribed(),
         Learned(speed=0.1),
     )
-    changed = named_network("neurosym", changes=["noise_type=uniform", "encoder_h_dim=48"])
+    changed = make_config("neurosym", changes=["noise_type=uniform", "encoder_h_dim=48"])
     assert (changed.noise_type, changed.encoder_h_dim) == ("uniform", 48)
     assert (changed.pooling, changed.weighting) == (AsDescribed(), Cnd())
 
 
 def test_names():
-    assert model_name(named_network(pooling="none")) == "sgan_none"
-    coarse = named_network("neurosym", weighting="quantised,speed=0.125")
-    assert model_name(coarse) == "neurosym_as_described_quantised"
-    assert model_name(named_network("neurosym", pooling="neurosym_ros")) == "neurosym_ros_cnd"
-    anchors = named_network("anchors", changes=["hidden=32"], pred_len=12)
-    assert model_name(anchors) == "anchors_hidden_32"
+    def variant(model, *changes):
+        return forecaster_of(make_config(model, pred_len=12, changes=changes)).variant
+
+    assert variant("sgan", "pooling=none") == "sgan_none"
+    coarse = variant("neurosym", "weighting=quantised,speed=0.125")
+    assert coarse == "neurosym_as_described_quantised"
+    assert variant("neurosym", "pooling=neurosym_ros") == "neurosym_ros_cnd"
+    assert variant("anchors", "hidden=32") == "anchors_hidden_32"
+    assert variant("anchor_table") == "anchor_table"

@@ -10,7 +10,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.plugins import Registry, load_plugin, loaded
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
-from neurosym_jax.training.recipe import named_network
+from neurosym_jax.training.catalogue import make_config
 from tests.networks import random_model
 
 MISSING = "unknown weighting 'nearness'"
@@ -21,7 +21,7 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
     model = tmp_path / "model"
     with mock.patch.dict(WEIGHTINGS):
         register_weighting("nearness", log_reach=0.0)(lambda positions, valid, log_reach: 0)
-        network = named_network("neurosym", weighting="nearness")
+        network = make_config("neurosym", changes=["weighting=nearness"])
         own = dataclasses.replace(random_model(network, std=1.0), plugins=("near.py",))
         save_model(model, own)
         assert load_model(model).plugins == ("near.py",)

@@ -7,14 +7,15 @@ import dataclasses
 import itertools
 import shlex
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from neurosym_jax.commands import train
 from neurosym_jax.commands._options import open_data, options_text
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.sources import Source
 from neurosym_jax.errors import InputError
-from neurosym_jax.training.recipe import model_name, named_network
+from neurosym_jax.forecasting.forecaster import forecaster_of
+from neurosym_jax.training.catalogue import make_config
 from neurosym_jax.training.sweep import SweepRun, run_sweep, unfinished
 
 __all__ = ["Options", "plan_runs", "run"]
@@ -27,7 +28,7 @@ class Options(train.Options):
     `neurosym sweep FILE.yaml` reads options from a file; those after it override the file.
     """
 
-    model: tuple[Literal["sgan", "neurosym", "anchors", "anchor_table"], ...] = ("sgan", "neurosym")
+    model: tuple[str, ...] = ("sgan", "neurosym")
     """Networks, see `neurosym train`."""
     pooling: tuple[str, ...] = ()
     """Poolings, a model each of every network that has it; default: the papers'."""
@@ -91,8 +92,8 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
     ):
         own = {**model, "dataset": dataset, "pred_len": pred_len, "seed": seed}
         asked = train.Options(**{**common, **own})
-        network, _ = train.configured(asked)
-        name = f"{model_name(network)}_{dataset}_{options.obs_len}_{pred_len}_seed{seed}"
+        config, _ = train.configured(asked)
+        name = f"{forecaster_of(config).variant}_{dataset}_{options.obs_len}_{pred_len}_seed{seed}"
         if (folder := options.out / name) in runs:
             raise InputError(f"{name}: two runs of the sweep have this name")
         runs[folder] = SweepRun(folder, options_text(dataclasses.replace(asked, out=folder)))
@@ -108,7 +109,7 @@ def _models(options: Options) -> list[dict[str, Any]]:
             refused = []
             for model in options.model:
                 try:
-                    named_network(model, **{option: value})
+                    make_config(model, changes=[f"{option}={value}"])
                     taken[option][model].append(value)
                 except InputError as error:
                     refused.append(error)

@@ -18,15 +18,15 @@ from neurosym_jax.data.windows import Windows, cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.recipe import (
+from neurosym_jax.training.catalogue import (
+    make_config,
     make_recipe,
-    model_name,
-    named_network,
+    recipes_of,
     refuse_other_recipe,
-    usual_recipe,
 )
+from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.run import Run
 
 __all__ = ["Options", "configured", "make_run", "run"]
@@ -39,9 +39,9 @@ class Options:
     `neurosym train FILE.yaml` reads options from a file; those after it override the file.
     """
 
-    model: Literal["sgan", "neurosym", "anchors", "anchor_table"] = "sgan"
-    """Network to train: SGAN, NeuroSyM (weights pairs of people by symbols), anchors (learned
-    residuals with probabilities), or its baseline, a table of fixed offsets."""
+    model: str = "sgan"
+    """Network to train: sgan, neurosym (weights pairs of people by symbols), anchors (learned
+    residuals with probabilities), anchor_table (its baseline, fixed offsets), or a plugin's."""
     pooling: str | None = None
     """Pooling of SGAN: pool_net (default), none or social, or of NeuroSyM: as_described (default),
     neurosym_ros or encounter; or one that a plugin registers."""
@@ -57,9 +57,9 @@ class Options:
     """Steps to forecast."""
     period: float = 0.4
     """Seconds between steps; recordings that have others are resampled."""
-    recipe: Literal["ours", "sgan", "anchors"] | None = None
-    """How the model is trained, see docs/recipe.md; default: anchors for anchors and their table,
-    else ours."""
+    recipe: str | None = None
+    """How the model is trained: anchors for anchors and their table, else ours or sgan (as
+    published), see docs/recipe.md; or a plugin's. Default: the first that fits."""
     seed: int = 0
     """Random seed for initialisation, data order, augmentation and noise."""
     steps: int | None = None
@@ -95,8 +95,8 @@ def run(options: Options) -> None:
     """
     run = make_run(options)
     where = run.dataset or ("files" if options.train_on else "simulations")
-    name = f"{model_name(run.network)}_{where}_{options.obs_len}_{options.pred_len}"
-    recipe = options.recipe or usual_recipe(run.network)
+    name = f"{run.forecaster.variant}_{where}_{options.obs_len}_{options.pred_len}"
+    recipe = options.recipe or next(iter(recipes_of(type(run.forecaster))))
     folder = options.out or Path("runs") / f"{name}_{recipe}_{options.seed}"
     print(
         f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
@@ -140,7 +140,7 @@ def _print_errors(run: Run, model: Model) -> None:
     """Print the validation errors of the model, which they chose, and of the baselines."""
     batches = make_batches(run.validation)
     print(f"on the {run.validation.scenes} validation scenes, joint best of {run.samples}, metres:")
-    lengths = run.network.obs_len, run.network.pred_len
+    lengths = run.config.obs_len, run.config.pred_len
     baselines = baselines_of(None, *lengths, run.dataset, run.samples)
     for each in (model, *(baseline for _, baseline in baselines)):
         found = score_forecaster(
@@ -156,23 +156,24 @@ def _print_errors(run: Run, model: Model) -> None:
 
 
 def configured(options: Options) -> tuple[Any, Any]:
-    """The network and the recipe that `options` describe.
+    """The configuration and the recipe that `options` describe.
 
     Raises:
         InputError: for options that contradict each other, or a change that does not fit.
     """
-    network = named_network(
+    chosen = {"pooling": options.pooling, "weighting": options.weighting}
+    changes = [f"{name}={value}" for name, value in chosen.items() if value is not None]
+    config = make_config(
         options.model,
-        pooling=options.pooling,
-        weighting=options.weighting,
         obs_len=options.obs_len,
         pred_len=options.pred_len,
-        changes=options.network,
+        changes=[*changes, *options.network],
     )
-    name = options.recipe or usual_recipe(network)
+    forecaster = forecaster_of(config)
+    name = options.recipe or next(iter(recipes_of(type(forecaster))))
     recipe = make_recipe(name, seed=options.seed, steps=options.steps, changes=options.set)
-    refuse_other_recipe(network, recipe)
-    return dataclasses.replace(network, period=options.period), recipe
+    refuse_other_recipe(forecaster, recipe)
+    return dataclasses.replace(config, period=options.period), recipe
 
 
 def make_run(options: Options) -> Run:
@@ -181,7 +182,7 @@ def make_run(options: Options) -> Run:
     Raises:
         InputError: for options that contradict each other or data that cannot be read.
     """
-    network, recipe = configured(options)
+    config, recipe = configured(options)
     place, files = (options.data, options.read), (options.train_on, options.train_also)
     source = open_data(*place, options.dataset, *files, period=options.period)
     learned, validated = _recordings(options, source)
@@ -197,7 +198,7 @@ def make_run(options: Options) -> Run:
     else:
         first = source.name or (options.data.stem if options.data else "recordings")
     return Run(
-        network=dataclasses.replace(network, period=training.period),
+        config=dataclasses.replace(config, period=training.period),
         recipe=recipe,
         training=training,
         validation=parts["validated"],

@@ -11,12 +11,10 @@ from neurosym_jax.data.sources import GENERAL, EthUcy, Source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.forecasting.forecaster import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import find_model, shipped_name
-from neurosym_jax.models.config import POOLINGS, GeneratorConfig
-from neurosym_jax.models.pooling import NO_FORECAST
 from neurosym_jax.runtime.process import cpu_cores
 
 __all__ = ["BASELINES", "TABLE", "Entries", "Test", "TestSet", "baseline", "baselines_of"]
@@ -122,8 +120,8 @@ def _contradiction(
 ) -> str | None:
     """Why a model cannot be tested as asked; None where it can."""
     config = model.config
-    if isinstance(config, GeneratorConfig) and "alpha_rows" in config.pooling.inputs:
-        return f"{POOLINGS.name_of(config.pooling)} {NO_FORECAST}"
+    if reason := model.forecaster.unfit:
+        return reason
     for option, asked, has in (
         ("obs-len", obs_len, config.obs_len),
         ("pred-len", pred_len, config.pred_len),

@@ -4,10 +4,8 @@ from .forecaster import Lengths as Lengths
 from .forecaster import NoiseSpec as NoiseSpec
 from .forecaster import TwoStageForecaster as TwoStageForecaster
 from .forecaster import draw_noise as draw_noise
-from .forecasters import ConstantVelocity as ConstantVelocity
-from .forecasters import ConstantVelocitySampled as ConstantVelocitySampled
-from .forecasters import GeneratorForecaster as GeneratorForecaster
-from .forecasters import register_forecaster as register_forecaster
+from .forecaster import forecaster_of as forecaster_of
+from .forecaster import register_forecaster as register_forecaster
 from .model import Model as Model
 from .model import SceneForecaster as SceneForecaster
 from .model import forecast as forecast

@@ -18,7 +18,7 @@ from neurosym_jax.data.windows import Batch, Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster, draw_noise
 from neurosym_jax.forecasting.model import Model, refuse_other_length, warn_of_tracking_errors
-from neurosym_jax.models.tracking_errors import repair_tracks
+from neurosym_jax.forecasting.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
 __all__ = ["batch_noise", "forecast_batch", "forecast_windows", "predict_scenes", "unpacked"]

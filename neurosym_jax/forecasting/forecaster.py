@@ -1,4 +1,7 @@
-"""What a forecaster is: k futures of one scene, given noise; `forecasters` has the table.
+"""What a forecaster is: k samples of one scene, given noise; and the table of families.
+
+A family is a subclass of `Forecaster` in one folder of `models`, or in a plugin: it owns its
+configurations, recipes, parameters, forecast, batches and loss. Nothing outside asks which it is.
 
 Equal forecasters are equal to `jax.jit`, so they share compiled programs.
 
@@ -11,6 +14,7 @@ threefry (element i of an array depends on i alone) that the tests check.
 import abc
 import dataclasses
 import functools
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Literal
 
 import jax
@@ -18,20 +22,34 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.configuration import Seed, refuse
-from neurosym_jax.models.config import Lengths
+from neurosym_jax.configuration import Checked, Count, Positive, Seed, differences, refuse
+from neurosym_jax.errors import InputError
+from neurosym_jax.plugins import Registry
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
-__all__ = ["Distribution", "Forecaster", "Lengths", "NoiseSpec", "TwoStageForecaster"]
-__all__ += ["draw_noise", "scene_noise", "with_weighting"]
+__all__ = ["FORECASTERS", "Distribution", "Forecaster", "Lengths", "NoiseSpec"]
+__all__ += ["TwoStageForecaster", "draw_noise", "forecaster_of", "register_forecaster"]
+__all__ += ["scene_noise", "with_weighting"]
 
 CHUNK = 1024
 """Streams drawn in one call, so that one compiled program serves any number of scenes."""
 Distribution = tuple[Array, Array | None]
 """Samples [k, N, pred_len, 2] of a scene and their probabilities [k]; None where all have the
 same."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Lengths(Checked):
+    """The configuration of a forecaster that needs nothing else, and a part of all others."""
+
+    obs_len: Count = 8
+    """Observed time steps."""
+    pred_len: Count = 8
+    """Time steps to forecast."""
+    period: Positive = 0.4
+    """Seconds between time steps, in training."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,11 +71,32 @@ class Forecaster(abc.ABC):
 
     Config: ClassVar[type] = Lengths
     """A frozen dataclass with at least the fields of `Lengths`."""
+    configs: ClassVar[Mapping[str, Any]] = {}
+    """Configurations by the name of the model; without any, the default one by the family's key."""
+    recipes: ClassVar[Mapping[str, Any]] = {}
+    """Recipes of training by name, the usual one first; without any, `training.recipe.Recipe`."""
+
+    @property
+    def key(self) -> str:
+        """The family's name in files and options: the one that it is registered by."""
+        return FORECASTERS.name_of(self)
 
     @property
     def title(self) -> str:
-        """What tables call it; by default the name of the class."""
+        """What tables call it; by default the name of the class. Free to change."""
         return type(self).__name__
+
+    @property
+    def model(self) -> str:
+        """The name in `configs` of what this configuration is; by default the first."""
+        return next(iter(self.configs), self.key)
+
+    @property
+    def variant(self) -> str:
+        """A name for files that tells apart models trained on the same data."""
+        lengths = ("obs_len=", "pred_len=", "period=")
+        changes = [text for text in differences(self.config) if not text.startswith(lengths)]
+        return "_".join([self.model, *(text.replace("=", "_") for text in changes)])
 
     @property
     def pred_len(self) -> int:
@@ -74,13 +113,18 @@ class Forecaster(abc.ABC):
         """Whether a forecast should depend on who else is in the scene."""
         return True
 
-    def initial(self, key: Array) -> Any:
+    @property
+    def unfit(self) -> str:
+        """Why it cannot forecast scenes of its own, in words; empty if it can."""
+        return ""
+
+    def init(self, key: Array) -> Any:
         """New parameters; consumes `key`. None if they are not known: nothing checks a model's."""
         return None
 
     def shapes(self) -> Any:
-        """The parameters that `initial` makes, as shapes without values."""
-        return jax.eval_shape(self.initial, jax.random.key(0))
+        """The parameters that `init` makes, as shapes without values."""
+        return jax.eval_shape(self.init, jax.random.key(0))
 
     @abc.abstractmethod
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
@@ -105,6 +149,44 @@ class Forecaster(abc.ABC):
             InputError: where it cannot make as many.
         """
         return samples if self.noise.dim else 1
+
+    def best_of(self, recipe: Any) -> int:
+        """Number of samples of which training and validation take the best."""
+        return self.count(getattr(self.config, "samples", 20))
+
+    def init_state(self, recipe: Any, key: Array) -> Any:
+        """The `TrainState` before training; consumes `key`."""
+        from neurosym_jax.training.state import new_state
+
+        return new_state(recipe, self.init(key))
+
+    def batches(self, windows: Any, recipe: Any) -> Callable[[int], Any]:
+        """The batch of each step, a pytree; by default `Groups` of `windows`.
+
+        It depends on nothing but its arguments, the recipe's seed among them.
+        """
+        from neurosym_jax.training.stream import SceneStream
+
+        return SceneStream(windows, recipe.batch_scenes, recipe.seed).batch
+
+    def loss(self, params: Any, batch: Any, key: Array, recipe: Any) -> tuple[Array, Any]:
+        """[] loss of one batch, and further metrics [] by name; consumes `key`.
+
+        By default the batch is augmented as the recipe says, and the best joint sample counts.
+        """
+        from neurosym_jax.training.step import variety_loss
+
+        return variety_loss(self, params, batch, key, recipe)
+
+    def rounds(self, windows: Any, recipe: Any, key: Array) -> Callable[..., tuple[Any, Any]]:
+        """`(state, done, count) -> (state, metrics [count])`: `count` steps after `done` ones.
+
+        By default one step of gradient descent by `loss` a batch. The state's buffers may be
+        reused. `key` is the run's.
+        """
+        from neurosym_jax.training.step import gradient_rounds
+
+        return gradient_rounds(self, self.batches(windows, recipe), recipe, key)
 
 
 class TwoStageForecaster(Forecaster):
@@ -135,6 +217,33 @@ class TwoStageForecaster(Forecaster):
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
         """See `Forecaster.forecast`."""
         return self.decode(params, self.encode(params, scene), scene, noise)
+
+
+FORECASTERS: Registry[type[Forecaster]] = Registry(
+    "forecaster",
+    modules={
+        "generator": "neurosym_jax.models.sgan.forecaster:GeneratorForecaster",
+        "anchors": "neurosym_jax.models.anchors.forecaster:AnchorsForecaster",
+        "anchor_table": "neurosym_jax.models.anchors.forecaster:AnchorTableForecaster",
+        "constant_velocity": "neurosym_jax.models.baselines:ConstantVelocity",
+        "constant_velocity_sampled": "neurosym_jax.models.baselines:ConstantVelocitySampled",
+    },
+)
+"""Families by key. The built-in ones are imported when they are asked for, as plugins are."""
+
+register_forecaster = FORECASTERS.register
+
+
+def forecaster_of(config: Any) -> Forecaster:
+    """The forecaster of a configuration.
+
+    Raises:
+        InputError: for the configuration of no family.
+    """
+    for family in FORECASTERS.values():
+        if family.Config is type(config):
+            return family(config)
+    raise InputError(f"config: {type(config).__name__} is the Config of no registered forecaster")
 
 
 def with_weighting(params: Any, weighting: Weighting | None) -> Any:

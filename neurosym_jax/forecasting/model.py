@@ -17,11 +17,14 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import Count, Seed, differences, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting.anchors import apply_anchors
-from neurosym_jax.forecasting.forecaster import Distribution, Forecaster, scene_noise
-from neurosym_jax.forecasting.forecasters import FORECASTERS, decode_scene, encode_scene
-from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.tracking_errors import TOP_CHANGE, TOP_SPEED, repair_tracks
+from neurosym_jax.forecasting.forecaster import (
+    FORECASTERS,
+    Distribution,
+    Forecaster,
+    forecaster_of,
+    scene_noise,
+)
+from neurosym_jax.forecasting.tracking_errors import TOP_CHANGE, TOP_SPEED, repair_tracks
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
 from neurosym_jax.symbolic.weighting import Weighting
@@ -243,7 +246,7 @@ def forecast(
     `quantised` (straight through) have another.
 
     Args:
-        config: `Model.config` of a generator or of anchors.
+        config: `Model.config`.
         params: `Model.params`; those of a weighting, such as thresholds, are `params["weighting"]`.
         observed: [N, obs_len, 2] metres. Map coordinates lose precision in float32 before this
             function sees them: subtract an origin, or use x64.
@@ -257,13 +260,21 @@ def forecast(
     """
     observed = jnp.asarray(observed)
     last = observed[:, -1]
-    present = jnp.ones(len(last), bool) if valid is None else jnp.asarray(valid)
+    present = jnp.ones(last.shape[0], bool) if valid is None else jnp.asarray(valid)
     # For precision only: a network sees differences of positions.
-    origin = jax.lax.stop_gradient(present @ last / jnp.maximum(present.sum(), 1))
-    steps = jnp.diff(observed, axis=1, prepend=observed[:, :1])
-    scene = Scene(observed - origin, steps, present, identity=jnp.zeros(2, jnp.uint32), origin=None)
-    given = None if alpha is None else jnp.asarray(alpha)
-    if isinstance(config, GeneratorConfig):
-        context = encode_scene(config, params, scene, given)
-        return decode_scene(config, params, context, scene, jnp.asarray(noise)) + origin
-    return apply_anchors(config, params, jnp.asarray(scene.observed), present, given)[0] + origin
+    share = present.astype(observed.dtype)
+    origin = jax.lax.stop_gradient(share @ last / jnp.maximum(share.sum(), 1))
+    forecaster = forecaster_of(config)
+    if noise is None:
+        if forecaster.noise.dim:
+            raise InputError("noise: this forecaster needs one, [k, dim] or [k, N, dim]")
+        noise = jnp.zeros((forecaster.count(getattr(config, "samples", 1)), 0))
+    scene = Scene(
+        observed=observed - origin,
+        displacement=jnp.diff(observed, axis=1, prepend=observed[:, :1]),
+        valid=present,
+        identity=jnp.zeros(2, jnp.uint32),
+        origin=None,
+        alpha=None if alpha is None else jnp.asarray(alpha),
+    )
+    return forecaster.forecast(params, scene, jnp.asarray(noise)) + origin

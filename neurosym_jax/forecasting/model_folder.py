@@ -23,7 +23,7 @@ import yaml
 from neurosym_jax.configuration import from_json, parse_json, to_json
 from neurosym_jax.data.leakage import is_fingerprint
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.forecasting.forecaster import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import RECOMMENDED, find_model, models_at_hand
 from neurosym_jax.forecasting.parameters import (

@@ -20,14 +20,16 @@ from neurosym_jax.data.windows import Windows, gather_scenes
 from neurosym_jax.forecasting.batched import unpacked
 from neurosym_jax.interop.checkpoint import discriminator, generator
 from neurosym_jax.interop.names import params_from_torch
-from neurosym_jax.models import Discriminator, Generator, NeurosymIjcnn
-from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import Discriminator, Generator
+from neurosym_jax.models.sgan.neurosym import NeurosymIjcnn
+from neurosym_jax.models.sgan.recipe import RECIPES
+from neurosym_jax.models.sgan.step import init_adversary, learn
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
-from neurosym_jax.training.recipe import RECIPES
-from neurosym_jax.training.step import clipping, learn, new_state
+from neurosym_jax.training.state import clipping, new_state
 
 __all__ = ["CASES", "Case", "Compared", "forecasts", "make_case", "read_case"]
 
@@ -223,14 +225,14 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     state, metrics, (d_gradient, g_gradient) = jax.jit(learn, static_argnums=(0, 1))(
         case.config,
         recipe,
-        new_state(recipe, {"params": case.params}, {"params": start}),
+        new_state(recipe, {"params": case.params}, init_adversary(recipe, {"params": start})),
         (batch, [arrays["noise_d"][None]]),
         (batch, [arrays["noise_g"]]),
         real=(row["label_real"], row["label_real"]),
         fake=row["label_fake"],
     )
     clipped, _ = clipping(recipe).update(g_gradient, optax.EmptyState())
-    trees = {"d_grad": d_gradient, "d1": state.discriminator}
+    trees = {"d_grad": d_gradient, "d1": state.extra.params}
     trees |= {"g_grad_clipped": clipped, "g1": state.params}
     compared: Compared = {n: (metrics[of], arrays[n]) for n, of in LOSSES.items()}
     for name, tree in trees.items():

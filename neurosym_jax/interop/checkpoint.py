@@ -18,8 +18,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.interop.names import params_from_torch, params_to_torch, without_dropout
 from neurosym_jax.interop.pickles import read_torch_file
-from neurosym_jax.models.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.pooling import Social
+from neurosym_jax.models.sgan.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.sgan.pooling import Social
 from neurosym_jax.runtime.files import new_file
 from neurosym_jax.symbolic.weighting import initial_parameters
 

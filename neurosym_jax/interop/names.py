@@ -13,18 +13,18 @@ import jax
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecasters import GeneratorForecaster
 from neurosym_jax.forecasting.parameters import (
     flat_parameters,
     nested_parameters,
     refuse_misfit,
     shapes_of,
 )
-from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.layers import LSTM
-from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
-from neurosym_jax.models.pooling import NoPooling, PoolNet, Social
-from neurosym_jax.models.sgan import Discriminator
+from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
+from neurosym_jax.models.sgan.layers import LSTM
+from neurosym_jax.models.sgan.network import Discriminator
+from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
+from neurosym_jax.models.sgan.pooling import NoPooling, PoolNet, Social
 
 __all__ = ["params_from_torch", "params_to_torch", "torch_names", "without_dropout"]
 

@@ -27,7 +27,7 @@ from neurosym_jax.interop.cases import CASES, Case, Compared, forecasts, make_ca
 from neurosym_jax.interop.checkpoint import released_config
 from neurosym_jax.interop.names import torch_names
 from neurosym_jax.models import Generator
-from neurosym_jax.models.layers import LSTM, LSTMNetwork
+from neurosym_jax.models.sgan.layers import LSTM, LSTMNetwork
 from neurosym_jax.scene import checked_positions
 
 __all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_torch"]

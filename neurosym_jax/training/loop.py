@@ -22,17 +22,17 @@ from neurosym_jax.data.sources import licences_of
 from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
-from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import append_text, write_json, write_text
 from neurosym_jax.runtime.process import code_version
+from neurosym_jax.training.catalogue import make_config, recipes_of
 from neurosym_jax.training.checkpoints import restore_state, save_state, sole_writer
-from neurosym_jax.training.recipe import RECIPES, Recipe, usual_recipe
-from neurosym_jax.training.run import ROUND, Run, model_card, record_of, rounds_of, start_of
-from neurosym_jax.training.step import TrainState
+from neurosym_jax.training.recipe import Recipe
+from neurosym_jax.training.run import ROUND, Run, model_card, record_of
+from neurosym_jax.training.state import TrainState
 
 __all__ = ["train", "train_run"]
 
@@ -49,7 +49,7 @@ def train(
     validation: Any,
     folder: Path | str,
     *,
-    network: Any = None,
+    config: Any = None,
     recipe: Recipe | None = None,
     dataset: str | None = None,
     data: Sequence[str] = (),
@@ -63,9 +63,9 @@ def train(
             files, folders, dataframes, or several of these.
         validation: the same; the state with the least error on these is kept.
         folder: of the run.
-        network: a `GeneratorConfig`, `AnchorConfig` or `AnchorTableConfig`; default: SGAN's. Its
+        config: of what is trained, such as `AnchorConfig` or a plugin's; default: SGAN's. Its
             period becomes that of the data.
-        recipe: how the network is trained; default: `ours`, or `anchors` for one.
+        recipe: how it is trained; default: the usual one of its family.
         dataset: the data set that was left out, to be tested on; recorded with the model.
         data: names of the data sets learned from, for the card and licences.
         resume: continue the run in `folder`.
@@ -74,18 +74,18 @@ def train(
     Raises:
         InputError: for recordings without windows, and as `train_run`.
     """
-    network = network or GeneratorConfig()
-    recipe = recipe or RECIPES[usual_recipe(network)]
+    config = config or make_config("sgan")
+    recipe = recipe or next(iter(recipes_of(type(forecaster_of(config))).values()))
 
-    lengths = network.obs_len, network.pred_len
+    lengths = config.obs_len, config.pred_len
     learned, validated = (
         part
         if isinstance(part, Windows)
         else cut_windows(recordings_in(part), *lengths, min_agents=least)
         for part, least in ((training, recipe.min_agents), (validation, 2))
     )
-    network = dataclasses.replace(network, period=learned.period)
-    run = Run(network, recipe, learned, validated, dataset, tuple(data))
+    config = dataclasses.replace(config, period=learned.period)
+    run = Run(config, recipe, learned, validated, dataset, tuple(data))
     return train_run(run, Path(folder), resume=resume, on_row=on_row)
 
 
@@ -106,7 +106,7 @@ def train_run(
     # tqdm's None shows the bar in a terminal only.
     bar = tqdm(total=recipe.steps, unit="step", disable=None)
     with sole_writer(folder), bar:
-        batches, advance = make_batches(run.validation), rounds_of(run)
+        batches, advance = make_batches(run.validation), run.rounds()
         state, best, rows = _begin(run, folder, record if resume else None)
         log, done = folder / "metrics.jsonl", int(state.step)
         write_text(log, "".join(map(_line, rows)))
@@ -144,7 +144,7 @@ def _begin(
     run: Run, folder: Path, record: dict[str, Any] | None
 ) -> tuple[TrainState, Any, list[Row]]:
     """The state, the best parameters and the rows so far; `record` of a run to be resumed."""
-    state = start_of(run)
+    state = run.init_state()
     best = _kept(run, state)
     found = restore_state(folder / "checkpoints", (state, best))
     if found is None and (folder / "model").exists():
@@ -180,7 +180,9 @@ def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str
     kept = _best(rows)
     origin = {"plugins": names(loaded()), "data": licences_of(run.data)}
     near, seen = kept.get("val_neighbour_near"), fingerprint(run.training)
-    model = Model(run.network, best, run.dataset, run.kind, neighbours=near, seen=seen, **origin)
+    model = Model(
+        run.config, best, run.dataset, run.forecaster.key, neighbours=near, seen=seen, **origin
+    )
     if (folder / "model").exists():
         return model
     parts = {"training": run.training, "validation": run.validation}
@@ -231,7 +233,7 @@ def _validate(run: Run, state: TrainState, batches: list[Batch]) -> Row:
 
     Warns of a dead pooling.
     """
-    forecaster = FORECASTERS[run.kind](run.network)
+    forecaster = run.forecaster
     result = score_forecaster(
         forecaster,
         _kept(run, state),

@@ -54,6 +54,10 @@ class SceneStream:
         """`count` batches from step `first`: a Scene `[count, quota, slots, ...]` of each class."""
         return tuple(self._of_class(index, first, count) for index in range(len(self._classes)))
 
+    def batch(self, step: int) -> Groups:
+        """The batch of one step: a Scene `[quota, slots, ...]` of each class."""
+        return jax.tree.map(lambda leaf: leaf[0], self.steps(step, 1))
+
     def _of_class(self, index: int, first: int, count: int) -> Scene:
         (slots, members, quota), seed = self._classes[index], self._seed
         place = np.arange(first * quota, (first + count) * quota)

@@ -6,25 +6,24 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.models.anchors import AnchorConfig
-from neurosym_jax.models.config import POOLINGS, GeneratorConfig
+from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.sgan.config import POOLINGS, GeneratorConfig
+from neurosym_jax.models.sgan.recipe import RECIPES
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
-from neurosym_jax.training.recipe import RECIPES, AnchorRecipe, Recipe, TrainConfig
+from neurosym_jax.training.recipe import Recipe
 from studies.weighting.control import LENGTHS, ON_ONES_PATH
 
 __all__ = ["ARMS", "SETS", "Arm", "register"]
 
-generator_recipe, anchor_recipe = RECIPES["ours"], RECIPES["anchors"]
-assert isinstance(generator_recipe, TrainConfig)
-assert isinstance(anchor_recipe, AnchorRecipe)
 # No errors are added to positions: they would blur the symbols of what is learned from.
 SHORT = dataclasses.replace(
-    generator_recipe, steps=600, batch_scenes=8, max_agents=16, best_k=10, rotate=0.5, jitter=0.0
+    RECIPES["ours"], steps=600, batch_scenes=8, max_agents=16, best_k=10, rotate=0.5, jitter=0.0
 )
 WHOLE = dataclasses.replace(SHORT, steps=1500, batch_scenes=16, max_agents=None)
-ANCHORS = dataclasses.replace(anchor_recipe, steps=600, jitter=0.0, min_agents=2)
+ANCHORS = dataclasses.replace(AnchorRecipe(), steps=600, jitter=0.0, min_agents=2)
 
 
 @dataclasses.dataclass(frozen=True)

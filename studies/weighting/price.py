@@ -14,8 +14,8 @@ from pathlib import Path
 import jax
 
 from neurosym_jax.data.windows import Windows
+from neurosym_jax.models.sgan.step import init_state, train_steps
 from neurosym_jax.runtime import enable_compilation_cache, tune
-from neurosym_jax.training.step import initial_state, train_steps
 from neurosym_jax.training.stream import SceneStream
 from studies.weighting.arms import POOLINGS, SHORT, WEIGHTINGS, GeneratorConfig
 from studies.weighting.control import LENGTHS
@@ -38,7 +38,7 @@ def steps_of(
     network = GeneratorConfig(obs_len, pred_len, **parts, pool_every_timestep=every_step)
     stream = SceneStream(training, SHORT.batch_scenes, 0, SHORT.max_agents)
     groups = jax.tree.map(lambda leaf: leaf[:, None], stream.steps(0, STEPS))
-    state = [initial_state(network, SHORT, jax.random.key(0))]
+    state = [init_state(network, SHORT, jax.random.key(0))]
 
     def run() -> float:
         start = time.process_time()

@@ -17,8 +17,7 @@ import numpy as np
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.evaluation.scoring import chosen, score_forecaster, score_scenes
 from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
-from neurosym_jax.forecasting.forecasters import FORECASTERS
-from neurosym_jax.models.anchors import AnchorConfig
+from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.forecast import SymbolSettings, event_steps
 
@@ -95,8 +94,7 @@ def score(
         samples: k.
         seed: of the noise.
     """
-    kind = "anchors" if isinstance(network, AnchorConfig) else "generator"
-    forecaster, batches = FORECASTERS[kind](network), make_batches(windows)
+    forecaster, batches = forecaster_of(network), make_batches(windows)
     params = jax.device_put(params)
     sums: dict[str, np.ndarray] = defaultdict(lambda: np.zeros(2))
     for batch in batches:
@@ -115,7 +113,7 @@ def score(
             params,
             batches,
             # One sample of anchors is one of k heads: of people who stand it stands as well.
-            samples=samples if kind == "anchors" else 1,
+            samples=1 if forecaster.noise.dim else samples,
             seed=seed,
             metrics=("neighbour_near",),
         ).scores["neighbour_near"]

@@ -21,7 +21,7 @@ from neurosym_jax.evaluation.saved_forecasts import (
     to_xarray,
 )
 from neurosym_jax.evaluation.scoring import score, score_forecaster
-from neurosym_jax.models.anchors import AnchorConfig
+from neurosym_jax.models.anchors.network import AnchorConfig
 from tests.networks import random_model
 
 ORIGIN = np.array([5e5, 4e6])

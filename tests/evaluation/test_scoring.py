@@ -17,7 +17,7 @@ from neurosym_jax.evaluation.formulas import collisions
 from neurosym_jax.evaluation.metrics import METRICS, register_metric
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths, draw_noise
-from neurosym_jax.forecasting.forecasters import ConstantVelocity, ConstantVelocitySampled
+from neurosym_jax.models.baselines import ConstantVelocity, ConstantVelocitySampled
 
 
 def crowd() -> Tracks:

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import NoiseSpec, draw_noise, with_weighting
 from neurosym_jax.forecasting.model import forecast, predict
-from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.sgan.config import GeneratorConfig
 from neurosym_jax.scene import scene_identity
 from neurosym_jax.symbolic import Soft
 from tests.networks import random_model

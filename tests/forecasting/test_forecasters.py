@@ -7,8 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.testing import assert_allclose
 
-from neurosym_jax.forecasting.forecaster import Forecaster, Lengths
-from neurosym_jax.forecasting.forecasters import FORECASTERS, register_forecaster
+from neurosym_jax.forecasting.forecaster import (
+    FORECASTERS,
+    Forecaster,
+    Lengths,
+    register_forecaster,
+)
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 

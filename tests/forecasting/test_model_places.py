@@ -10,7 +10,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting import model_places
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
-from neurosym_jax.models.anchors import AnchorTableConfig
+from neurosym_jax.models.anchors.network import AnchorTableConfig
 from tests.networks import random_model
 from tests.repository import ROOT
 

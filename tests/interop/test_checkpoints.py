@@ -19,7 +19,7 @@ from neurosym_jax.interop.checkpoint import (
     torch_contents,
 )
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
-from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.sgan.config import GeneratorConfig
 from tests.networks import random_model
 
 SMALL = GeneratorConfig(

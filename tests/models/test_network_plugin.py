@@ -9,10 +9,10 @@ import pytest
 from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.models.config import POOLINGS
-from neurosym_jax.models.layers import CELLS
+from neurosym_jax.models.sgan.config import POOLINGS
+from neurosym_jax.models.sgan.layers import CELLS
 from neurosym_jax.plugins import load_plugin
-from neurosym_jax.training.recipe import named_network
+from neurosym_jax.training.catalogue import make_config
 
 PLUGIN = str(Path(__file__).with_name("network_plugin.py"))
 
@@ -48,7 +48,7 @@ def test_a_pooling_and_a_cell_are_trained_saved_loaded_and_evaluated(tmp_path, m
 
 
 def test_what_is_refused():
-    with pytest.raises(InputError, match=r"sgan has none, pool_net, social, nearest$"):
-        named_network(pooling="neurosym_ros")
-    with pytest.raises(InputError, match=r"neurosym has as_described, neurosym_ros, encounter$"):
-        named_network("neurosym", pooling="nearest")
+    with pytest.raises(InputError, match="'sgan': pooling=neurosym_ros makes it 'neurosym'"):
+        make_config(changes=["pooling=neurosym_ros"])
+    with pytest.raises(InputError, match="'neurosym': pooling=nearest makes it 'sgan'"):
+        make_config("neurosym", changes=["pooling=nearest"])

@@ -20,7 +20,7 @@ from neurosym_jax.evaluation.plan import baseline, make_test
 from neurosym_jax.evaluation.results import Settings, evaluate_tests
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled
+from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.runtime.cluster import cluster_map
 from neurosym_jax.runtime.files import new_folder, refuse_unwritable, write_json, write_text

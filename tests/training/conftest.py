@@ -9,8 +9,8 @@ import pytest
 from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.training.recipe import TrainConfig
+from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.recipe import GeneratorRecipe
 from neurosym_jax.training.run import Run
 from neurosym_jax.training.stream import SceneStream
 
@@ -25,7 +25,7 @@ GENERATOR = GeneratorConfig(
     pooling="pool_net,bottleneck_dim=4,hidden_dim=16",
     noise_dim=2,
 )
-RECIPE = TrainConfig(
+RECIPE = GeneratorRecipe(
     steps=75, batch_scenes=6, max_agents=6, best_k=3, validate_every=25, warmup_steps=5, ema=0.9
 )
 

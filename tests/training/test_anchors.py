@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
-from neurosym_jax.training import anchors
-from neurosym_jax.training.anchors import AnchorStream, anchor_loss, company, overlap
+from neurosym_jax.models.anchors import loss
+from neurosym_jax.models.anchors.loss import AnchorStream, anchor_loss, company, overlap
+from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.recipe import AnchorRecipe
 from neurosym_jax.training.stream import augment
 
 LOSS = jax.jit(anchor_loss, static_argnums=5)
@@ -25,7 +25,7 @@ RECIPE = AnchorRecipe(
 @pytest.fixture(scope="module", autouse=True)
 def one_class():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(anchors, "CLASSES", (6,))
+        patch.setattr(loss, "CLASSES", (6,))
         yield
 
 
@@ -38,11 +38,13 @@ def test_overlapping_people_cost_by_their_distance():
     np.testing.assert_allclose(found, [0.25, 0.25, 0, 0], atol=1e-6)
     probability, target = jnp.zeros((1, 1)), jnp.zeros((1, 4, 3, 2))
 
-    def loss(weight):
+    def collision_loss(weight):
         recipe = AnchorRecipe(collision_weight=weight)
         return LOSS(forecast, probability, target, valid, jnp.zeros(1, int), recipe)
 
-    assert float(loss(2.0) - loss(0.0)) == pytest.approx(2 * (0.75 + 0.75) / 3, abs=1e-5)
+    assert float(collision_loss(2.0) - collision_loss(0.0)) == pytest.approx(
+        2 * (0.75 + 0.75) / 3, abs=1e-5
+    )
 
 
 def test_scenes_of_a_crowd_share_their_best_sample():
@@ -105,7 +107,7 @@ def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
 def test_training_learns_and_a_resumed_run_ends_with_the_same_bits(
     run, network, kind, tmp_path, stop_at, final
 ):
-    run, rows = dataclasses.replace(run, network=network, recipe=RECIPE), []
+    run, rows = dataclasses.replace(run, config=network, recipe=RECIPE), []
     train_run(run, tmp_path / "alone", on_row=rows.append)
     assert rows[-1]["loss"] < 0.9 * rows[0]["loss"]
     with pytest.MonkeyPatch.context() as patched:

@@ -13,7 +13,7 @@ from neurosym_jax.forecasting.model_folder import load_model, replace_card
 from neurosym_jax.training import loop
 from neurosym_jax.training.checkpoints import sole_writer
 from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.run import model_card, start_of
+from neurosym_jax.training.run import Run, model_card
 from neurosym_jax.training.stream import SceneStream
 from tests.rows import result_row
 
@@ -27,7 +27,7 @@ def learns_nothing(monkeypatch):
         params = jax.tree.unflatten(structure, [leaves[0] * 0 + done + count, *leaves[1:]])
         return state._replace(step=state.step + count, params=params), {"g_loss": np.ones(count)}
 
-    monkeypatch.setattr(loop, "rounds_of", lambda run: advance)
+    monkeypatch.setattr(Run, "rounds", lambda run: advance)
 
 
 def rows_of(folder):
@@ -53,7 +53,7 @@ def test_files_and_card_of_a_run(run, done, tmp_path):
     assert facts["validation"] == (best := min(rows, key=lambda row: row["val_score"]))
     assert facts["counts"]["training"] == {"scenes": 13, "agents": run.training.agents}
     model = load_model(done / "model")
-    assert (model.config, model.dataset) == (run.network, "zara1")
+    assert (model.config, model.dataset) == (run.config, "zara1")
     assert model.neighbours == best["val_neighbour_near"]
     assert facts["parameters"] == sum(leaf.size for leaf in jax.tree.leaves(model.params))
 
@@ -98,7 +98,7 @@ def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path, final):
 
 def test_runs_that_cannot_be_resumed_or_written_are_refused(run, with_recipe, done, tmp_path):
     before = (done / "metrics.jsonl").read_bytes()
-    other = dataclasses.replace(run, network=dataclasses.replace(run.network, mlp_dim=4))
+    other = dataclasses.replace(run, config=dataclasses.replace(run.config, mlp_dim=4))
     for changed, resume, message in (
         (run, False, "holds a run at step 75; --resume continues it"),
         (with_recipe(seed=5), True, "holds another run: its training differs"),
@@ -166,13 +166,15 @@ def test_validations_come_when_due_and_the_best_state_is_kept(
 
 
 def test_a_dead_pooling_is_warned_of(learns_nothing, with_recipe, tmp_path, monkeypatch, capsys):
+    init_state = Run.init_state
+
     def dead(run):
-        state = start_of(run)
+        state = init_state(run)
         layer = state.params["params"]["pooling"]["mlp"]["layer_1"]
         layer["bias"] = layer["bias"] - 100
         return state
 
-    monkeypatch.setattr(loop, "start_of", dead)
+    monkeypatch.setattr(Run, "init_state", dead)
     train_run(with_recipe(steps=25, ema=0.0), tmp_path)
     row = json.loads((tmp_path / "run.json").read_text())["validation"]
     assert row["val_neighbour_share"] == row["val_neighbour_move"] == 0

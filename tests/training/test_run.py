@@ -85,7 +85,7 @@ def test_a_model_knows_its_rate(files):
     names = {"train_on": ("walk",), "validate_on": ("check",), **LENGTHS}
     for period in (0.4, 0.2):
         run = make_run(Options(data=files, period=period, **names))
-        assert run.network.period == run.training.period == run.validation.period == period
+        assert run.config.period == run.training.period == run.validation.period == period
     assert run.training.scenes > 100
 
 

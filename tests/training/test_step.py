@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.models.config import DiscriminatorConfig
-from neurosym_jax.training.gradients import (
+from neurosym_jax.models.sgan.config import DiscriminatorConfig
+from neurosym_jax.models.sgan.loss import (
     adversarial_loss,
     decode_groups,
     distance_errors,
@@ -21,16 +21,13 @@ from neurosym_jax.training.gradients import (
     warn_if_no_gradient,
     with_leak,
 )
-from neurosym_jax.training.step import (
-    TrainState,
-    clipping,
-    initial_state,
-    new_state,
-    slowed,
-    started,
+from neurosym_jax.models.sgan.step import (
+    init_gentle_pooling,
+    init_state,
+    scale_pooling_updates,
     train_step,
-    update,
 )
+from neurosym_jax.training.state import TrainState, clipping, new_state, update
 from neurosym_jax.training.stream import SceneStream
 from tests.networks import drawing
 
@@ -51,13 +48,13 @@ def groups(batch):
 def start(run, groups, **changes) -> tuple[Any, TrainState, list[jax.Array]]:
     """The state before the first step, with parameters that numpy draws."""
     recipe = dataclasses.replace(run.recipe, **changes)
-    shapes = jax.eval_shape(lambda: initial_state(run.network, recipe, jax.random.key(0)))
+    shapes = jax.eval_shape(lambda: init_state(run.config, recipe, jax.random.key(0)))
     draw = drawing(seed=0)
     params, discriminator = (
         jax.tree.map(lambda leaf: jnp.asarray(draw(leaf.shape)), part)
-        for part in (shapes.params, shapes.discriminator)
+        for part in (shapes.params, shapes.extra.params)
     )
-    noise = draw_group_noise(run.network, groups, jax.random.key(1), recipe.best_k)
+    noise = draw_group_noise(run.config, groups, jax.random.key(1), recipe.best_k)
     return recipe, new_state(recipe, params, discriminator), noise
 
 
@@ -117,12 +114,10 @@ def literal_loss(generator, recipe, params, groups, noises):
 def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, criterion):
     config, state, noises = start(run, groups, criterion=criterion)
     ours, metrics = jax.jit(
-        lambda params: generator_gradient(
-            run.network, config, params, (), groups, noises, label=1.0
-        )
+        lambda params: generator_gradient(run.config, config, params, (), groups, noises, label=1.0)
     )(state.params)
     value, wanted = jax.jit(
-        jax.value_and_grad(lambda params: literal_loss(run.network, config, params, groups, noises))
+        jax.value_and_grad(lambda params: literal_loss(run.config, config, params, groups, noises))
     )(state.params)
     assert metrics["g_loss"] == pytest.approx(float(value), rel=1e-5)
     assert metrics["g_gradient_norm"] > 0
@@ -138,11 +133,11 @@ def test_padding_and_empty_scenes_change_no_gradient(run, groups):
 
     names = ("observed", "displacement", "future")
     wild = tuple(scene.replace(**{name: far(scene, name) for name in names}) for scene in groups)
-    both = state.params, state.discriminator
+    both = state.params, state.extra.params
 
     @jax.jit
     def gradient(groups):
-        return generator_gradient(run.network, config, *both, groups, noises, label=0.9)
+        return generator_gradient(run.config, config, *both, groups, noises, label=0.9)
 
     (plain, metrics), (padded, _) = gradient(groups), gradient(wild)
     assert metrics["g_adversarial"] > 0
@@ -194,9 +189,9 @@ def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, make_
     groups = jax.tree.map(lambda leaf: leaf[0], batches)
     config, state, _ = start(run, groups, schedule="constant", **ALL_TERMS)
     # Scores end in a ReLU, which may be shut at first; a shut one teaches nothing.
-    state.discriminator["params"]["classifier"]["layer_1"]["bias"] += 0.5
+    state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
     with jax.debug_key_reuse(True):
-        step = jax.jit(lambda key: train_step(run.network, config, state, batches, key))
+        step = jax.jit(lambda key: train_step(run.config, config, state, batches, key))
         (one, metrics), (again, _), (other, _) = (step(jax.random.key(s)) for s in (1, 1, 2))
     terms = {"g_variety", "g_adversarial"}
     assert set(metrics) == {"d_loss", "g_loss", "g_gradient_norm", *terms}
@@ -262,7 +257,7 @@ def generator_params(layers=2):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("gentle", [True, False])
 def test_only_gradients_that_raise_a_dead_unit_leak(run, gentle, sign):
-    module = run.network.pooling.network(8, obs_len=4, embedding_dim=4)
+    module = run.config.pooling.network(8, obs_len=4, embedding_dim=4)
     rng = np.random.default_rng(0)
     hidden, position = (rng.normal(size=shape).astype(np.float32) for shape in ((4, 8), (4, 2)))
     inputs = hidden, position, np.ones(4, bool)
@@ -283,16 +278,18 @@ def test_only_gradients_that_raise_a_dead_unit_leak(run, gentle, sign):
 
 
 def test_poolings_with_a_bottleneck_start_small_and_learn_slowly():
-    params = started(generator_params())["params"]
+    params = init_gentle_pooling(generator_params())["params"]
     for part in (params, params["decoder"]):
         layer = part["pooling"]["mlp"]["layer_1"]
         assert layer["bias"].tolist() == [0.5, 0.5]
         assert float(layer["kernel"].max()) == pytest.approx(0.3)
-    slow = slowed(generator_params())["params"]
+    slow = scale_pooling_updates(generator_params())["params"]
     assert float(slow["pooling"]["mlp"]["layer_0"]["kernel"].max()) == pytest.approx(0.05)
     assert (slow["decoder"]["mlp"]["kernel"] == 1).all()
     social = generator_params(layers=1)
-    jax.tree.map(np.testing.assert_array_equal, started(slowed(social)), social)
+    jax.tree.map(
+        np.testing.assert_array_equal, init_gentle_pooling(scale_pooling_updates(social)), social
+    )
 
 
 def test_a_gradient_that_is_zero_everywhere_is_said(capsys):

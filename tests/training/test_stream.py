@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.training.gradients import draw_group_noise
-from neurosym_jax.training.recipe import TrainConfig
+from neurosym_jax.models.sgan.loss import draw_group_noise
+from neurosym_jax.models.sgan.recipe import GeneratorRecipe
 from neurosym_jax.training.stream import SceneStream, augment
 
 
@@ -65,20 +65,20 @@ def test_large_scenes_are_cropped_to_an_agent_and_its_nearest(make_windows):
 
 def test_noise_has_the_kind_and_shape_asked_for(batch, run):
     groups = batch(20)
-    per_agent = dataclasses.replace(run.network, noise_mix_type="ped", noise_type="uniform")
-    for config in (run.network, per_agent):
+    per_agent = dataclasses.replace(run.config, noise_mix_type="ped", noise_type="uniform")
+    for config in (run.config, per_agent):
         noises = draw_group_noise(config, groups, jax.random.key(0), 5)
         for noise, scene in zip(noises, groups):
             slots = scene.valid.shape if config is per_agent else scene.valid.shape[:1]
             assert noise.shape == (5, *slots, 2)
         flat = np.concatenate([np.ravel(noise) for noise in noises])
         assert len(np.unique(flat)) == len(flat)
-        assert (np.abs(flat).max() > 1) == (config is run.network)
+        assert (np.abs(flat).max() > 1) == (config is run.config)
 
 
 def augmented(groups, **recipe):
     """(before, after) of each group, on the host."""
-    recipe = TrainConfig(**{"rotate": 0.0, **recipe})
+    recipe = GeneratorRecipe(**{"rotate": 0.0, **recipe})
     return list(zip(groups, jax.tree.map(np.asarray, augment(groups, jax.random.key(0), recipe))))
 
 
@@ -103,7 +103,7 @@ def test_scenes_are_turned_and_mirrored(batch):
 
 def test_a_share_of_the_scenes_is_turned_and_all_are_scaled(batch):
     groups = batch(20)
-    assert augment(groups, jax.random.key(0), TrainConfig(rotate=0.0)) is groups
+    assert augment(groups, jax.random.key(0), GeneratorRecipe(rotate=0.0)) is groups
     turned = augmented(groups, rotate=0.5)
     same = [(before.future == after.future).all(axis=(1, 2, 3)) for before, after in turned]
     assert 0.25 < np.concatenate(same).mean() < 0.75

@@ -17,7 +17,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.intervals import ErrorsByScene
 from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.evaluation.scoring import Score
-from neurosym_jax.training.recipe import model_name
+from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.training.sweep import compare_sweep, unfinished, write_errors
 from tests.rows import result_row
 
@@ -41,8 +41,8 @@ def test_a_run_is_what_its_file_trains(monkeypatch, tmp_path):
         options = tyro.cli(train.Options, args=read)
         assert (command, options.out, options.resume) == ("train", one.folder, True)
         network, recipe = train.configured(options)
-        place = f"{model_name(network)}_{options.dataset}_8_{network.pred_len}_seed{recipe.seed}"
-        assert one.folder.name == place
+        place = f"{options.dataset}_8_{network.pred_len}_seed{recipe.seed}"
+        assert one.folder.name == f"{forecaster_of(network).variant}_{place}"
         assert (network.period, network.encoder_h_dim, recipe.batch_scenes) == (0.2, 16, 4)
         assert options_text(dataclasses.replace(options, resume=False)) == one.options
     assert plugins == ["mine.py"] * len(runs)

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.sgan.config import GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weightings import Soft

@@ -263,7 +263,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
             assert_allclose(getattr(message, field), getattr(again[stamp], field), atol=1e-5)
 
 
-def test_the_master_is_restarted(graph, node):
+def test_the_master_is_reinit_gentle_pooling(graph, node):
     graph.core.end(signal.SIGINT)
     node.wait_for(lambda line: "waiting for the master" in line)
     graph.start_core()

@@ -20,9 +20,16 @@ from jax import Array
 
 from neurosym_jax.configuration import Count, Positive, Rule
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.config import Lengths
-from neurosym_jax.models.frames import SLOW, attend, heading_of, length, pair_features, turned
-from neurosym_jax.models.tracking_errors import limit_displacement, repair_tracks
+from neurosym_jax.forecasting.forecaster import Lengths
+from neurosym_jax.forecasting.tracking_errors import limit_displacement, repair_tracks
+from neurosym_jax.models.anchors.frames import (
+    SLOW,
+    attend,
+    heading_of,
+    length,
+    pair_features,
+    turned,
+)
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 

@@ -18,12 +18,12 @@ import numpy as np
 import optax
 from jax import Array
 
-from neurosym_jax.forecasting.forecasters import decode_scene, interact_scene
-from neurosym_jax.models import Discriminator, Generator
-from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.forecaster import decode_scene, interact_scene
+from neurosym_jax.models.sgan.network import Discriminator, Generator
+from neurosym_jax.models.sgan.recipe import GeneratorRecipe
 from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.symbolic.soft import safe_root
-from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.stream import Groups, merge, split
 
 __all__ = ["Scalars", "adversarial_loss", "decode_groups", "discriminator_gradient"]
@@ -38,7 +38,7 @@ Scalars = dict[str, Array]
 
 def discriminator_gradient(
     generator_config: GeneratorConfig,
-    recipe: TrainConfig,
+    recipe: GeneratorRecipe,
     generator: Any,
     discriminator: Any,
     groups: Groups,
@@ -67,7 +67,7 @@ def discriminator_gradient(
 
 def generator_gradient(
     generator_config: GeneratorConfig,
-    recipe: TrainConfig,
+    recipe: GeneratorRecipe,
     generator: Any,
     discriminator: Any,
     groups: Groups,
@@ -151,7 +151,7 @@ def safe_norm(vector: AnyArray) -> Array:
     return safe_root((vector**2).sum(axis=-1))
 
 
-def criterion_errors(recipe: TrainConfig, scenes: Scene, futures: Array) -> Array:
+def criterion_errors(recipe: GeneratorRecipe, scenes: Scene, futures: Array) -> Array:
     """[scenes, C, k] of one group's `futures [k, scenes, slots, pred_len, 2]`.
 
     Each of the criterion's C rows has a best forecast of its own.
@@ -167,7 +167,7 @@ def criterion_errors(recipe: TrainConfig, scenes: Scene, futures: Array) -> Arra
     return jax.vmap(of_scene, in_axes=(0, 1))(scenes, futures)
 
 
-def variety_loss(recipe: TrainConfig, groups: Groups, futures: Sequence[Array]) -> Array:
+def variety_loss(recipe: GeneratorRecipe, groups: Groups, futures: Sequence[Array]) -> Array:
     """[] the criterion of the best forecasts: SGAN's summed over scenes, distances' mean of people.
 
     `futures [C, scenes, slots, pred_len, 2]` of each group are the best by each row, in metres.
@@ -256,7 +256,7 @@ def _over_slots(function: Callable[[Array], Any], parts: Sequence[AnyArray]) -> 
 
 
 def _scores(
-    recipe: TrainConfig, params: Any, groups: Groups, futures: Sequence[Array]
+    recipe: GeneratorRecipe, params: Any, groups: Groups, futures: Sequence[Array]
 ) -> list[Array]:
     """Discriminator scores `[scenes, slots]` of `futures [scenes, slots, pred_len, 2]`."""
     apply = functools.partial(Discriminator(recipe.discriminator).apply, params)

@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.models.anchors import (
+from neurosym_jax.models.anchors.frames import pair_features
+from neurosym_jax.models.anchors.network import (
     AnchorConfig,
     AnchorNetwork,
     AnchorTable,
     AnchorTableConfig,
 )
-from neurosym_jax.models.frames import pair_features
 from tests.networks import random_params
 
 SMALL = AnchorConfig(pred_len=6, samples=4, hidden=8, symbols=True)

@@ -5,8 +5,7 @@ recordings have few crowds, so several scenes of a batch are scored as one: thei
 each other, but are counted, and one sample must fit all of them.
 """
 
-import functools
-from typing import Any
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -14,13 +13,11 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.forecasting.anchors import apply_anchors
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.scene import Scene
-from neurosym_jax.training.recipe import AnchorRecipe
-from neurosym_jax.training.step import TrainState, update
 from neurosym_jax.training.stream import augment, gather_cropped
 
-__all__ = ["CLASSES", "AnchorStream", "anchor_loss", "anchor_step", "company", "overlap"]
+__all__ = ["CLASSES", "AnchorStream", "anchor_loss", "batch_loss", "company", "overlap"]
 
 CLASSES = (3, 9, 24)
 """Padded sizes of scenes; larger ones are cropped to a random agent and its nearest neighbours."""
@@ -118,25 +115,22 @@ def overlap(forecast: Array, valid: Array) -> Array:
     return near.mean(-1).sum(-1)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
-def anchor_step(
-    network: Any, recipe: AnchorRecipe, key: Array, state: TrainState, scenes: Scene, crowd: Array
-) -> tuple[TrainState, Array]:
-    """The state after one step on a batch, and its loss.
+def batch_loss(
+    apply: Callable[..., tuple[Array, Array]],
+    batch: tuple[Scene, Array],
+    key: Array,
+    recipe: AnchorRecipe,
+) -> tuple[Array, dict[str, Array]]:
+    """[] loss of a batch of `AnchorStream`, augmented; consumes `key`.
 
-    `scenes` `[B, N, ...]` are not augmented yet; `crowd` [B] is each one's crowd. `key` is the
-    run's, the same for all steps. The buffers of `state` are donated.
+    `apply` gives the samples and log-probabilities of one scene, given the number of people in
+    company, see `AnchorNetwork`.
     """
-    (scenes,) = augment((scenes,), jax.random.fold_in(key, state.step), recipe)
-    observed, valid = jnp.asarray(scenes.observed), jnp.asarray(scenes.valid)
-
-    def loss(params: Any) -> Array:
-        apply = functools.partial(apply_anchors, network, params)
-        forecast, log_probability = jax.vmap(
-            lambda observed, valid, company: apply(observed, valid, company=company)
-        )(observed, valid, company(valid, crowd))
-        future = jnp.asarray(scenes.known_future)
-        return anchor_loss(forecast, log_probability, future, valid, crowd, recipe)
-
-    value, gradient = jax.value_and_grad(loss)(state.params)
-    return update(recipe, state, gradient), value
+    scenes, crowd = batch
+    (scenes,) = augment((scenes,), key, recipe)
+    scenes = jax.tree.map(jnp.asarray, scenes)
+    bare = scenes.replace(future=None)
+    forecast, log_probability = jax.vmap(apply)(bare, company(scenes.valid, crowd))
+    future = scenes.known_future
+    loss = anchor_loss(forecast, log_probability, future, scenes.valid, crowd, recipe)
+    return loss, {}

@@ -1,15 +1,25 @@
 """Forecasters with a fixed number of samples that have probabilities: anchors and anchor table."""
 
 import dataclasses
+import functools
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, with_weighting
-from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork, AnchorTable, AnchorTableConfig
+from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
+from neurosym_jax.models.anchors.network import (
+    AnchorConfig,
+    AnchorNetwork,
+    AnchorTable,
+    AnchorTableConfig,
+)
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.scene import Scene
 
 __all__ = ["AnchorTableForecaster", "AnchorsForecaster", "apply_anchors", "spread_of"]
@@ -25,6 +35,7 @@ class AnchorTableForecaster(Forecaster):
     """An `AnchorTable`: its samples are equally probable."""
 
     Config: ClassVar[type] = AnchorTableConfig
+    recipes: ClassVar[Mapping[str, Any]] = {"anchors": AnchorRecipe()}
 
     @property
     def title(self) -> str:
@@ -36,8 +47,8 @@ class AnchorTableForecaster(Forecaster):
         """The table has the same offsets for everybody."""
         return False
 
-    def initial(self, key: Array) -> Any:
-        """See `Forecaster.initial`."""
+    def init(self, key: Array) -> Any:
+        """See `Forecaster.init`."""
         observed, valid = jnp.zeros((1, self.config.obs_len, 2)), jnp.ones(1, bool)
         params = _network(self.config).init(key, observed, valid)
         return with_weighting(params, getattr(self.config, "weighting", None))
@@ -49,10 +60,8 @@ class AnchorTableForecaster(Forecaster):
             InputError: for more samples than the configuration has.
         """
         if samples > self.config.samples:
-            raise InputError(
-                f"{self.title} has {self.config.samples} samples, not {samples}: ask for "
-                f"--samples {self.config.samples} or fewer"
-            )
+            most = self.config.samples
+            raise InputError(f"samples: {self.title} makes at most {most}, not {samples}")
         return samples
 
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
@@ -65,16 +74,22 @@ class AnchorTableForecaster(Forecaster):
         `noise [k, 0]` says how many. `spread_of` chooses them if the network has more, and their
         probabilities are those given that the future is one of them.
         """
-        observed, valid = jnp.asarray(scene.observed), jnp.asarray(scene.valid)
-        samples, log_probability = apply_anchors(
-            self.config, params, observed, valid, near=scene.near
-        )
+        valid = jnp.asarray(scene.valid)
+        samples, log_probability = apply_anchors(self.config, params, scene)
         probability = jnp.exp(log_probability)
         if len(noise) < len(samples):
             chosen = spread_of(samples, probability, valid, len(noise))
             samples, probability = samples[chosen], probability[chosen]
             probability = probability / probability.sum()
         return samples, probability
+
+    def batches(self, windows: Windows, recipe: Any) -> Callable[[int], Any]:
+        """Scenes of one size class, and the crowds that they are merged into."""
+        return AnchorStream(windows, recipe).batch
+
+    def loss(self, params: Any, batch: Any, key: Array, recipe: Any) -> tuple[Array, Any]:
+        """See `batch_loss`."""
+        return batch_loss(functools.partial(apply_anchors, self.config, params), batch, key, recipe)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,27 +140,21 @@ def neighbours(scene: Scene, radius: float) -> np.ndarray:
 
 
 def apply_anchors(
-    config: Any,
-    params: Any,
-    observed: Array,
-    valid: Array,
-    alpha: Array | None = None,
-    company: Array | float = 0.0,
-    near: Any = None,
+    config: Any, params: Any, scene: Scene, company: Array | float = 0.0
 ) -> tuple[Array, Array]:
     """All samples [K, N, pred_len, 2] and log-probabilities [K] of one scene.
 
-    `alpha [N, N, obs_len]` replaces the weighting's; its last step counts. The other arguments are
-    those of `AnchorNetwork`.
+    Of the scene's `alpha [N, N, obs_len]`, or else the weighting's, the last step counts; for
+    `company` see `AnchorNetwork`.
     """
-    weighting = getattr(config, "weighting", None)
+    observed, valid = jnp.asarray(scene.observed), jnp.asarray(scene.valid)
+    weighting, alpha = getattr(config, "weighting", None), scene.alpha
     if alpha is None and weighting is not None:
         learned = params.get("weighting", {})
         alpha = weighting.alpha(learned, observed, valid, period=config.period)
-    last = None if alpha is None else alpha[..., -1]
-    return _network(config).apply(
-        {"params": params["params"]}, observed, valid, last, company, near
-    )
+    last = None if alpha is None else jnp.asarray(alpha)[..., -1]
+    network = {"params": params["params"]}
+    return _network(config).apply(network, observed, valid, last, company, scene.near)
 
 
 def _network(config: Any) -> Any:

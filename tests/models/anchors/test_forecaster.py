@@ -8,8 +8,6 @@ import pytest
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score, score_forecaster
-from neurosym_jax.forecasting import anchors
-from neurosym_jax.forecasting.anchors import spread_of
 from neurosym_jax.forecasting.batched import forecast_windows, predict_scenes
 from neurosym_jax.forecasting.model import (
     SceneForecaster,
@@ -18,7 +16,9 @@ from neurosym_jax.forecasting.model import (
     predict_distribution,
 )
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
+from neurosym_jax.models.anchors import forecaster as anchors
+from neurosym_jax.models.anchors.forecaster import spread_of
+from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
 from neurosym_jax.scene import make_scene
 from tests.networks import random_model
 
@@ -65,7 +65,7 @@ def test_fewer_samples_have_the_probabilities_given_that_they_are_all(model, win
     assert len({*places}) == 3
     assert places[0] == probability.argmax()
     np.testing.assert_allclose(given, probability[places] / probability[places].sum(), rtol=1e-4)
-    with pytest.raises(InputError, match="has 5 samples, not 6: ask for --samples 5 or fewer"):
+    with pytest.raises(InputError, match="samples: anchors, learned makes at most 5, not 6"):
         predict_scenes(model, [observed], samples=6)
 
 

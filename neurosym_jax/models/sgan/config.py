@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from neurosym_jax.configuration import Checked, Count, Positive, Whole
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.layers import CELLS, LSTM, Cell
-from neurosym_jax.models.neurosym import AsDescribed, Encounter, NeurosymIjcnn, NeurosymRos
-from neurosym_jax.models.pooling import NoPooling, Pooling, PoolNet, Social
+from neurosym_jax.models.sgan.layers import CELLS, LSTM, Cell
+from neurosym_jax.models.sgan.neurosym import AsDescribed, Encounter, NeurosymIjcnn, NeurosymRos
+from neurosym_jax.models.sgan.pooling import NoPooling, Pooling, PoolNet, Social
 from neurosym_jax.plugins import Registry
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, Cnd

@@ -16,7 +16,7 @@ from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.configuration import Checked, Count, Positive
-from neurosym_jax.models.layers import Affine, Perceptron
+from neurosym_jax.models.sgan.layers import Affine, Perceptron
 
 __all__ = ["NO_FORECAST", "NoPooling", "PoolNet", "PoolNetwork", "Pooling", "Social"]
 __all__ += ["bottleneck_relu", "max_over_neighbours"]

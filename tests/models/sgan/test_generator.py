@@ -9,11 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.models import Discriminator, Generator
-from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork
-from neurosym_jax.models.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.layers import CELLS, LSTM, Affine, Encoder, LSTMNetwork, Perceptron
-from neurosym_jax.models.pooling import PoolNetwork
-from neurosym_jax.models.sgan import pooling_network
+from neurosym_jax.models.anchors.network import AnchorConfig, AnchorNetwork
+from neurosym_jax.models.sgan.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.sgan.layers import CELLS, LSTM, Affine, Encoder, LSTMNetwork, Perceptron
+from neurosym_jax.models.sgan.network import pooling_network
+from neurosym_jax.models.sgan.pooling import PoolNetwork
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting
 from tests.networks import random_params

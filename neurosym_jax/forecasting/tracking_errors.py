@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.models.frames import length
 from neurosym_jax.scene import AnyArray
 
 __all__ = ["TOP_CHANGE", "TOP_SPEED", "limit_displacement", "repair_tracks"]
@@ -87,7 +86,9 @@ def limit_displacement(forecast: Array, last: Array, period: float) -> Array:
     """
     time = period * jnp.arange(1, forecast.shape[2] + 1, dtype=forecast.dtype)
     ahead = forecast - last[:, None]
-    share = length(ahead) / (TOP_SPEED * time + 0.3)
+    # Smooth, so that 0 has a gradient.
+    distance = jnp.sqrt(jnp.square(ahead).sum(-1) + 1e-6)
+    share = distance / (TOP_SPEED * time + 0.3)
     # (1 + share^8)^(-1/8), written so that a large share does not overflow.
     low, high = jnp.minimum(share, 1), jnp.maximum(share, 1)
     factor = (high**-8 + low**8) ** (-1 / 8) / high

@@ -13,9 +13,9 @@ from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.layers import LSTM, Affine, Encoder, Perceptron, embed
-from neurosym_jax.models.pooling import Pooling, PoolNetwork
+from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.sgan.layers import LSTM, Affine, Encoder, Perceptron, embed
+from neurosym_jax.models.sgan.pooling import Pooling, PoolNetwork
 from neurosym_jax.scene import Scene
 
 __all__ = ["Decoder", "Discriminator", "Generator", "Weigh", "pool", "pooling_network"]

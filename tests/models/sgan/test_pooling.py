@@ -8,14 +8,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
-from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.neurosym import (
+from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.neurosym import (
     _DescribedNetwork,
     _EncounterNetwork,
     _IjcnnNetwork,
     _RosNetwork,
 )
-from neurosym_jax.models.pooling import PoolNetwork, _GridNetwork, _leaking_relu
+from neurosym_jax.models.sgan.pooling import PoolNetwork, _GridNetwork, _leaking_relu
 from neurosym_jax.scene import make_scene
 from tests.networks import random_params
 

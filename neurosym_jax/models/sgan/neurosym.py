@@ -19,9 +19,9 @@ from jax import Array, lax
 
 from neurosym_jax.configuration import Count, Rule
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.frames import closest_approach, length, turned
-from neurosym_jax.models.layers import Affine, Perceptron
-from neurosym_jax.models.pooling import (
+from neurosym_jax.models.anchors.frames import closest_approach, length, turned
+from neurosym_jax.models.sgan.layers import Affine, Perceptron
+from neurosym_jax.models.sgan.pooling import (
     NO_FORECAST,
     Pooling,
     PoolNet,

@@ -7,7 +7,7 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.errors import InputWarning
-from neurosym_jax.models.tracking_errors import limit_displacement, repair_tracks
+from neurosym_jax.forecasting.tracking_errors import limit_displacement, repair_tracks
 
 TIME = np.arange(8.0)[:, None]
 WALK = TIME * [0.5, 0.1]
