@@ -133,7 +133,7 @@ def parse_json(text: str | bytes, source: str) -> Any:
 def changed(config: Config, changes: Sequence[str], option: str, source: str) -> Config:
     """`config` with each NAME=VALUE of `changes`, a value as JSON or as text.
 
-    `pooling=encounter,hidden_dim=16` replaces a component, `pooling.hidden_dim=16` changes an
+    `pooling=social,grid_size=16` replaces a component, `pooling.grid_size=16` changes an
     option of it. Changes are made in order, and checked together.
 
     Raises:

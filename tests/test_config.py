@@ -96,7 +96,7 @@ REFUSED = [
     (change_network, "pooling.kind=social", "must be NAME=VALUE"),
     (change_network, "mlp_dim", "must be NAME=VALUE"),
     (change_network, "pooling=sociall", "network: unknown pooling 'sociall': did you mean"),
-    (change_network, "pooling=encounter,bottleneck_dim=6", "must be a multiple of 4"),
+    (change_network, "pooling=social,grid_size=0", "grid_size must be at least 1"),
     (change_recipe, ".ema=0.5", "must be NAME=VALUE"),
     (make_config, "sgam", "model must be one of sgan, neurosym, anchors, anchor_table, not"),
     (make_recipe, "our", "recipe must be one of ours, sgan, anchors, not 'our'"),
@@ -118,7 +118,7 @@ def test_changes_of_components():
 
     assert made("pooling=social", "pooling.grid_size=5").pooling == Social(grid_size=5)
     assert made("pooling.hidden_dim=16").pooling == PoolNet(hidden_dim=16)
-    assert made("pooling=encounter").weighting == Cnd()
+    assert made("pooling=as_described").weighting == Cnd()
 
 
 def test_recipes():

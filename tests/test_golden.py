@@ -20,7 +20,6 @@ SIZES = (1, 3, 5)
 """People in each scene."""
 SHIPPED = {path.name: path for path in shipped_models()}
 RANDOM = {
-    "encounter": GeneratorConfig(pooling="encounter", weighting="quantised"),
     "every step": GeneratorConfig(
         pooling="as_described,hidden_dim=16", pool_every_timestep=True, weighting="soft"
     ),

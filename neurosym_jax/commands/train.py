@@ -43,8 +43,8 @@ class Options:
     """Network to train: sgan, neurosym (weights pairs of people by symbols), anchors (learned
     residuals with probabilities), anchor_table (its baseline, fixed offsets), or a plugin's."""
     pooling: str | None = None
-    """Pooling of SGAN: pool_net (default), none or social, or of NeuroSyM: as_described (default),
-    neurosym_ros or encounter; or one that a plugin registers."""
+    """Pooling of SGAN: pool_net (default), none or social, or of NeuroSyM: as_described (default)
+    or neurosym_ros; or one that a plugin registers."""
     weighting: str | None = None
     """Weighting of NeuroSyM (default: cnd) or anchors (default: none), KIND[,FIELD=VALUE...], see
     docs/weightings.md."""

@@ -164,7 +164,7 @@ def baseline(name: str, obs_len: int, pred_len: int, dataset: str | None = None)
     forecaster = FORECASTERS[name]
     config = forecaster.Config(obs_len=obs_len, pred_len=pred_len)
     if not forecaster(config).shapes():
-        return Model(config, {}, kind=name)
+        return Model(config, {}, family=name)
     if name != TABLE:
         raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
     if (table := _table(obs_len, pred_len, dataset)) is None:

@@ -58,7 +58,7 @@ def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -
     entries = [(test, *entry) for test in tests for entry in test.entries]
     paths: list[Path] = []
     for test, checkpoint, model in entries:
-        name = Path(checkpoint or model.kind).name.removesuffix(".pt")
+        name = Path(checkpoint or model.family).name.removesuffix(".pt")
         parts = [path.stem, test.test_set.dataset, test.test_set.obs_len, test.test_set.pred_len]
         stem = "_".join(map(str, [*parts, re.sub(r"[^\w.+-]+", "_", name)]))
         target = path.with_name(stem + path.suffix) if len(entries) > 1 else path

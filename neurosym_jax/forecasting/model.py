@@ -44,10 +44,12 @@ class Model:
     dataset: str | None = None
     """The data set to test it on, where known: left out of its training, or `simulations`, which
     has other recordings for training."""
-    kind: str = "generator"
-    """The forecaster's name, see `register_forecaster`."""
+    family: str = "generator"
+    """The forecaster's key, see `register_forecaster`."""
     plugins: tuple[str, ...] = ()
     """Plugins it was trained with, for messages: none is imported because of them."""
+    seed: int | None = None
+    """Of its training; None where it is not known."""
     neighbours: float | None = None
     """Share of people with somebody within 2 m whose forecast their neighbours change, on the
     validation windows; None where nobody measured it."""
@@ -66,7 +68,7 @@ class Model:
     @property
     def forecaster(self) -> Forecaster:
         """The forecaster of this model's parameters."""
-        return FORECASTERS[self.kind](self.config)
+        return FORECASTERS[self.family](self.config)
 
     @property
     def weighting(self) -> Weighting | None:
@@ -79,7 +81,7 @@ class Model:
         count = sum(map(np.size, jax.tree.leaves(self.params)))
         return (
             f"Model {self.name}\n"
-            f"  kind: {self.kind}\n"
+            f"  family: {self.family}\n"
             f"  to be tested on: {self.dataset or 'not known'}\n"
             f"  config: {type(self.config).__name__}({', '.join(differences(self.config))})\n"
             f"  params: {count:,} numbers"

@@ -40,7 +40,7 @@ __all__ = ["load_model", "replace_card", "save_model"]
 FILES = CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
 FIELDS = {"forecaster", "config", "dataset", "plugins"}
-OPTIONAL = {"seen", "neighbours", "data"}
+OPTIONAL = {"seed", "seen", "neighbours", "data"}
 HUB_LICENCES = {"MIT": "mit", "CC BY-NC-SA 3.0, restricted": "cc-by-nc-sa-3.0"}
 """Our names of data's licences, and the Hub's."""
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
@@ -61,12 +61,17 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
     _refuse_misfit(model)
     fields = {
         "format": FORMAT,
-        "forecaster": model.kind,
+        "forecaster": model.family,
         "config": to_json(model.config),
         "dataset": model.dataset,
         "plugins": list(model.plugins),
     }
-    optional = {"seen": model.seen, "neighbours": model.neighbours, "data": dict(model.data)}
+    optional = {
+        "seed": model.seed,
+        "seen": model.seen,
+        "neighbours": model.neighbours,
+        "data": dict(model.data),
+    }
     fields |= {name: value for name, value in optional.items() if value not in ("", None, {})}
     text = json.dumps(fields, indent=2, allow_nan=False)
     if from_json(type(model.config), json.loads(text)["config"], CONFIG) != model.config:
@@ -160,9 +165,9 @@ def _read(folder: Path) -> Model:
         raise InputError(f"{CONFIG}: must have the fields {', '.join(sorted(FIELDS))}")
     if not is_fingerprint(fields.get("seen", "")):
         raise InputError(f"{CONFIG}: seen is not a fingerprint of windows")
-    kind, plugins = str(fields.pop("forecaster")), tuple(map(str, fields.pop("plugins")))
+    family, plugins = str(fields.pop("forecaster")), tuple(map(str, fields.pop("plugins")))
     try:
-        config = from_json(FORECASTERS[kind].Config, fields.pop("config"), CONFIG)
+        config = from_json(FORECASTERS[family].Config, fields.pop("config"), CONFIG)
     except InputError as error:
         absent = [f" --plugin {name}" for name in plugins if name not in names(loaded())]
         hint = f"; it was trained with{''.join(absent)}" if absent else ""
@@ -171,7 +176,7 @@ def _read(folder: Path) -> Model:
         parameters = nested_parameters(load_file(folder / PARAMS))
     except (SafetensorError, AttributeError, KeyError, ValueError, TypeError) as error:
         raise InputError(f"{PARAMS}: cannot be read ({error})") from None
-    model = Model(config, parameters, kind=kind, plugins=plugins, **fields)
+    model = Model(config, parameters, family=family, plugins=plugins, **fields)
     _refuse_misfit(model)
     return model
 

@@ -16,7 +16,6 @@ from .sgan.loss import warn_if_no_gradient as warn_if_no_gradient
 from .sgan.network import Discriminator as Discriminator
 from .sgan.network import Generator as Generator
 from .sgan.neurosym import AsDescribed as AsDescribed
-from .sgan.neurosym import Encounter as Encounter
 from .sgan.neurosym import NeurosymIjcnn as NeurosymIjcnn
 from .sgan.neurosym import NeurosymRos as NeurosymRos
 from .sgan.pooling import NoPooling as NoPooling

@@ -181,7 +181,14 @@ def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str
     origin = {"plugins": names(loaded()), "data": licences_of(run.data)}
     near, seen = kept.get("val_neighbour_near"), fingerprint(run.training)
     model = Model(
-        run.config, best, run.dataset, run.forecaster.key, neighbours=near, seen=seen, **origin
+        run.config,
+        best,
+        run.dataset,
+        run.forecaster.key,
+        seed=run.recipe.seed,
+        neighbours=near,
+        seen=seen,
+        **origin,
     )
     if (folder / "model").exists():
         return model

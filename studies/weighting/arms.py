@@ -6,6 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
+import examples.encounter_pooling  # noqa: F401 (registers it)
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.sgan.config import POOLINGS, GeneratorConfig

@@ -29,7 +29,7 @@ def planned(*names, source=None, **asked):
         baselines = [model for path, model in entries if path is None]
         ships = test.obs_len == 8 and test.pred_len in (8, 12) and asked.get("samples", 20) <= 20
         kinds = ["constant_velocity", "constant_velocity_sampled", *["anchor_table"][:ships]]
-        assert [model.kind for model in baselines] == kinds
+        assert [model.family for model in baselines] == kinds
         assert {model.forecaster.pred_len for model in baselines} == {test.pred_len}
         # The table of ETH/UCY has not learned from the data set that is tested.
         own = test.dataset if test.dataset in EthUcy().scenes else GENERAL

@@ -46,7 +46,7 @@ def test_a_model_of_ones_own_forecasts_and_is_saved(tmp_path):
     config = Damped(pred_len=4, weights=(2.0, 3.0))
     save_model(tmp_path / "own", Model(config, {"scale": np.float32(2)}, "zara1", "damped"))
     model = load_model(tmp_path / "own")
-    assert (model.kind, model.config, model.dataset) == ("damped", config, "zara1")
+    assert (model.family, model.config, model.dataset) == ("damped", config, "zara1")
     assert model.params["scale"].shape == ()
     last, step = OBSERVED[:, -1], OBSERVED[:, -1] - OBSERVED[:, -2]
     expected = last[:, None] + np.arange(1, 5)[:, None] * step[:, None]

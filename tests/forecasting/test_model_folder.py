@@ -58,7 +58,7 @@ def refusal(folder):
 
 def test_round_trip(saved):
     loaded = load_model(saved)
-    assert (loaded.config, loaded.dataset, loaded.kind) == (MODEL.config, "zara1", "generator")
+    assert (loaded.config, loaded.dataset, loaded.family) == (MODEL.config, "zara1", "generator")
     jax.tree.map(assert_array_equal, loaded.params, MODEL.params)
     assert {leaf.dtype for leaf in jax.tree.leaves(loaded.params)} == {np.dtype(np.float32)}
     files = {"README.md", "config.json", "params.safetensors"}

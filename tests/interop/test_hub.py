@@ -133,7 +133,7 @@ def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
 def test_an_upload_is_the_folder_of_a_model(model, monkeypatch):
     hub, uploaded = mock.Mock(), {}
     hub.upload_folder = lambda repo_id, folder_path: (
-        uploaded.update(name=repo_id, kind=load_model(folder_path).kind)
+        uploaded.update(name=repo_id, family=load_model(folder_path).family)
         or mock.Mock(commit_url="its page")
     )
     monkeypatch.setitem(sys.modules, "huggingface_hub", hub)

@@ -108,7 +108,7 @@ def test_modules_are_compared_on_scenes_of_ones_own_and_left_as_they_are(torch):
         with pytest.raises(InputError, match=message):
             compare(network, model, scenes)
     with pytest.raises(InputError, match="has no counterpart in torch"):
-        compare(network, Model(Lengths(), {}, kind="constant_velocity"))
+        compare(network, Model(Lengths(), {}, family="constant_velocity"))
 
 
 def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsys):

@@ -117,7 +117,7 @@ def test_training_learns_and_a_resumed_run_ends_with_the_same_bits(
     train_run(run, tmp_path / "run", resume=True)
     assert final(tmp_path / "run") == final(tmp_path / "alone")
     model = load_model(tmp_path / "run" / "model")
-    assert (model.kind, model.config) == (kind, network)
+    assert (model.family, model.config) == (kind, network)
     assert kind == "anchor_table" or np.ptp(model.params["params"]["prior"]) > 0
     facts = json.loads((tmp_path / "run" / "run.json").read_text())
     assert (facts["forecaster"], facts["samples"]) == (kind, 20)

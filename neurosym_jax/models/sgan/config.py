@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from neurosym_jax.configuration import Checked, Count, Positive, Whole
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.sgan.layers import CELLS, LSTM, Cell
-from neurosym_jax.models.sgan.neurosym import AsDescribed, Encounter, NeurosymIjcnn, NeurosymRos
+from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.sgan.pooling import NoPooling, Pooling, PoolNet, Social
 from neurosym_jax.plugins import Registry
 from neurosym_jax.symbolic.weighting import Weighting
@@ -31,7 +31,6 @@ POOLINGS: Registry[type[Pooling]] = Registry(
         "social": Social,
         "as_described": AsDescribed,
         "neurosym_ros": NeurosymRos,
-        "encounter": Encounter,
         "neurosym_ijcnn": NeurosymIjcnn,
     },
 )

@@ -82,7 +82,7 @@ class Cell(Checked, abc.ABC):
     """
 
     title: ClassVar[str]
-    """What tables call it, except an LSTM; in lower case, the scope of its parameters."""
+    """What tables call it, except an LSTM."""
 
     @abc.abstractmethod
     def network(self, inputs: int, features: int, name: str) -> Any:
@@ -93,8 +93,8 @@ class Cell(Checked, abc.ABC):
         """
 
     def scoped(self, inputs: int, features: int) -> Any:
-        """The network in the scope of its parameters."""
-        return self.network(inputs, features, self.title.lower())
+        """The network; its parameters are in a scope of the cell's registered name."""
+        return self.network(inputs, features, CELLS.name_of(self))
 
     @abc.abstractmethod
     def start(self, hidden: Array) -> tuple[Array, ...]:

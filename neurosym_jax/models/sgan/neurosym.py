@@ -1,35 +1,27 @@
-"""The poolings that take alpha: NeuroSyM's, and encounter pooling.
+"""NeuroSyM's poolings: SGAN's with the pair's relative history weighted step by step by alpha.
 
-NeuroSyM's is SGAN's with the pair's relative history weighted step by step by alpha.
-`docs/symbols.md` explains its three variants: the papers' (`as_described`), the robot package's
+`docs/symbols.md` explains the three variants: the papers' (`as_described`), the robot package's
 (`neurosym_ros`) and the earlier release's with its defects (`neurosym_ijcnn`).
-
-Encounter pooling is attention over neighbours. It sees velocities and the closest approach too, in
-the agent's own frame (ahead, left). Its output is vectors, rotated back into the scene's axes, and
-scalars, so a rotated scene gives rotated vectors and the same scalars.
 """
 
 import dataclasses
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
-from jax import Array, lax
+from jax import Array
 
-from neurosym_jax.configuration import Count, Rule
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.anchors.frames import closest_approach, length, turned
 from neurosym_jax.models.sgan.layers import Affine, Perceptron
 from neurosym_jax.models.sgan.pooling import (
     NO_FORECAST,
-    Pooling,
     PoolNet,
     bottleneck_relu,
     max_over_neighbours,
 )
 
-__all__ = ["AsDescribed", "Encounter", "NeurosymIjcnn", "NeurosymRos"]
+__all__ = ["AsDescribed", "NeurosymIjcnn", "NeurosymRos"]
 
 
 class _DescribedNetwork(nn.Module):
@@ -146,74 +138,3 @@ class NeurosymIjcnn(AsDescribed):
     title: ClassVar[str] = "NeuroSyM (IJCNN release)"
     inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "alpha_rows"})
     variant: ClassVar[type[_DescribedNetwork]] = _IjcnnNetwork
-
-
-@dataclasses.dataclass(frozen=True)
-class Encounter(Pooling):
-    """Attention over neighbours by bearing, relative velocity and closest approach."""
-
-    title: ClassVar[str] = "NeuroSyM, encounter pooling"
-    inputs: ClassVar[frozenset[str]] = frozenset({"track", "alpha"})
-    bottleneck_dim: Annotated[Count, Rule("be a multiple of 4", lambda dim: dim % 4 == 0)] = 16
-    """A part for each head; half of it are pushes, pairs of numbers."""
-    hidden_dim: Count = 32
-
-    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
-        """See `Pooling.network`."""
-        return _EncounterNetwork(self.hidden_dim, self.bottleneck_dim)
-
-
-class _EncounterNetwork(nn.Module):
-    """`sum_j a_ij exp(s_ij) m_ij / sum_j a_ij exp(s_ij)` over the others j.
-
-    Messages m and scores s, one for each quarter of m, are a perceptron's of the pair; a_ij is
-    alpha of the state that the pair was last observed in. Only ratios of alpha between neighbours
-    count: a weighting with the same alpha for all neighbours has no effect. Negative weights are 0.
-    """
-
-    HEADS = 4
-    STEPS = 4.0  # time steps in a unit of time: velocities are metres in so many steps
-    SLOW = 0.01  # speed below which a heading fades away, metres a step
-    SMOOTH = 0.01  # metres below which lengths are smooth
-    LONGEST = 5.0  # longest look-ahead to the closest approach, in units of `STEPS`
-
-    hidden_dim: int
-    bottleneck_dim: int
-
-    def setup(self):
-        self.pair = Affine(9, self.hidden_dim)
-        self.message = Affine(self.hidden_dim, self.bottleneck_dim)
-        self.score = Affine(self.hidden_dim, self.HEADS)
-
-    def __call__(self, track: Array, valid: Array, alpha: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`; 0 without a neighbour of positive weight."""
-        position, back = track[:, -1], min(2, track.shape[1] - 1)
-        velocity = self.STEPS * (position - track[:, -1 - back]) / max(back, 1)
-        speed = length(velocity, self.SMOOTH)
-        heading = velocity / jnp.hypot(speed, self.STEPS * self.SLOW)[:, None]
-
-        there = turned(position - position[:, None], heading[:, None], -1)
-        motion = turned(velocity - velocity[:, None], heading[:, None], -1)
-        distance = length(there, self.SMOOTH)
-        speed = jnp.broadcast_to(speed[:, None], distance.shape)
-        soon, miss = closest_approach(there, motion, 0.04, self.LONGEST, self.SMOOTH)
-        bearing = there / jnp.maximum(distance, 1)[..., None]
-        numbers = [jnp.exp(-distance), soon, jnp.exp(-2 * miss - soon), speed, 1 / (distance + 0.3)]
-        pairs = jnp.concatenate([bearing, motion, jnp.stack(numbers, axis=-1)], axis=-1)
-        said = nn.relu(self.pair(pairs))
-
-        others = valid & ~jnp.eye(valid.shape[0], dtype=bool)
-        weight = jnp.where(others, jnp.maximum(alpha[..., -1], 0), 0)[..., None]
-        score = self.score(said) - distance[..., None]
-        # No more than 0, so that nothing overflows; a ratio does not change.
-        most = jnp.where(weight > 0, score, -jnp.inf).max(axis=1, keepdims=True)
-        score = jnp.minimum(score - lax.stop_gradient(jnp.where(weight > 0, most, 0)), 0)
-        share = weight * jnp.exp(score)
-        whole = share.sum(axis=1, keepdims=True)
-        share = share / jnp.where(whole > 0, whole, 1)
-
-        message = self.message(said).reshape(*share.shape, -1)
-        pooled = (share[..., None] * message).sum(axis=1).reshape(len(valid), -1)
-        pushes, numbers = jnp.split(pooled, 2, axis=-1)
-        pushes = turned(pushes.reshape(len(valid), -1, 2), heading[:, None], 1)
-        return jnp.concatenate([pushes.reshape(numbers.shape), numbers], axis=-1)

@@ -1,17 +1,16 @@
-"""Poolings against their formulas for every pair; the symmetries of encounter pooling."""
+"""Poolings against their formulas for every pair."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
 from neurosym_jax.models.sgan.config import GeneratorConfig
 from neurosym_jax.models.sgan.neurosym import (
     _DescribedNetwork,
-    _EncounterNetwork,
     _IjcnnNetwork,
     _RosNetwork,
 )
@@ -28,9 +27,6 @@ ALPHA = RNG.uniform(size=(N, N, T)).astype(np.float32)
 ALL = np.ones(N, bool)
 HIDDEN_POOLING = PoolNetwork(embedding_dim=E, h_dim=H, hidden_dim=9, bottleneck_dim=B)
 GRID = _GridNetwork(h_dim=H, grid_size=4, neighborhood_size=1.6)
-APART = OBSERVED + RNG.normal(0, 2, (N, 1, 2)).astype(np.float32)
-SOCIAL = 8
-ENCOUNTER = _EncounterNetwork(12, SOCIAL)
 DESCRIBED, ROS = (network(T, E, H, 9, B) for network in (_DescribedNetwork, _RosNetwork))
 
 
@@ -133,17 +129,14 @@ def test_only_valid_agents_count(module):
 
 
 @pytest.mark.parametrize("valid", [ALL, np.arange(N) == 2], ids=["all", "alone"])
-@pytest.mark.parametrize(
-    "module", [DESCRIBED, ROS, ENCOUNTER], ids=["described", "ros", "encounter"]
-)
+@pytest.mark.parametrize("module", [DESCRIBED, ROS], ids=["described", "ros"])
 def test_gradients_where_people_coincide(module, valid):
-    hidden = () if module is ENCOUNTER else (HIDDEN,)
-    params = random_params(module, *hidden, OBSERVED, ALL, ALPHA, std=0.5)
+    params = random_params(module, HIDDEN, OBSERVED, ALL, ALPHA, std=0.5)
 
     def total(params, hidden, observed, alpha):
-        return jnp.square(module.apply(params, *hidden, observed, valid, alpha)).sum()
+        return jnp.square(module.apply(params, hidden, observed, valid, alpha)).sum()
 
-    gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))(params, hidden, 0 * OBSERVED, ALPHA)
+    gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))(params, HIDDEN, 0 * OBSERVED, ALPHA)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
     assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0]))
 
@@ -160,44 +153,6 @@ def test_a_missing_alpha_is_named():
     scene, noise = make_scene(OBSERVED), np.zeros(config.noise_dim)
     with pytest.raises(InputError, match=r"NeuroSyM needs alpha .* nj\.forecast"):
         jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise)
-
-
-@pytest.fixture(scope="module")
-def encounter():
-    """`(observed, valid, alpha) -> [N, SOCIAL]` with random parameters."""
-    params = random_params(ENCOUNTER, APART, ALL, ALPHA)
-    apply = jax.jit(ENCOUNTER.apply)
-
-    def pool(observed=APART, valid=ALL, alpha=ALPHA):
-        return np.asarray(apply(params, observed, valid, alpha))
-
-    return pool
-
-
-def test_encounter_pooling_has_no_order_and_is_0_for_a_person_alone(encounter):
-    order = np.array([3, 0, 5, 1, 4, 2])
-    permuted = encounter(APART[order], ALL, ALPHA[np.ix_(order, order)])
-    assert_allclose(permuted, encounter()[order], atol=1e-6)
-    assert np.ptp(encounter(), axis=0).min() > 0.01
-    assert_array_equal(encounter(valid=np.arange(N) == 2)[2], 0)
-
-
-def test_alpha_is_of_the_pair_and_of_the_last_step(encounter):
-    changed = ALPHA.copy()
-    changed[2, 4, :-1] = 9
-    assert_array_equal(encounter(alpha=changed), encounter())
-    changed[2, 4, -1] *= 5
-    difference = np.abs(encounter(alpha=changed) - encounter()).max(axis=1)
-    assert difference[2] > 1e-3
-    assert_array_equal(difference[np.arange(N) != 2], 0)
-
-
-def test_a_turned_scene_has_turned_pushes_and_the_same_numbers(encounter):
-    turn = np.array([[0.6, -0.8], [0.8, 0.6]], "f4")
-    turned = encounter(APART @ turn.T + np.float32(3))
-    pushes = encounter()[:, : SOCIAL // 2].reshape(N, -1, 2) @ turn.T
-    assert_allclose(turned[:, : SOCIAL // 2].reshape(pushes.shape), pushes, atol=1e-4)
-    assert_allclose(turned[:, SOCIAL // 2 :], encounter()[:, SOCIAL // 2 :], atol=1e-4)
 
 
 def test_the_ijcnn_release_has_one_maximum_over_all_but_padding():
