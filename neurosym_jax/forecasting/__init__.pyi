@@ -1,9 +1,7 @@
 from .batched import predict_scenes as predict_scenes
 from .forecaster import Forecaster as Forecaster
 from .forecaster import Lengths as Lengths
-from .forecaster import NoiseSpec as NoiseSpec
 from .forecaster import TwoStageForecaster as TwoStageForecaster
-from .forecaster import draw_noise as draw_noise
 from .forecaster import forecaster_of as forecaster_of
 from .forecaster import register_forecaster as register_forecaster
 from .model import Model as Model
@@ -14,3 +12,5 @@ from .model import predict_distribution as predict_distribution
 from .model_folder import load_model as load_model
 from .model_folder import save_model as save_model
 from .model_places import shipped_models as shipped_models
+from .noise import NoiseSpec as NoiseSpec
+from .noise import draw_noise as draw_noise

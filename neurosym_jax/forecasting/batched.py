@@ -16,8 +16,9 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import Batch, Windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster, draw_noise
+from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster
 from neurosym_jax.forecasting.model import Model, refuse_other_length, warn_of_tracking_errors
+from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.forecasting.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
@@ -87,22 +88,22 @@ def forecast_windows(
     """
     forecaster, params = model.forecaster, jax.device_put(model.params)
     samples = forecaster.count(samples)
-    found = np.empty((samples, windows.agents, forecaster.pred_len, 2))
+    places = np.empty((samples, windows.agents, forecaster.pred_len, 2))
     likely = np.empty((samples, windows.scenes))
 
     def of_batch(batch: Batch) -> tuple[np.ndarray, np.ndarray | None]:
         noise = batch_noise(forecaster, batch.scene, samples, seed)
         return forecast_batch(forecaster, params, batch.scene, noise)
 
-    some = None
-    for batch, (futures, some) in zip(batches, run(of_batch, batches)):
-        there = batch.index >= 0
-        scenes = batch.index[there]
-        if some is not None:
-            likely[:, scenes] = some[:, there]
-        origin = np.repeat(np.asarray(batch.scene.origin)[there], windows.sizes[scenes], axis=0)
-        found[:, windows.rows(scenes)] = futures + origin[:, None]
-    return found, None if some is None else likely
+    probability = None
+    for batch, (futures, probability) in zip(batches, run(of_batch, batches)):
+        present = batch.index >= 0
+        scenes = batch.index[present]
+        if probability is not None:
+            likely[:, scenes] = probability[:, present]
+        origin = np.repeat(np.asarray(batch.scene.origin)[present], windows.sizes[scenes], axis=0)
+        places[:, windows.rows(scenes)] = futures + origin[:, None]
+    return places, None if probability is None else likely
 
 
 def batch_noise(forecaster: Forecaster, scenes: Scene, samples: int, seed: int) -> np.ndarray:
@@ -137,12 +138,14 @@ def _decoded_agents(
     context = () if encoder is None else _encode(encoder, params, bare)
     agents = context, bare.replace(identity=None)
     agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], agents)
-    each = noise[:, valid] if noise.ndim == 4 else np.repeat(noise, valid.sum(axis=1), axis=1)
-    packed, parts = (*agents, each.swapaxes(0, 1)), []
-    for at in range(0, each.shape[1], PART):
+    agent_noise = (
+        noise[:, valid] if noise.ndim == 4 else np.repeat(noise, valid.sum(axis=1), axis=1)
+    )
+    packed, parts = (*agents, agent_noise.swapaxes(0, 1)), []
+    for at in range(0, agent_noise.shape[1], PART):
         part = jax.tree.map(lambda leaf, at=at: _filled(leaf[at : at + PART]), packed)
         futures = _decode(forecaster, params, *part[:-1], part[-1].swapaxes(0, 1))
-        parts.append(np.asarray(futures)[:, : each.shape[1] - at])
+        parts.append(np.asarray(futures)[:, : agent_noise.shape[1] - at])
     return np.concatenate(parts, axis=1)
 
 

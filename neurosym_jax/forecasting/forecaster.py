@@ -4,37 +4,28 @@ A family is a subclass of `Forecaster` in one folder of `models`, or in a plugin
 configurations, recipes, parameters, forecast, batches and loss. Nothing outside asks which it is.
 
 Equal forecasters are equal to `jax.jit`, so they share compiled programs.
-
-Noise is a function of (seed, scene, sample, slot), the same however scenes are batched. Each scene,
-or each agent slot where noise is per agent, has its own stream of random numbers. A sample's
-numbers do not depend on how many samples are drawn, which is a property of JAX's partitionable
-threefry (element i of an array depends on i alone) that the tests check.
 """
 
 import abc
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from neurosym_jax.configuration import Checked, Count, Positive, Seed, differences, refuse
+from neurosym_jax.configuration import Checked, Count, Positive, differences
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.forecasting.tracking_errors import repair_scene
 from neurosym_jax.plugins import Registry
-from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
-__all__ = ["FORECASTERS", "Distribution", "Forecaster", "Lengths", "NoiseSpec"]
-__all__ += ["TwoStageForecaster", "draw_noise", "forecaster_of", "register_forecaster"]
-__all__ += ["scene_noise", "with_weighting"]
+__all__ = ["FORECASTERS", "Distribution", "Forecaster", "Lengths", "TwoStageForecaster"]
+__all__ += ["forecaster_of", "register_forecaster", "with_weighting"]
 
-CHUNK = 1024
-"""Streams drawn in one call, so that one compiled program serves any number of scenes."""
 Distribution = tuple[Array, Array | None]
 """Samples [k, N, pred_len, 2] of a scene and their probabilities [k]; None where all have the
 same."""
@@ -50,16 +41,6 @@ class Lengths(Checked):
     """Time steps to forecast."""
     period: Positive = 0.4
     """Seconds between time steps, in training."""
-
-
-@dataclasses.dataclass(frozen=True)
-class NoiseSpec:
-    """The noise that a forecaster takes for each sample; a deterministic one has `dim` 0."""
-
-    dim: int = 0
-    per_agent: bool = False
-    distribution: Literal["gaussian", "uniform"] = "gaussian"
-    """Standard normal, or uniform on [-1, 1)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,8 +120,12 @@ class Forecaster(abc.ABC):
         return scene
 
     def distribution(self, params: Any, scene: Scene, noise: Array) -> Distribution:
-        """`forecast`, and the probabilities [k] of its samples; None where all have the same."""
-        return self.forecast(params, scene, noise), None
+        """`forecast`, and the probabilities [k] of its samples; None where all have the same.
+
+        By default tracking errors are repaired before, see `repair_scene`.
+        """
+        scene, offset = repair_scene(scene, self.config.period)
+        return self.forecast(params, scene, noise) + offset[:, None], None
 
     def count(self, samples: int) -> int:
         """Number of samples it makes where `samples` are asked for: one without noise.
@@ -250,52 +235,3 @@ def with_weighting(params: Any, weighting: Weighting | None) -> Any:
     """The parameters of a network, and those that its weighting starts from, if it learns any."""
     start = jax.tree.map(jnp.asarray, initial_parameters(weighting))
     return {**params, "weighting": start} if start else params
-
-
-def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int) -> Array:
-    """Noise of one scene, [k, dim] or per agent [k, N, dim].
-
-    `key` is the run's, the same for every scene, and is not consumed; `identity` is `Scene`'s.
-    """
-    slots = jnp.arange(agents, dtype=jnp.uint32) if spec.per_agent else jnp.uint32(0)
-    draw = functools.partial(_stream, spec, key, identity, samples=samples)
-    return jax.vmap(draw, out_axes=1)(slots) if spec.per_agent else draw(slots)
-
-
-def draw_noise(
-    spec: NoiseSpec, seed: int, identity: np.ndarray, samples: int, agents: int
-) -> np.ndarray:
-    """`scene_noise` of B scenes, `identity [B, 2]`: [k, B, dim] or [k, B, N, dim] on the host.
-
-    Raises:
-        InputError: for a seed outside [0, 2**32), which JAX would silently wrap.
-    """
-    refuse(Seed, {"seed": seed})
-    slots = (agents,) if spec.per_agent else ()
-    shape = (samples, len(identity), *slots, spec.dim)
-    if spec.dim == 0:
-        return np.zeros(shape, np.float32)
-    each = slots[0] if slots else 1
-    slot = np.tile(np.arange(each, dtype=np.uint32), len(identity))
-    streams = np.column_stack([np.repeat(identity, each, axis=0), slot])
-    key, parts = jax.random.key(seed), []
-    for chunk in np.split(streams, range(CHUNK, len(streams), CHUNK)):
-        filled = np.pad(chunk, [(0, CHUNK - len(chunk)), (0, 0)])
-        parts.append(np.asarray(_streams(spec, key, filled[:, :2], filled[:, 2], samples)))
-    return np.concatenate(parts, axis=1)[:, : len(slot)].reshape(shape)
-
-
-def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int) -> Array:
-    for part in (identity[0], identity[1], slot):
-        key = jax.random.fold_in(key, part)
-    # Always float32: under x64 the default type would be float64, which has other numbers.
-    shape, dtype = (samples, spec.dim), jnp.float32
-    if spec.distribution == "gaussian":
-        return jax.random.normal(key, shape, dtype)
-    return jax.random.uniform(key, shape, dtype, minval=-1.0, maxval=1.0)
-
-
-@functools.partial(jax.jit, static_argnums=(0, 4), compiler_options=COMPILED_QUICKLY)
-def _streams(spec, key, identity, slot, samples):
-    draw = functools.partial(_stream, spec, key, samples=samples)
-    return jax.vmap(draw, out_axes=1)(identity, slot)

@@ -17,13 +17,8 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import Count, Seed, differences, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting.forecaster import (
-    FORECASTERS,
-    Distribution,
-    Forecaster,
-    forecaster_of,
-    scene_noise,
-)
+from neurosym_jax.forecasting.forecaster import FORECASTERS, Distribution, Forecaster, forecaster_of
+from neurosym_jax.forecasting.noise import scene_noise
 from neurosym_jax.forecasting.tracking_errors import TOP_CHANGE, TOP_SPEED, repair_tracks
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
@@ -128,17 +123,8 @@ class SceneForecaster:
 
 @functools.partial(jax.jit, static_argnums=0)
 def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any) -> Distribution:
-    """`forecaster.distribution` of repaired tracks, compiled; equal forecasters share the program.
-
-    See `models.tracking_errors`. The forecast of an agent begins at its reported last position.
-    """
-    track, offset = repair_tracks(jnp.asarray(scene.observed), forecaster.config.period)
-    repaired = (track != scene.observed).any((1, 2))[:, None, None]
-    steps = jnp.diff(track, axis=1, prepend=track[:, :1])
-    steps = jnp.where(repaired, steps, scene.displacement)
-    scene = scene.replace(observed=track, displacement=steps)
-    samples, probability = forecaster.distribution(params, scene, noise)
-    return samples + offset[:, None], probability
+    """`forecaster.distribution`, compiled; equal forecasters share the program."""
+    return forecaster.distribution(params, scene, noise)
 
 
 # Apart from the forecast, because threefry is slow to compile and this serves every bucket.
@@ -226,9 +212,9 @@ def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
     Raises:
         InputError: with both numbers.
     """
-    steps, wanted = observed.shape[1], model.config.obs_len
-    if steps != wanted:
-        raise InputError(f"{name} has {steps} steps; the model observes {wanted}")
+    steps, expected = observed.shape[1], model.config.obs_len
+    if steps != expected:
+        raise InputError(f"{name} has {steps} steps; the model observes {expected}")
 
 
 def forecast(
@@ -242,8 +228,9 @@ def forecast(
 ) -> Array:
     """k futures of one scene as a pure function, to differentiate by all but `config` and `valid`.
 
-    It computes what `predict` does in the same coordinates, but nothing is padded, checked or moved
-    to the host. Reverse mode only: the gradient of pooling is written by hand (`models.pooling`).
+    It computes what `predict` does in the same coordinates, but nothing is padded, checked,
+    repaired (see `tracking_errors`) or moved to the host. Reverse mode only: the gradient of
+    pooling is written by hand (`models.sgan.pooling`).
     Symbols with a hard threshold have a gradient of zero by positions; the weightings `soft` and
     `quantised` (straight through) have another.
 

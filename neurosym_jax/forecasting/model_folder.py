@@ -114,8 +114,8 @@ def load_model(
 
         return load_torch_checkpoint(path)
     if not os.path.exists(path):
-        there = [RECOMMENDED, *(name for name, _ in models_at_hand())]
-        near = difflib.get_close_matches(str(path), there, 1)
+        names_here = [RECOMMENDED, *(name for name, _ in models_at_hand())]
+        near = difflib.get_close_matches(str(path), names_here, 1)
         hint = f"did you mean {near[0]}?" if near else "`neurosym models` lists the models here"
         raise InputError(f"{path}: no such checkpoint ({hint})")
     try:
@@ -184,7 +184,9 @@ def _read(folder: Path) -> Model:
 def _refuse_misfit(model: Model) -> None:
     """Refuse parameters that are not finite or do not fit the configuration."""
     shapes, flat = model.forecaster.shapes(), flat_parameters(model.params)
-    wanted = {name: of.shape for name, of in flat.items()} if shapes is None else shapes_of(shapes)
+    wanted = (
+        {name: array.shape for name, array in flat.items()} if shapes is None else shapes_of(shapes)
+    )
     refuse_misfit(flat, wanted, "the configuration describes another network")
 
 

@@ -56,10 +56,10 @@ def find_checkpoints(
     Raises:
         InputError: for checkpoints that are not downloaded yet.
     """
-    found: list[str] = []
+    paths: list[str] = []
     for name in map(str, names):
         if name == RECOMMENDED and not os.path.exists(name):
-            found += dict.fromkeys(find_model(name, each, pred_len).name for each in datasets)
+            paths += dict.fromkeys(find_model(name, dataset, pred_len).name for dataset in datasets)
             continue
         folder = find_model(name)
         if name in DOWNLOADED and not os.path.exists(folder):
@@ -68,8 +68,8 @@ def find_checkpoints(
                 raise InputError(
                     f"{name}: not here yet: `neurosym download sgan-checkpoints` fetches it"
                 )
-        found += [str(path) for path in _models_in(folder)] or [name]
-    return found
+        paths += [str(path) for path in _models_in(folder)] or [name]
+    return paths
 
 
 def shipped_models() -> list[Path]:
@@ -81,8 +81,8 @@ def models_at_hand() -> list[tuple[str, Path]]:
     """(name, place) of the models that have a name: shipped, then downloaded."""
     places = [(path.name, path) for path in shipped_models()]
     for folder in DOWNLOADED.values():
-        found = _models_in(data_folder() / folder)
-        places += [(f"{folder.name}/{path.name}", path) for path in found]
+        paths = _models_in(data_folder() / folder)
+        places += [(f"{folder.name}/{path.name}", path) for path in paths]
     return places
 
 

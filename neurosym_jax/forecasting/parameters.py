@@ -44,7 +44,9 @@ def shapes_of(params: Any) -> dict[str, tuple[int, ...]]:
     return {name: leaf.shape for name, leaf in _leaves(params)}
 
 
-def refuse_misfit(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, Any], what: str) -> None:
+def refuse_misfit(
+    arrays: Mapping[str, np.ndarray], expected: Mapping[str, Any], message: str
+) -> None:
     """Refuse arrays [...] whose names and shapes are not those `wanted`, or that are not finite.
 
     Raises:
@@ -52,15 +54,15 @@ def refuse_misfit(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, Any], w
     """
     wrong = [
         f"{name!r} is {arrays[name].shape if name in arrays else 'missing'}, "
-        f"not {wanted.get(name, 'expected')}"
-        for name in {**wanted, **arrays}
-        if name not in arrays or arrays[name].shape != wanted.get(name)
+        f"not {expected.get(name, 'expected')}"
+        for name in {**expected, **arrays}
+        if name not in arrays or arrays[name].shape != expected.get(name)
     ]
     infinite = [name for name, array in arrays.items() if not np.isfinite(array).all()]
-    for found, text in ((wrong, what), (infinite, "parameters that are not finite")):
-        if found:
-            more = f" and {len(found) - 6} more" if len(found) > 6 else ""
-            raise InputError(f"{text}: {', '.join(found[:6])}{more}")
+    for misfits, text in ((wrong, message), (infinite, "parameters that are not finite")):
+        if misfits:
+            rest = f" and {len(misfits) - 6} more" if len(misfits) > 6 else ""
+            raise InputError(f"{text}: {', '.join(misfits[:6])}{rest}")
 
 
 def _leaves(params: Any) -> list[tuple[str, Any]]:

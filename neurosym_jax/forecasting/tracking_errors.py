@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.scene import AnyArray
+from neurosym_jax.scene import AnyArray, Scene
 
-__all__ = ["TOP_CHANGE", "TOP_SPEED", "limit_displacement", "repair_tracks"]
+__all__ = ["TOP_CHANGE", "TOP_SPEED", "limit_displacement", "repair_scene", "repair_tracks"]
 
 TOP_SPEED = 4.0
 """Largest speed that models take for a person's, m/s: a fast run."""
@@ -39,8 +39,8 @@ def repair_tracks(observed: AnyArray, period: float) -> tuple[Any, Any]:
         return xp.square(steps).sum(-1) > (speed * period) ** 2
 
     steps = xp.diff(observed, axis=1)
-    apart = xp.sqrt(xp.square(steps[:, :, None] - steps[:, None]).sum(-1) + 1e-6)
-    typical = xp.take_along_axis(steps, apart.sum(2).argmin(1)[:, None, None], axis=1)
+    difference = xp.sqrt(xp.square(steps[:, :, None] - steps[:, None]).sum(-1) + 1e-6)
+    typical = xp.take_along_axis(steps, difference.sum(2).argmin(1)[:, None, None], axis=1)
     turn = beyond(steps[:, 1:] - steps[:, :-1], TOP_CHANGE)
     end = xp.ones_like(turn[:, :1])
     sudden = xp.concatenate([end, turn], 1) & xp.concatenate([turn, end], 1)
@@ -52,23 +52,34 @@ def repair_tracks(observed: AnyArray, period: float) -> tuple[Any, Any]:
     mended: list[Any] = []
     plausible = xp.zeros_like(wrong[:, 0])
     for number in range(steps.shape[1]):
-        step, known = steps[:, number], ~wrong[:, number]
+        step, plausible_step = steps[:, number], ~wrong[:, number]
         for pair in (number - 1, number):
             if 0 <= pair < bridged.shape[1]:
                 step = xp.where(bridged[:, pair, None], bridge[:, pair], step)
-                known = known | bridged[:, pair]
+                plausible_step = plausible_step | bridged[:, pair]
         # Of earlier steps without a plausible one before them, this is the first one after them.
-        mended = [xp.where((known & ~plausible)[:, None], step, before) for before in mended]
-        mended += [xp.where(known[:, None], step, mended[-1] if mended else 0)]
-        plausible = plausible | known
+        mended = [
+            xp.where((plausible_step & ~plausible)[:, None], step, before) for before in mended
+        ]
+        mended += [xp.where(plausible_step[:, None], step, mended[-1] if mended else 0)]
+        plausible = plausible | plausible_step
 
-    offset = xp.where(known[:, None], 0, steps[:, -1] - mended[-1])
+    offset = xp.where(plausible_step[:, None], 0, steps[:, -1] - mended[-1])
     last = observed[:, -1] - offset
     track = [last]
     for step in mended[::-1]:
         track.insert(0, track[0] - step)
     # A track without errors keeps its bits.
     return xp.where(wrong.any(1)[:, None, None], xp.stack(track, 1), observed), offset
+
+
+def repair_scene(scene: Scene, period: float) -> tuple[Scene, Array]:
+    """The scene with plausible tracks, and offsets [N, 2] of its forecast, see `repair_tracks`."""
+    track, offset = repair_tracks(jnp.asarray(scene.observed), period)
+    repaired = (track != scene.observed).any((1, 2))[:, None, None]
+    steps = jnp.diff(track, axis=1, prepend=track[:, :1])
+    steps = jnp.where(repaired, steps, scene.displacement)
+    return scene.replace(observed=track, displacement=steps), offset
 
 
 def limit_displacement(forecast: Array, last: Array, period: float) -> Array:

@@ -60,7 +60,7 @@ def recipes_of(family: type[Forecaster]) -> dict[str, Recipe]:
 
 def known_recipes() -> dict[str, Recipe]:
     """The recipes of all families that learn, by name."""
-    return {name: recipe for each in _learners() for name, recipe in recipes_of(each).items()}
+    return {name: recipe for family in _learners() for name, recipe in recipes_of(family).items()}
 
 
 def known_configs() -> dict[str, Any]:

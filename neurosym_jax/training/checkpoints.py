@@ -79,10 +79,12 @@ def restore_state(folder: Path, template: Any) -> tuple[Any, dict[str, Any]] | N
             path.rename(aside)
             continue
         leaves, structure = jax.tree.flatten(template)
-        found = [arrays[name] for name in sorted(arrays)]
-        if [(each.shape, each.dtype) for each in found] != [(x.shape, x.dtype) for x in leaves]:
+        leaves_saved = [arrays[name] for name in sorted(arrays)]
+        if [(leaf.shape, leaf.dtype) for leaf in leaves_saved] != [
+            (x.shape, x.dtype) for x in leaves
+        ]:
             raise InputError(f"{folder}: holds another run: its network differs")
-        return jax.tree.unflatten(structure, found), record
+        return jax.tree.unflatten(structure, leaves_saved), record
     return None
 
 

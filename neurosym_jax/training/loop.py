@@ -117,8 +117,8 @@ def train_run(
             state, metrics = advance(state, done, count)
             row: Row = {"step": done + count}
             row |= {name: float(np.mean(value)) for name, value in metrics.items()}
-            due = count == to_validation or row["step"] == recipe.steps
-            if due and np.isfinite([*row.values()]).all():
+            validates = count == to_validation or row["step"] == recipe.steps
+            if validates and np.isfinite([*row.values()]).all():
                 row |= _validate(run, state, batches)
             if bad := [f"{name} {value}" for name, value in row.items() if not np.isfinite(value)]:
                 raise TrainingError(
@@ -130,12 +130,12 @@ def train_run(
                 best = _kept(run, state)
             append_text(log, _line(row))
             on_row(row)
-            if due:
+            if validates:
                 saved = {**record, "rows": rows}
                 save_state(folder / "checkpoints", row["step"], (state, best), saved)
             done += count
-            shown = {name: f"{row[name]:.3f}" for name in row if name.endswith(("loss", "ade"))}
-            bar.set_postfix(shown, refresh=False)
+            numbers = {name: f"{row[name]:.3f}" for name in row if name.endswith(("loss", "ade"))}
+            bar.set_postfix(numbers, refresh=False)
             bar.update(count)
         return _finish(run, folder, best, rows, record)
 
@@ -146,12 +146,12 @@ def _begin(
     """The state, the best parameters and the rows so far; `record` of a run to be resumed."""
     state = run.init_state()
     best = _kept(run, state)
-    found = restore_state(folder / "checkpoints", (state, best))
-    if found is None and (folder / "model").exists():
+    restored = restore_state(folder / "checkpoints", (state, best))
+    if restored is None and (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
     rows: list[Row] = []
-    if found is not None:
-        (state, best), before = found
+    if restored is not None:
+        (state, best), before = restored
         if record is None:
             raise InputError(f"{folder}: holds a run at step {state.step}; --resume continues it")
         _refuse_other_run(before, record, folder)
@@ -161,13 +161,13 @@ def _begin(
     return state, best, rows
 
 
-def _refuse_other_run(before: dict[str, Any], ours: dict[str, Any], folder: Path) -> None:
+def _refuse_other_run(before: dict[str, Any], record: dict[str, Any], folder: Path) -> None:
     """Refuse to resume a run that differs; warn of another environment."""
-    ours = json.loads(json.dumps(ours))
-    for name, value in ours.items():
+    record = json.loads(json.dumps(record))
+    for name, value in record.items():
         if name != "environment" and before[name] != value:
             raise InputError(f"{folder}: holds another run: its {name} differs")
-    for name, now in ours["environment"].items():
+    for name, now in record["environment"].items():
         if (then := before["environment"].get(name)) != now:
             text = f"the run began with {name} {then} and goes on with {now}: other bits"
             print(f"warning: {folder}: {text}", file=sys.stderr)
@@ -177,9 +177,9 @@ def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str
     """Write what a finished run leaves, unless it is there."""
     from neurosym_jax.plotting import plot_training, save_figure
 
-    kept = _best(rows)
+    best_row = _best(rows)
     origin = {"plugins": names(loaded()), "data": licences_of(run.data)}
-    near, seen = kept.get("val_neighbour_near"), fingerprint(run.training)
+    near, seen = best_row.get("val_neighbour_near"), fingerprint(run.training)
     model = Model(
         run.config,
         best,
@@ -199,16 +199,17 @@ def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str
         "licences": model.data,
         "counts": {name: {"scenes": w.scenes, "agents": w.agents} for name, w in parts.items()},
         "recordings": {
-            name: [dataclasses.asdict(how) for how in w.reading] for name, w in parts.items()
+            name: [dataclasses.asdict(reading) for reading in w.reading]
+            for name, w in parts.items()
         },
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(best)),
         "code": code_version(),
         "plugins": list(model.plugins),
-        "validation": kept,
+        "validation": best_row,
     }
 
-    def curves(*wanted: str) -> dict[str, Any]:
-        pairs = {name: [(r["step"], r[name]) for r in rows if name in r] for name in wanted}
+    def curves(*metrics: str) -> dict[str, Any]:
+        pairs = {name: [(r["step"], r[name]) for r in rows if name in r] for name in metrics}
         return {name: tuple(zip(*points)) for name, points in pairs.items() if points}
 
     losses = curves("loss", "g_loss", "g_adversarial", "d_loss")

@@ -132,14 +132,16 @@ def model_card(facts: Mapping[str, Any], test_rows: Sequence[dict[str, Any]] = (
         f"SHA-256 `{facts['data'][name][:16]}`"
         for name, count in facts["counts"].items()
     }
-    settings["learned from"] = ", ".join(f"{name} ({of})" for name, of in licences.items())
+    settings["learned from"] = ", ".join(
+        f"{name} ({licence})" for name, licence in licences.items()
+    )
     settings |= {name: facts[name] for name in ("parameters", "code")}
     settings["plugins"] = ", ".join(facts["plugins"])
     if (share := facts["validation"].get("val_neighbour_share")) is not None:
         settings["people whom their neighbours change"] = f"{100 * share:.1f} %, in validation"
     for section, prefix in (("training", ""), ("config", "config: "), ("environment", "")):
         settings |= {f"{prefix}{name}": value for name, value in facts[section].items()}
-    known = [[name, str(value)] for name, value in settings.items() if value not in (None, "")]
+    lines = [[name, str(value)] for name, value in settings.items() if value not in (None, "")]
     return CARD.format(
         title=title,
         obs_len=config.obs_len,
@@ -147,5 +149,5 @@ def model_card(facts: Mapping[str, Any], test_rows: Sequence[dict[str, Any]] = (
         samples=facts["samples"],
         **{name: facts["validation"][name] for name in ("step", "val_ade", "val_fde")},
         tests=format_table(rows_frame(test_rows), "markdown") if test_rows else "Not tested yet.",
-        settings=markdown_table(["", ""], known),
+        settings=markdown_table(["", ""], lines),
     )

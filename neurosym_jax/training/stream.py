@@ -121,17 +121,17 @@ def _cropped(windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarra
     for scene, share in zip(chosen, focus):
         member = np.arange(*windows.bounds[scene : scene + 2])
         if len(member) > agents:
-            here = windows.position[member, windows.obs_len - 1]
+            position = windows.position[member, windows.obs_len - 1]
             focal = int(share * len(member))
-            distance = np.linalg.norm(here - here[focal], axis=1)
+            distance = np.linalg.norm(position - position[focal], axis=1)
             distance[focal] = -1.0  # Nearest of all, even where others stand on the same spot.
             member = member[np.sort(np.argpartition(distance, agents - 1)[:agents])]
         rows.append(member)
-    kept = np.concatenate(rows)
+    member_rows = np.concatenate(rows)
     return dataclasses.replace(
         windows,
-        position=windows.position[kept],
-        agent=windows.agent[kept],
+        position=windows.position[member_rows],
+        agent=windows.agent[member_rows],
         bounds=np.concatenate([[0], np.cumsum([len(member) for member in rows])]),
         identity=windows.identity[chosen],
         extras={},
@@ -143,11 +143,11 @@ def merge(parts: Sequence[AnyArray]) -> Array:
     return jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts])
 
 
-def split(whole: Array, shapes: Sequence[tuple[int, ...]], axis: int = 0) -> list[Array]:
+def split(merged: Array, shapes: Sequence[tuple[int, ...]], axis: int = 0) -> list[Array]:
     """Cut an axis of `whole [...]` into parts, each of its own shape."""
     ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))[:-1]
-    before, after = whole.shape[:axis], whole.shape[axis + 1 :]
-    parts = jnp.split(whole, ends, axis)
+    before, after = merged.shape[:axis], merged.shape[axis + 1 :]
+    parts = jnp.split(merged, ends, axis)
     return [part.reshape(*before, *shape, *after) for part, shape in zip(parts, shapes)]
 
 

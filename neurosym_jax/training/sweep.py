@@ -137,31 +137,33 @@ def _train(run: SweepRun) -> str:
 
 def _test(folders: Sequence[Path], source: Source, out: Path) -> list[dict[str, Any]]:
     """Evaluate the models on their own test splits; rows as evaluate's, with `training_seed`."""
-    facts = {str(of / "model"): json.loads((of / "run.json").read_text()) for of in folders}
+    facts = {
+        str(folder / "model"): json.loads((folder / "run.json").read_text()) for folder in folders
+    }
     models = [(path, load_model(path)) for path in facts]
     tests = plan.load_tests(source, plan.make_plan(source, models))
-    found = list(results.evaluate_tests(tests, results.Settings()))
-    rows = [result.row for result in found]
+    tested = list(results.evaluate_tests(tests, results.Settings()))
+    rows = [result.row for result in tested]
     for row in rows:
         path = row["checkpoint"]
         row["training_seed"] = path and facts[path]["training"]["seed"]
-    files = [how.file for test in tests for how in test.windows.reading if how.file]
+    files = [reading.file for test in tests for reading in test.windows.reading if reading.file]
     report.write_report(out / "sweep.json", rows, {"provenance": provenance(files, facts)})
-    write_errors(out, [result.errors for result in found])
-    for path, of_run in facts.items():
-        sets = [result.test_set for result in found if result.row["checkpoint"] == path]
-        beside = [result.row for result in found if result.test_set in sets]
+    write_errors(out, [result.errors for result in tested])
+    for path, run_facts in facts.items():
+        sets = [result.test_set for result in tested if result.row["checkpoint"] == path]
+        beside = [result.row for result in tested if result.test_set in sets]
         own = [row for row in beside if row["checkpoint"] in (None, path)]
-        replace_card(Path(path), model_card(of_run, own))
+        replace_card(Path(path), model_card(run_facts, own))
     return rows
 
 
 def write_errors(folder: Path, errors: Sequence[ErrorsByScene]) -> None:
     """Write the errors of all rows of a sweep, scene by scene."""
     arrays: dict[str, Any] = {}
-    for at, of_row in enumerate(errors):
-        arrays |= {f"{at}/{name}": np.array([*of]) for name, of in of_row.scores.items()}
-        arrays[f"{at}/"] = of_row.identity
+    for at, row_errors in enumerate(errors):
+        arrays |= {f"{at}/{name}": np.array([*score]) for name, score in row_errors.scores.items()}
+        arrays[f"{at}/"] = row_errors.identity
     with new_file(folder / ERRORS) as beside:
         np.savez_compressed(beside, **arrays)
 
@@ -195,19 +197,19 @@ def compare_sweep(
     reference = _reference(against, models)
     others = [model for model in models if model != reference]
     compared = pl.DataFrame(row for model in others for row in _compare(runs, model, reference))
-    shown = compared.filter(test_set=compared["test_set"][-1])
+    last_rows = compared.filter(test_set=compared["test_set"][-1])
     metrics = compared["metric"].unique(maintain_order=True)
     head = [f"minus {reference}", *(known_metric(metric).label for metric in metrics)]
     lines = [
-        [model, *map(_cell, of.iter_rows(named=True))]
-        for (model,), of in shown.group_by("model", maintain_order=True)
+        [model, *map(_cell, frame.iter_rows(named=True))]
+        for (model,), frame in last_rows.group_by("model", maintain_order=True)
     ]
-    seeds = {seed for of in runs.values() for seed in of}
+    seeds = {seed for errors in runs.values() for seed in errors}
     table = target.with_suffix(".csv")
     parts = [
         f"# Models compared\n\nRuns: {sum(map(len, runs.values()))}. Seeds: {len(seeds)}.",
         *([TOO_FEW] if len(seeds) < ENOUGH else []),
-        f"Difference to {reference}, {shown['test_set'][0]}:",
+        f"Difference to {reference}, {last_rows['test_set'][0]}:",
         markdown_table(head, lines),
         f"{INTERVALS} Differences on each test set are in `{table.name}`.",
     ]
@@ -243,13 +245,13 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
 def _reference(against: str | None, models: Sequence[str]) -> str:
     """The model of this title, or whose title ends in `, NAME`; else the first of two."""
     name = models[0] if against is None and len(models) == 2 else against
-    found = [each for each in models if each == name]
-    found = found or [each for each in models if each.endswith(f", {name}")]
-    if len(models) < 2 or len(found) != 1:
-        one = "--against names the one that others are compared with, by its title or weighting"
-        what = one if len(models) > 1 else "a report compares two models or more"
-        raise InputError(f"{what}: there are {'; '.join(models)}")
-    return found[0]
+    matches = [model for model in models if model == name]
+    matches = matches or [model for model in models if model.endswith(f", {name}")]
+    if len(models) < 2 or len(matches) != 1:
+        hint = "--against names the one that others are compared with, by its title or weighting"
+        problem = hint if len(models) > 1 else "a report compares two models or more"
+        raise InputError(f"{problem}: there are {'; '.join(models)}")
+    return matches[0]
 
 
 def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]:
@@ -258,13 +260,15 @@ def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]
     Seeds that either of the two has not finished on a test set are left out of it, and of the mean.
     """
     parts = {}
-    for dataset in [dataset for of, dataset in runs if of == model]:
-        ours, theirs = runs[model, dataset], runs.get((reference, dataset), {})
-        seeds = sorted(ours.keys() & theirs.keys())
+    for dataset in [dataset for name, dataset in runs if name == model]:
+        model_runs, reference_runs = runs[model, dataset], runs.get((reference, dataset), {})
+        seeds = sorted(model_runs.keys() & reference_runs.keys())
         if not seeds:
             raise InputError(f"{model} and {reference} have no seed in common on {dataset}")
-        first, second = ([of[seed] for seed in seeds] for of in (ours, theirs))
-        mean = np.mean([one.mean for one in second], axis=0)
+        first, second = (
+            [errors[seed] for seed in seeds] for errors in (model_runs, reference_runs)
+        )
+        mean = np.mean([errors.mean for errors in second], axis=0)
         parts[dataset] = paired_difference(first, second, numbers=seeds), mean
     if len(parts) > 1:
         differences, means = zip(*parts.values())

@@ -16,7 +16,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.formulas import collisions
 from neurosym_jax.evaluation.metrics import METRICS, register_metric
 from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.forecasting.forecaster import Lengths, draw_noise
+from neurosym_jax.forecasting.forecaster import Lengths
+from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models.baselines import ConstantVelocity, ConstantVelocitySampled
 
 

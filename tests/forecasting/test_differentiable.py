@@ -9,15 +9,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import NoiseSpec, draw_noise, with_weighting
+from neurosym_jax.forecasting.forecaster import with_weighting
 from neurosym_jax.forecasting.model import forecast, predict
+from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
 from neurosym_jax.models.sgan.config import GeneratorConfig
 from neurosym_jax.scene import scene_identity
 from neurosym_jax.symbolic import Soft
 from tests.networks import random_model
 
 LENGTHS = {"obs_len": 5, "pred_len": 3}
-OBSERVED = 5.0 + np.random.default_rng(0).normal(0, 0.4, (3, 5, 2)).cumsum(axis=1)
+OBSERVED = 5.0 + np.random.default_rng(0).normal(0.3, 0.15, (3, 5, 2)).cumsum(axis=1)
 
 
 FORECAST = jax.jit(forecast, static_argnums=0)

@@ -16,7 +16,7 @@ from neurosym_jax.forecasting.forecaster import (
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 
-OBSERVED = np.random.default_rng(0).normal(size=(3, 8, 2)).cumsum(axis=1)
+OBSERVED = np.random.default_rng(0).normal(0.3, 0.15, size=(3, 8, 2)).cumsum(axis=1)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -128,7 +128,7 @@ def test_a_model_shows_itself_in_five_lines():
     model = Model(config, {"layer": {"kernel": np.zeros((40, 50)), "bias": np.zeros(50)}}, "zara1")
     assert repr(model).splitlines() == [
         "Model NeuroSyM, quantised,speed=0.25",
-        "  kind: generator",
+        "  family: generator",
         "  to be tested on: zara1",
         "  config: GeneratorConfig(pred_len=12, pooling=as_described, "
         "weighting=quantised,speed=0.25)",

@@ -138,7 +138,7 @@ def test_an_upload_is_the_folder_of_a_model(model, monkeypatch):
     )
     monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
     assert push_to_hub(model("none"), "me/walkers") == "its page"
-    assert uploaded == {"name": "me/walkers", "kind": "generator"}
+    assert uploaded == {"name": "me/walkers", "family": "generator"}
 
 
 def test_a_missing_model_is_named_in_one_line(monkeypatch):

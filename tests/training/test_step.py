@@ -22,6 +22,7 @@ from neurosym_jax.models.sgan.loss import (
     with_leak,
 )
 from neurosym_jax.models.sgan.step import (
+    init_adversary,
     init_gentle_pooling,
     init_state,
     scale_pooling_updates,
@@ -50,12 +51,14 @@ def start(run, groups, **changes) -> tuple[Any, TrainState, list[jax.Array]]:
     recipe = dataclasses.replace(run.recipe, **changes)
     shapes = jax.eval_shape(lambda: init_state(run.config, recipe, jax.random.key(0)))
     draw = drawing(seed=0)
-    params, discriminator = (
-        jax.tree.map(lambda leaf: jnp.asarray(draw(leaf.shape)), part)
-        for part in (shapes.params, shapes.extra.params)
-    )
+
+    def drawn(part):
+        return jax.tree.map(lambda leaf: jnp.asarray(draw(leaf.shape)), part)
+
+    params = drawn(shapes.params)
+    extra = init_adversary(recipe, drawn(shapes.extra.params)) if shapes.extra else ()
     noise = draw_group_noise(run.config, groups, jax.random.key(1), recipe.best_k)
-    return recipe, new_state(recipe, params, discriminator), noise
+    return recipe, new_state(recipe, params, extra), noise
 
 
 def test_adversarial_loss_is_binary_cross_entropy():
@@ -197,8 +200,8 @@ def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, make_
     assert set(metrics) == {"d_loss", "g_loss", "g_gradient_norm", *terms}
     jax.tree.map(np.testing.assert_array_equal, one, again)
     assert int(one.step) == 1
-    for name in ("params", "discriminator"):
-        before, after, else_ = (jax.tree.leaves(getattr(s, name)) for s in (state, one, other))
+    for params in (lambda s: s.params, lambda s: s.extra.params):
+        before, after, else_ = (jax.tree.leaves(params(s)) for s in (state, one, other))
         assert any((a != b).any() for a, b in zip(before, after))
         assert any((a != b).any() for a, b in zip(after, else_))
 
@@ -209,8 +212,8 @@ def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
     groups = jax.tree.map(lambda leaf: leaf[0], batches)
     changes = {"jitter": 0.0, "discriminator_steps": 2, **ALL_TERMS}
     config, state, _ = start(run, groups, **changes)
-    state.discriminator["params"]["classifier"]["layer_1"]["bias"] += 0.5
-    step = jax.jit(lambda batches: train_step(run.network, config, state, batches, key)[0])
+    state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
+    step = jax.jit(lambda batches: train_step(run.config, config, state, batches, key)[0])
     key = jax.random.key(1)
 
     def trained(number=None):
@@ -224,10 +227,10 @@ def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
 
     usual = trained()
     assert int(usual.step) == 1
-    assert int(usual.discriminator_optimizer[0].count) == 2
-    others = [trained(number).discriminator for number in range(3)]
+    assert int(usual.extra.optimizer[0].count) == 2
+    others = [trained(number).extra.params for number in range(3)]
     equal = [
-        all(map(np.array_equal, *map(jax.tree.leaves, (usual.discriminator, other))))
+        all(map(np.array_equal, *map(jax.tree.leaves, (usual.extra.params, other))))
         for other in others
     ]
     assert equal == [False, False, True]
@@ -236,10 +239,10 @@ def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
 @pytest.mark.parametrize("weight", [0.0, 1.0])
 def test_without_the_variety_loss_the_true_future_changes_no_gradient(run, groups, weight):
     config, state, noises = start(run, groups, variety_weight=weight, **ALL_TERMS)
-    state.discriminator["params"]["classifier"]["layer_1"]["bias"] += 0.5
+    state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
     gradient = jax.jit(
         lambda groups: generator_gradient(
-            run.network, config, state.params, state.discriminator, groups, noises, label=1.0
+            run.config, config, state.params, state.extra.params, groups, noises, label=1.0
         )[0]
     )
     other = tuple(scene.replace(future=2 * scene.known_future) for scene in groups)

@@ -12,6 +12,7 @@ from jax import Array
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, with_weighting
+from neurosym_jax.forecasting.tracking_errors import repair_tracks
 from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.network import (
     AnchorConfig,
@@ -119,15 +120,18 @@ class AnchorsForecaster(AnchorTableForecaster):
         """See `Forecaster.prepared`; a crowd has the neighbours within the radius alone."""
         if len(scene.valid) <= CROWD or not self.sees_neighbours or self.config.weighting:
             return scene
-        return scene.replace(near=neighbours(scene, self.config.radius))
+        return scene.replace(near=neighbours(scene, self.config.radius, self.config.period))
 
 
-def neighbours(scene: Scene, radius: float) -> np.ndarray:
-    """`Scene.near` of the valid agents within `radius` metres; C grows until all have a place."""
+def neighbours(scene: Scene, radius: float, period: float) -> np.ndarray:
+    """`Scene.near` of the valid agents within `radius` metres; C grows until all have a place.
+
+    Positions are those that the network sees, see `repair_tracks`.
+    """
     from scipy.spatial import KDTree  # It takes a third of a second to import.
 
     valid = np.flatnonzero(scene.valid)
-    last = np.asarray(scene.observed)[valid, -1]
+    last = repair_tracks(np.asarray(scene.observed)[valid], period)[0][:, -1]
     pairs = valid[KDTree(last).query_pairs(radius, output_type="ndarray")]
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     agent, other = pairs[np.argsort(pairs[:, 0], kind="stable")].T
@@ -170,11 +174,11 @@ def spread_of(samples: Array, probability: Array, valid: Array, count: int) -> A
     `count` - 1.
     """
     offset = jnp.square(samples[:, None] - samples).sum(-1)
-    apart = jnp.where(valid[:, None], jnp.sqrt(offset), 0).sum((-1, -2))
+    distance = jnp.where(valid[:, None], jnp.sqrt(offset), 0).sum((-1, -2))
     chosen = [probability.argmax()]
     for _ in range(count - 1):
-        nearest = apart[:, jnp.stack(chosen)].min(1)
-        expected = probability @ jnp.minimum(nearest[:, None], apart)
+        nearest = distance[:, jnp.stack(chosen)].min(1)
+        expected = probability @ jnp.minimum(nearest[:, None], distance)
         taken = jnp.isin(jnp.arange(len(samples)), jnp.stack(chosen))
         chosen.append(jnp.where(taken, jnp.inf, expected).argmin())
     return jnp.stack(chosen)

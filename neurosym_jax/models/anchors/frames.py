@@ -39,16 +39,16 @@ def length(vector: Array, smooth: float = 1e-3) -> Array:
 
 
 def closest_approach(
-    there: Array, motion: Array, slack: float, longest: float, smooth: float = 1e-3
+    bearing: Array, motion: Array, slack: float, longest: float, smooth: float = 1e-3
 ) -> tuple[Array, Array]:
     """Time [...] from now to the closest approach, up to `longest`, and the distance [...] then.
 
     `there [..., 2]` is a relative position, `motion [..., 2]` its change in a unit of time; `slack`
     is added to the square of the motion, so that a pair at rest has the time 0.
     """
-    soon = -(there * motion).sum(axis=-1) / (jnp.square(motion).sum(axis=-1) + slack)
+    soon = -(bearing * motion).sum(axis=-1) / (jnp.square(motion).sum(axis=-1) + slack)
     soon = jnp.clip(soon, 0, longest)
-    return soon, length(there + motion * soon[..., None], smooth)
+    return soon, length(bearing + motion * soon[..., None], smooth)
 
 
 def pair_features(
@@ -68,27 +68,25 @@ def pair_features(
     distance, features = length(offset), []
     if config.geometry:
         pace = velocity / config.period
-        there = turned(offset, heading[:, None], -1)
+        bearing = turned(offset, heading[:, None], -1)
         relative = seen(pace) - pace[:, None]
         motion = turned(relative, heading[:, None], -1)
-        soon, miss = closest_approach(there, motion, 0.05, LONGEST)
+        soon, miss = closest_approach(bearing, motion, 0.05, LONGEST)
         close, speed = 1 / jnp.maximum(distance, 1), length(pace)
-        theirs = jnp.broadcast_to(seen(speed), distance.shape)
+        other_speed = jnp.broadcast_to(seen(speed), distance.shape)
         # Equal without `near`, but a copy of the rows would change the last bits of a training.
-        own = theirs.T if near is None else jnp.broadcast_to(speed[:, None], distance.shape)
+        own = other_speed.T if near is None else jnp.broadcast_to(speed[:, None], distance.shape)
         features += [
-            *(there[..., 0] * close, there[..., 1] * close, motion[..., 0], motion[..., 1]),
+            *(bearing[..., 0] * close, bearing[..., 1] * close, motion[..., 0], motion[..., 1]),
             *(length(relative), jnp.exp(-distance), distance / config.radius, 1 / (distance + 0.3)),
-            *(soon, jnp.exp(-2 * miss - soon), own, theirs),
+            *(soon, jnp.exp(-2 * miss - soon), own, other_speed),
         ]
     if config.symbols:
         factor = SLOW * config.period
-        how = {"quantisation_factor": factor, "side_quantisation_factor": factor}
+        thresholds = {"quantisation_factor": factor, "side_quantisation_factor": factor}
         for end in (observed.shape[1], max(observed.shape[1] - 3, 2)):
-            own, theirs = (
-                each[..., end - 2 : end, :] for each in (observed[:, None], seen(observed))
-            )
-            state = observe(own, theirs, **how)[..., 0, :].astype(observed.dtype)
+            tracks = (track[..., end - 2 : end, :] for track in (observed[:, None], seen(observed)))
+            state = observe(*tracks, **thresholds)[..., 0, :].astype(observed.dtype)
             features += [*jnp.moveaxis(state, -1, 0), *jnp.moveaxis(jnp.abs(state), -1, 0)]
     others = seen(valid) & valid[:, None] & (seen(number) != number[:, None])
     stacked = jnp.where(others[..., None], jnp.stack(features, -1), 0)

@@ -34,9 +34,9 @@ class AnchorStream:
         sizes = np.minimum(windows.sizes, CLASSES[-1])
         class_of = np.searchsorted(CLASSES, sizes)
         self._classes = [(slots, np.flatnonzero(class_of == i)) for i, slots in enumerate(CLASSES)]
-        self._classes = [each for each in self._classes if len(each[1])]
+        self._classes = [members for members in self._classes if len(members[1])]
         # A class is drawn as often as it has people.
-        shares = [len(of) * sizes[of].mean() for _, of in self._classes]
+        shares = [len(scenes) * sizes[scenes].mean() for _, scenes in self._classes]
         self._shares = np.array(shares) / sum(shares)
 
     def batch(self, step: int) -> tuple[Scene, np.ndarray]:
@@ -109,9 +109,9 @@ def anchor_loss(
 def overlap(forecast: Array, valid: Array) -> Array:
     """[B, k, N] how far within `PERSONAL` metres others of the scene are, 0 to 1, summed over them
     and the mean over time; `forecast [B, k, N, T, 2]` metres, `valid [B, N]`."""
-    apart = jnp.square(forecast[:, :, :, None] - forecast[:, :, None]).sum(-1)
+    square_distance = jnp.square(forecast[:, :, :, None] - forecast[:, :, None]).sum(-1)
     others = valid[:, :, None] & valid[:, None] & ~jnp.eye(valid.shape[1], dtype=bool)
-    near = jnp.maximum(1 - apart / PERSONAL**2, 0) * others[:, None, ..., None]
+    near = jnp.maximum(1 - square_distance / PERSONAL**2, 0) * others[:, None, ..., None]
     return near.mean(-1).sum(-1)
 
 

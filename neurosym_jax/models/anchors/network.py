@@ -74,10 +74,10 @@ class AnchorTable(nn.Module):
         shape = (config.samples, config.pred_len, 2)
         time = np.arange(1, config.pred_len + 1, dtype=np.float32)[:, None] / config.pred_len
         moving = self.param("moving", _anchors(0.25, time, 1), shape)[:, None]
-        still = self.param("still", _anchors(0.1, time, 1), shape)[:, None]
+        still_anchor = self.param("still", _anchors(0.1, time, 1), shape)[:, None]
         scale = (length(mean) * config.pred_len)[:, None, None]
         heading = heading_of(mean, SLOW * config.period)[:, None]
-        residual = turned(moving * scale + still, heading, 1)
+        residual = turned(moving * scale + still_anchor, heading, 1)
         likely = jnp.full(config.samples, -np.log(config.samples), observed.dtype)
         forecast = _straight_on(observed, velocity, config.pred_len) + residual
         forecast = limit_displacement(forecast, observed[:, -1], config.period)
@@ -142,18 +142,18 @@ class AnchorNetwork(nn.Module):
         own = [hertz * past.reshape(past.shape[0], -1), hertz * length(steps), speeds, roughness]
         state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
         if config.interacts:
-            pairs, gate, around = pair_features(config, observed, velocity, heading, valid, near)
+            pairs, gate, crowd = pair_features(config, observed, velocity, heading, valid, near)
             if alpha is not None:
                 gate = gate * jnp.maximum(alpha, 0)
             pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
             message = _dense(MESSAGE_DIM, "message")(pairs)
             heard = attend(_dense(HEADS, "score", 0.5)(pairs), message, gate)
-            state = jnp.concatenate([state, heard, jnp.log1p(around + company)[:, None]], -1)
+            state = jnp.concatenate([state, heard, jnp.log1p(crowd + company)[:, None]], -1)
         state = nn.relu(_dense(config.hidden, "state")(state))
 
         shape = (config.samples, BASIS, 2)
         anchor = self.param("anchor", _anchors(0.25, BENDS, BASIS), shape)
-        still = self.param("still", _anchors(0.1, BENDS, BASIS), shape)
+        still_anchor = self.param("still", _anchors(0.1, BENDS, BASIS), shape)
         bend = _dense(int(np.prod(shape)), "bend", 0.01)(state).reshape(-1, *shape)
         spread = _dense(config.samples, "spread", 0.01)(state)
         spread = jnp.exp(jnp.clip(spread, -4, 4))[..., None, None]
@@ -161,7 +161,7 @@ class AnchorNetwork(nn.Module):
         residual = turned(scale * (bend + spread * anchor), heading[:, None, None], 1)
         # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
         standing = (1 - jnp.sqrt(walking + 1e-6)) * (config.pred_len * config.period / 2.4)
-        residual = residual + standing[:, None, None, None] * spread * still
+        residual = residual + standing[:, None, None, None] * spread * still_anchor
         curve = jnp.asarray(_polynomials(config.pred_len, BASIS), observed.dtype)
         residual = jnp.einsum("nkbc,tb->kntc", residual, curve)
 
@@ -180,7 +180,7 @@ class AnchorNetwork(nn.Module):
         noisy ones (hotel).
         """
         differences = (jnp.diff(steps, axis=1), jnp.diff(steps, n=2, axis=1), steps)
-        logs = [jnp.log(length(each) + ROUGHNESS) for each in differences]
+        logs = [jnp.log(length(vector) + ROUGHNESS) for vector in differences]
         roughness = jnp.concatenate(logs, -1) / 2 + 1.5
         hidden = nn.relu(nn.Dense(16, name="rough")(roughness))
         recent = np.arange(steps.shape[1], dtype=np.float32)

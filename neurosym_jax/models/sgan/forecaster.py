@@ -1,29 +1,22 @@
 """The family of SGAN and NeuroSyM: a generator encodes a scene once, and decodes each noise."""
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from neurosym_jax.forecasting.forecaster import (
-    NoiseSpec,
-    TwoStageForecaster,
-    with_weighting,
-)
+from neurosym_jax.forecasting.forecaster import TwoStageForecaster
+from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.models.sgan.config import POOLINGS, GeneratorConfig
+from neurosym_jax.models.sgan.forecast import decode_scene, encode_scene, init_generator
 from neurosym_jax.models.sgan.layers import LSTM
-from neurosym_jax.models.sgan.network import Generator, Weigh
 from neurosym_jax.models.sgan.pooling import NO_FORECAST
 from neurosym_jax.models.sgan.recipe import RECIPES
-from neurosym_jax.scene import Scene, make_scene
+from neurosym_jax.models.sgan.step import generator_rounds, init_state
+from neurosym_jax.scene import Scene
 
-__all__ = ["GeneratorForecaster", "decode_scene", "encode_scene", "init_generator"]
-__all__ += ["interact_scene"]
+__all__ = ["GeneratorForecaster"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,73 +104,8 @@ class GeneratorForecaster(TwoStageForecaster):
 
     def init_state(self, recipe: Any, key: Array) -> Any:
         """See `step.init_state`: a recipe may have a discriminator."""
-        from neurosym_jax.models.sgan.step import init_state
-
         return init_state(self.config, recipe, key)
 
     def rounds(self, windows: Any, recipe: Any, key: Array) -> Callable[..., tuple[Any, Any]]:
         """A round is one compiled call, see `step.train_steps`."""
-        from neurosym_jax.models.sgan.step import generator_rounds
-
         return generator_rounds(self.config, windows, recipe, key)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def init_generator(config: GeneratorConfig, key: Array) -> Any:
-    """New parameters, as SGAN draws them, and those of the weighting; consumes `key`."""
-    scene = make_scene(np.zeros((1, config.obs_len, 2)))
-    pairs = (1,) if "alpha_rows" in config.pooling.inputs else (1, 1)
-    alpha = np.zeros((*pairs, config.obs_len))
-    weigh = (lambda *_: alpha) if config.symbolic else None
-    params = Generator(config).init(key, scene, np.zeros((1, config.noise_dim)), alpha, weigh)
-    return with_weighting(params, config.weighting)
-
-
-def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
-    """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling."""
-    hidden = Generator(config).apply(params, scene.displacement, method=Generator.observe)
-    return interact_scene(config, params, hidden, scene)
-
-
-def interact_scene(
-    config: GeneratorConfig,
-    params: Any,
-    hidden: Any,
-    scene: Scene,
-    method: Callable[..., Any] = Generator.interact,
-) -> Any:
-    """The part of `encode_scene` that looks at neighbours, after the encoding `hidden [N, H]`.
-
-    `method` is the generator's `interact`, or its `pool` for the pooled vectors.
-    """
-    weigh, alpha = _weighting(config, params), scene.alpha
-    if alpha is None and weigh is not None:
-        alpha = weigh(jnp.asarray(scene.observed), jnp.asarray(scene.valid))
-    return Generator(config).apply(params, hidden, scene, alpha, method=method)
-
-
-def decode_scene(
-    config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
-) -> Array:
-    """`[k, N, pred_len, 2]` metres relative to the scene's origin; see `Forecaster.forecast`."""
-    weigh = _weighting(config, params)
-
-    def decode(noise: Array) -> Any:
-        given = (context, scene, noise, weigh)
-        return Generator(config).apply(params, *given, method=Generator.decode)
-
-    if config.pool_every_timestep:
-        # One sample after the other: arrays of all samples' pairs do not stay in the cache.
-        displacement: Any = jax.lax.map(decode, noise)
-    else:
-        displacement = jax.vmap(decode)(noise)
-    return jnp.asarray(scene.observed)[:, -1, None] + jnp.cumsum(displacement, axis=-2)
-
-
-def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:
-    """The config's weighting with its trained parameters; None for a model without symbols."""
-    weighting = config.weighting
-    if weighting is None:
-        return None
-    learned = params.get("weighting", {})
-    return functools.partial(weighting.alpha, learned, period=config.period)

@@ -93,8 +93,8 @@ class Cell(Checked, abc.ABC):
         """
 
     def scoped(self, inputs: int, features: int) -> Any:
-        """The network; its parameters are in a scope of the cell's registered name."""
-        return self.network(inputs, features, CELLS.name_of(self))
+        """The network; its parameters are in a scope of the class's name."""
+        return self.network(inputs, features, type(self).__name__.lower())
 
     @abc.abstractmethod
     def start(self, hidden: Array) -> tuple[Array, ...]:

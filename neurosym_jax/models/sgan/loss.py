@@ -19,7 +19,7 @@ import optax
 from jax import Array
 
 from neurosym_jax.models.sgan.config import GeneratorConfig
-from neurosym_jax.models.sgan.forecaster import decode_scene, interact_scene
+from neurosym_jax.models.sgan.forecast import decode_scene, interact_scene
 from neurosym_jax.models.sgan.network import Discriminator, Generator
 from neurosym_jax.models.sgan.recipe import GeneratorRecipe
 from neurosym_jax.scene import AnyArray, Scene
@@ -86,7 +86,7 @@ def generator_gradient(
         params = with_leak(params) if recipe.gentle_pooling else params
         contexts = encode_groups(generator_config, params, groups)
         trials = decode(*jax.lax.stop_gradient((params, contexts)), groups, noises)
-        take = jax.vmap(lambda of_scene, index: of_scene[index], in_axes=(1, 0), out_axes=1)
+        take = jax.vmap(lambda scene_noise, index: scene_noise[index], in_axes=(1, 0), out_axes=1)
         chosen = [
             take(noise, criterion_errors(recipe, scene, future).argmin(axis=-1))
             for noise, scene, future in zip(noises, groups, trials)
@@ -94,7 +94,10 @@ def generator_gradient(
         best = len(chosen[0])
         if recipe.adversarial_weight:
             # The discriminator scores the last sample, as SGAN's generator step does.
-            chosen = [jnp.concatenate([some, all_[-1:]]) for some, all_ in zip(chosen, noises)]
+            chosen = [
+                jnp.concatenate([best_noise, noise[-1:]])
+                for best_noise, noise in zip(chosen, noises)
+            ]
         futures = decode(params, contexts, groups, chosen)
         variety = variety_loss(recipe, groups, [future[:best] for future in futures])
         terms, total = {"g_variety": variety}, recipe.variety_weight * variety
@@ -244,9 +247,9 @@ def decode_groups(
             jnp.broadcast_to(noise[:, :, None], (len(noise), *shape, config.noise_dim))
             for noise, shape in zip(noises, shapes)
         ]
-    of_slots = [noise.reshape(len(noise), -1, config.noise_dim) for noise in noises]
+    slot_noises = [noise.reshape(len(noise), -1, config.noise_dim) for noise in noises]
     scene = jax.tree.map(lambda *parts: merge(parts), *futureless)
-    futures = decode(merge(contexts), scene, jnp.concatenate(of_slots, axis=1))
+    futures = decode(merge(contexts), scene, jnp.concatenate(slot_noises, axis=1))
     return split(futures, shapes, axis=1)
 
 

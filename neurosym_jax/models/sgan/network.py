@@ -167,9 +167,9 @@ def pool(
             f"{pooling.title} needs alpha [N, N, obs_len]: config.weighting.alpha({{}}, observed), "
             "or call nj.forecast, which computes it"
         )
-    given = {"hidden": hidden, "position": track[:, -1], "track": track}
-    given |= {"alpha": alpha, "alpha_rows": alpha}
-    return network(valid=valid, **{name: given[name] for name in sorted(pooling.inputs)})
+    inputs = {"hidden": hidden, "position": track[:, -1], "track": track}
+    inputs |= {"alpha": alpha, "alpha_rows": alpha}
+    return network(valid=valid, **{name: inputs[name] for name in sorted(pooling.inputs)})
 
 
 class Discriminator(nn.Module):

@@ -48,27 +48,27 @@ class _DescribedNetwork(nn.Module):
     def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`, see `Pooling.inputs`."""
         first, second = self.mlp.layers
-        of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
-        shared, own, theirs = self.histories(track, of_steps)
-        neighbours = theirs, hidden @ of_hidden + first.bias
+        step_kernel, hidden_kernel = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
+        shared, own, neighbour = self.histories(track, step_kernel)
+        neighbours = neighbour, hidden @ hidden_kernel + first.bias
         highest = max_over_neighbours(self.pair, shared, own, neighbours, alpha, second, valid)
         return bottleneck_relu(self, highest)
 
-    def histories(self, track: Array, of_steps: Array) -> tuple[Array, Array, Array]:
+    def histories(self, track: Array, step_kernel: Array) -> tuple[Array, Array, Array]:
         """The first layer's parameters, and the histories of agents i and of neighbours j."""
-        of_steps = of_steps.reshape(self.obs_len, self.embedding_dim, self.hidden_dim)
+        step_kernel = step_kernel.reshape(self.obs_len, self.embedding_dim, self.hidden_dim)
         # [3, obs_len, hidden_dim]: what alpha dx, alpha dy and alpha of each step contribute.
         dense = self.spatial_embedding
         embedding = jnp.concatenate([dense.kernel, dense.bias[None]])
-        folded = jnp.einsum("ce,teh->cth", embedding, of_steps)
+        folded = jnp.einsum("ce,teh->cth", embedding, step_kernel)
         return folded.reshape(3 * self.obs_len, self.hidden_dim), track, track
 
     @staticmethod
-    def pair(folded: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
+    def pair(folded: Array, own: Array, neighbour: tuple[Array, Array], alpha: Array) -> Array:
         """The first layer of a pair, see `max_over_neighbours`."""
-        track, of_neighbour = theirs
+        track, neighbour_part = neighbour
         x, y = (track - own).T
-        return jnp.concatenate([alpha * x, alpha * y, alpha]) @ folded + of_neighbour
+        return jnp.concatenate([alpha * x, alpha * y, alpha]) @ folded + neighbour_part
 
 
 class _RosNetwork(_DescribedNetwork):
@@ -80,17 +80,17 @@ class _RosNetwork(_DescribedNetwork):
 
     whole_history: ClassVar[bool] = True
 
-    def histories(self, track: Array, of_steps: Array) -> tuple[Array, Array, Array]:
+    def histories(self, track: Array, step_kernel: Array) -> tuple[Array, Array, Array]:
         """See `_DescribedNetwork.histories`."""
         own = track.reshape(len(track), -1) @ self.spatial_embedding.kernel
         shape = len(track), self.obs_len, -1
-        return of_steps, own.reshape(shape), (own + self.spatial_embedding.bias).reshape(shape)
+        return step_kernel, own.reshape(shape), (own + self.spatial_embedding.bias).reshape(shape)
 
     @staticmethod
-    def pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
+    def pair(step_kernel: Array, own: Array, neighbour: tuple[Array, Array], alpha: Array) -> Array:
         """See `_DescribedNetwork.pair`."""
-        shifted, of_neighbour = theirs
-        return ((shifted - own) * alpha[:, None]).ravel() @ of_steps + of_neighbour
+        shifted, neighbour_part = neighbour
+        return ((shifted - own) * alpha[:, None]).ravel() @ step_kernel + neighbour_part
 
 
 class _IjcnnNetwork(_DescribedNetwork):
@@ -105,9 +105,11 @@ class _IjcnnNetwork(_DescribedNetwork):
         if np.shape(alpha_rows) != (hidden.shape[0], self.obs_len):
             raise InputError(f"neurosym_ijcnn {NO_FORECAST}")
         embedded = alpha_rows[..., None] * self.spatial_embedding.bias
-        each = self.mlp(jnp.concatenate([embedded.reshape(hidden.shape[0], -1), hidden], axis=-1))
-        highest = jnp.where(valid[:, None], each, 0).max(axis=0)
-        return jnp.broadcast_to(highest, each.shape)
+        vectors = self.mlp(
+            jnp.concatenate([embedded.reshape(hidden.shape[0], -1), hidden], axis=-1)
+        )
+        highest = jnp.where(valid[:, None], vectors, 0).max(axis=0)
+        return jnp.broadcast_to(highest, vectors.shape)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -153,9 +153,13 @@ class PoolNetwork(nn.Module):
     def __call__(self, hidden: Array, position: Array, valid: Array) -> Array:
         """`hidden [N, H]`, `position [N, 2]`, `valid [N]` to `[N, bottleneck_dim]`."""
         first, second = self.mlp.layers
-        of_embedding, of_hidden = jnp.split(first.kernel, [self.embedding_dim])
-        v = position @ (self.spatial_embedding.kernel @ of_embedding)
-        u = v + hidden @ of_hidden + (self.spatial_embedding.bias @ of_embedding + first.bias)
+        embedding_kernel, hidden_kernel = jnp.split(first.kernel, [self.embedding_dim])
+        v = position @ (self.spatial_embedding.kernel @ embedding_kernel)
+        u = (
+            v
+            + hidden @ hidden_kernel
+            + (self.spatial_embedding.bias @ embedding_kernel + first.bias)
+        )
         highest = max_over_neighbours(lambda _, v, u, __: u - v, (), v, u, (), second, valid)
         return bottleneck_relu(self, highest)
 
@@ -181,8 +185,8 @@ def max_over_neighbours(
     hand: there is no forward-mode derivative.
     """
     layer = jax.vmap(first_layer, in_axes=(None, None, 0, 0))
-    given = (shared, agents, neighbours, pairs, second.kernel, second.bias, valid)
-    highest: Any = _maximum(layer, *given)
+    inputs = (shared, agents, neighbours, pairs, second.kernel, second.bias, valid)
+    highest: Any = _maximum(layer, *inputs)
     return jnp.where(valid.any(), highest, 0)
 
 
@@ -194,9 +198,9 @@ def _maximum(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
     return jax.lax.map(of_agent, (agents, pairs))
 
 
-def _candidates(layer, shared, neighbours, kernel, bias, valid, own, of_pairs) -> Array:
+def _candidates(layer, shared, neighbours, kernel, bias, valid, own, pair_rows) -> Array:
     """[N, B] candidates of one agent; -inf where not valid."""
-    hidden = nn.relu(layer(shared, own, neighbours, of_pairs))
+    hidden = nn.relu(layer(shared, own, neighbours, pair_rows))
     return jnp.where(valid[:, None], hidden @ kernel + bias, -jnp.inf)
 
 
@@ -217,26 +221,30 @@ def _backward(layer, saved, cotangent):
     shared, agents, neighbours, pairs, kernel, winner = saved
     weight = kernel.T
 
-    def of_agent(sums, agent):
-        of_shared, of_neighbours, of_weight = sums
-        own, of_pairs, winner, cotangent = agent
-        theirs, chosen = jax.tree.map(
-            lambda rows: jnp.take(rows, winner, axis=0), (neighbours, of_pairs)
+    def backward_agent(sums, agent):
+        shared_grad, neighbour_grads, weight_grad = sums
+        own, pair_rows, winner, cotangent = agent
+        neighbour, pair = jax.tree.map(
+            lambda rows: jnp.take(rows, winner, axis=0), (neighbours, pair_rows)
         )
-        before, pull = jax.vjp(layer, shared, own, theirs, chosen)
+        before, pull = jax.vjp(layer, shared, own, neighbour, pair)
         active = jnp.where(before > 0, cotangent[:, None], 0)
-        more, of_own, of_theirs, of_chosen = pull(active * weight)
+        shared_part, own_grad, neighbour_grad, pair_grad = pull(active * weight)
         sums = (
-            jax.tree.map(jnp.add, of_shared, more),
-            _add_rows(of_neighbours, winner, of_theirs),
-            of_weight + active * before,
+            jax.tree.map(jnp.add, shared_grad, shared_part),
+            _add_rows(neighbour_grads, winner, neighbour_grad),
+            weight_grad + active * before,
         )
-        return sums, (of_own, _add_rows(jax.tree.map(jnp.zeros_like, of_pairs), winner, of_chosen))
+        pair_grads = _add_rows(jax.tree.map(jnp.zeros_like, pair_rows), winner, pair_grad)
+        return sums, (own_grad, pair_grads)
 
     zeros = jax.tree.map(jnp.zeros_like, (shared, neighbours, weight))
-    sums, (of_agents, of_pairs) = jax.lax.scan(of_agent, zeros, (agents, pairs, winner, cotangent))
-    of_shared, of_neighbours, of_weight = sums
-    return of_shared, of_agents, of_neighbours, of_pairs, of_weight.T, cotangent.sum(axis=0), None
+    sums, (own_grads, pair_grads) = jax.lax.scan(
+        backward_agent, zeros, (agents, pairs, winner, cotangent)
+    )
+    shared_grad, neighbour_grads, weight_grad = sums
+    bias_grad = cotangent.sum(axis=0)
+    return shared_grad, own_grads, neighbour_grads, pair_grads, weight_grad.T, bias_grad, None
 
 
 def _add_rows(arrays: Any, rows: Array, values: Any) -> Any:

@@ -20,7 +20,7 @@ from jax import Array
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.sgan.config import GeneratorConfig
-from neurosym_jax.models.sgan.forecaster import init_generator
+from neurosym_jax.models.sgan.forecast import init_generator
 from neurosym_jax.models.sgan.loss import (
     Scalars,
     discriminator_gradient,

@@ -123,7 +123,7 @@ def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):
 @pytest.mark.parametrize("apart", [0.2, 3.0])
 def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, apart):
     model = load_model("anchors_general_8")
-    walks = np.random.default_rng(0).normal(0, 0.3, (150, 9, 2)).cumsum(1)[:, 1:]
+    walks = np.random.default_rng(0).normal(0, 0.12, (150, 9, 2)).cumsum(1)[:, 1:]
     walks += apart * np.stack(np.divmod(np.arange(150), 12), -1)[:, None]
     found = {}
     for crowd in (1000, anchors.CROWD):
@@ -131,7 +131,7 @@ def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, apart):
         run = SceneForecaster(model.forecaster, model.params, samples=20, seed=0)
         found[crowd] = run(make_scene(walks))
     np.testing.assert_allclose(found[anchors.CROWD], found[1000], atol=1e-5)
-    near = anchors.neighbours(make_scene(walks), model.config.radius)
+    near = anchors.neighbours(make_scene(walks), model.config.radius, 0.4)
     np.testing.assert_array_equal(model.forecaster.prepared(make_scene(walks)).near, near)
     assert model.forecaster.prepared(make_scene(walks[: anchors.CROWD])).near is None
     distance = np.linalg.norm(walks[:, None, -1] - walks[:, -1], axis=-1)

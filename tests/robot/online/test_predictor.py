@@ -15,8 +15,8 @@ from neurosym_jax.data.clock import resample
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batch, unpacked
-from neurosym_jax.forecasting.forecaster import draw_noise
 from neurosym_jax.forecasting.model import predict
+from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import Analytics
