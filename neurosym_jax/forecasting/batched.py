@@ -16,7 +16,12 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import Batch, Windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster, draw_noise
+from neurosym_jax.forecasting.forecaster import (
+    Forecaster,
+    TwoStageForecaster,
+    draw_noise,
+    refuse_many,
+)
 from neurosym_jax.forecasting.model import Model, refuse_other_length, warn_of_tracking_errors
 from neurosym_jax.models.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
@@ -87,6 +92,7 @@ def forecast_windows(
     """
     forecaster, params = model.forecaster, jax.device_put(model.params)
     samples = forecaster.count(samples)
+    refuse_many(forecaster, samples, windows.agents, min(windows.agents, PART))
     found = np.empty((samples, windows.agents, forecaster.pred_len, 2))
     likely = np.empty((samples, windows.scenes))
 
@@ -106,7 +112,13 @@ def forecast_windows(
 
 
 def batch_noise(forecaster: Forecaster, scenes: Scene, samples: int, seed: int) -> np.ndarray:
-    """Noise of a batch of B scenes, `[k, B, dim]` or `[k, B, N, dim]`."""
+    """Noise of a batch of B scenes, `[k, B, dim]` or `[k, B, N, dim]`.
+
+    Raises:
+        InputError: where the batch's forecast would not fit into memory.
+    """
+    agents = scenes.valid.size
+    refuse_many(forecaster, samples, agents, min(agents, PART))
     identity = np.asarray(scenes.identity)
     return draw_noise(forecaster.noise, seed, identity, samples, scenes.valid.shape[1])
 

@@ -20,12 +20,12 @@ from jax import Array
 
 from neurosym_jax.configuration import Seed, refuse
 from neurosym_jax.models.config import Lengths
-from neurosym_jax.runtime.process import COMPILED_QUICKLY
+from neurosym_jax.runtime.process import COMPILED_QUICKLY, refuse_beyond_memory
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
 __all__ = ["Distribution", "Forecaster", "Lengths", "NoiseSpec", "TwoStageForecaster"]
-__all__ += ["draw_noise", "scene_noise", "with_weighting"]
+__all__ += ["draw_noise", "refuse_many", "scene_noise", "with_weighting"]
 
 CHUNK = 1024
 """Streams drawn in one call, so that one compiled program serves any number of scenes."""
@@ -68,6 +68,11 @@ class Forecaster(abc.ABC):
     def noise(self) -> NoiseSpec:
         """The noise it takes; by default none, a deterministic forecast."""
         return NoiseSpec()
+
+    @property
+    def state_size(self) -> int:
+        """Numbers that decoding one sample of one agent takes besides the future itself."""
+        return 0
 
     @property
     def sees_neighbours(self) -> bool:
@@ -135,6 +140,23 @@ class TwoStageForecaster(Forecaster):
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
         """See `Forecaster.forecast`."""
         return self.decode(params, self.encode(params, scene), scene, noise)
+
+
+def refuse_many(
+    forecaster: Forecaster, samples: int, agents: int, decoded: int | None = None
+) -> None:
+    """Refuse a forecast of `agents` people that would not fit into memory: XLA ends the process.
+
+    `decoded` is the number of them that are decoded at the same time; default: all.
+
+    Raises:
+        InputError: with both sizes.
+    """
+    # Futures, a copy in their places, offsets from the truth; and the noise.
+    future = 6 * forecaster.pred_len + 2 * forecaster.noise.dim
+    numbers = agents * future + (agents if decoded is None else decoded) * forecaster.state_size
+    what = f"a forecast of {agents} people at once with {samples} samples"
+    refuse_beyond_memory(what, 4.0 * samples * numbers, "ask for fewer samples")
 
 
 def with_weighting(params: Any, weighting: Weighting | None) -> Any:

@@ -18,7 +18,7 @@ from neurosym_jax.configuration import Count, Seed, differences, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.anchors import apply_anchors
-from neurosym_jax.forecasting.forecaster import Distribution, Forecaster, scene_noise
+from neurosym_jax.forecasting.forecaster import Distribution, Forecaster, refuse_many, scene_noise
 from neurosym_jax.forecasting.forecasters import FORECASTERS, decode_scene, encode_scene
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.tracking_errors import TOP_CHANGE, TOP_SPEED, repair_tracks
@@ -92,6 +92,7 @@ class SceneForecaster:
         refuse(Seed, {"seed": seed})
         self.forecaster = forecaster
         self.samples = forecaster.count(samples)
+        refuse_many(forecaster, self.samples, 1)
         self._params = jax.device_put(params)
         self._key = jax.random.key(seed)
 
@@ -102,6 +103,7 @@ class SceneForecaster:
     def start(self, scene: Scene) -> Distribution:
         """Begin the forecast of `scene`, of N slots, without waiting for it."""
         slots = int(bucket_of(len(scene.valid)))
+        refuse_many(self.forecaster, self.samples, slots)
         padded = self.forecaster.prepared(pad_scene(scene.bare(), slots))
         spec = self.forecaster.noise
         noise: Any = np.zeros((self.samples, 0), np.float32)

@@ -17,7 +17,7 @@ import numpy as np
 from flax import linen as nn
 from jax import Array, lax
 
-from neurosym_jax.configuration import Count, Rule
+from neurosym_jax.configuration import Rule, Size
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.frames import closest_approach, length, turned
 from neurosym_jax.models.layers import Affine, Perceptron
@@ -154,9 +154,9 @@ class Encounter(Pooling):
 
     title: ClassVar[str] = "NeuroSyM, encounter pooling"
     inputs: ClassVar[frozenset[str]] = frozenset({"track", "alpha"})
-    bottleneck_dim: Annotated[Count, Rule("be a multiple of 4", lambda dim: dim % 4 == 0)] = 16
+    bottleneck_dim: Annotated[Size, Rule("be a multiple of 4", lambda dim: dim % 4 == 0)] = 16
     """A part for each head; half of it are pushes, pairs of numbers."""
-    hidden_dim: Count = 32
+    hidden_dim: Size = 32
 
     def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
         """See `Pooling.network`."""
