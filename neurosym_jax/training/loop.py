@@ -149,6 +149,8 @@ def _begin(
     found = restore_state(folder / "checkpoints", (state, best))
     if found is None and (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
+    if found is None and record is None and any((folder / "checkpoints").glob("damaged_*")):
+        raise InputError(f"{folder}: holds a run whose states are damaged; --resume begins it anew")
     rows: list[Row] = []
     if found is not None:
         (state, best), before = found

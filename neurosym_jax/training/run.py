@@ -109,7 +109,8 @@ def rounds_of(run: Run) -> Advance:
             for step in range(done, done + count):
                 state, loss = anchor_step(network, recipe, key, state, *anchors.batch(step))
                 losses.append(loss)
-            return state, {"loss": np.array(losses)}
+            # NumPy makes another error of an interruption while it looks at arrays of JAX.
+            return state, {"loss": np.array(jax.device_get(losses))}
 
         return advance
     stream = SceneStream(run.training, recipe.batch_scenes, recipe.seed, recipe.max_agents)

@@ -158,7 +158,7 @@ GOOD, PAIR = np.zeros((1, 4, 2)), np.zeros((2, 4, 2))
         (predict, PAIR, {"recording": 3}, "recording must be text, not 3"),
         (predict, PAIR, {"seed": None}, r"seed must be a whole number, not None"),
         (predict, PAIR, {"seed": 10**400}, "seed must be a whole number, not an integer of 1329"),
-        (predict, PAIR, {"samples": 10**9}, "4 people at once .* GB are free: ask for"),
+        (predict, PAIR, {"samples": 10**9}, "people at once .* GB are free: ask for"),
         (predict_scenes, [PAIR], {"samples": 10**9}, "2 people at once .* GB are free: ask for"),
     ],
 )
