@@ -42,8 +42,9 @@ def when_ended(cleanup: Callable[[], object]) -> Iterator[None]:
 def interruptible() -> Iterator[list[int]]:
     """Interrupt what runs within by signals; yields a list, to which each that came is added.
 
-    The first says so and raises `KeyboardInterrupt`, the second ends the process at once. A signal that is
-    ignored stays so (nohup), and one for which the command has its own handler is left to that.
+    The first says so and raises `KeyboardInterrupt`, the second ends the process at once. A signal
+    that is ignored stays so (nohup), and one for which the command has its own handler is left to
+    that.
     """
     if threading.current_thread() is not threading.main_thread():
         yield []

@@ -53,13 +53,9 @@ def wait_for_threads():
 def wait_for_a_child():
     child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
     pathlib.Path("child").write_text(str(child.pid))
-    with child, when_ended(child.terminate):
+    with when_ended(child.terminate), child:
         print("ready", flush=True)
-        while True:
-            try:
-                child.wait()
-            except KeyboardInterrupt:
-                pass
+        child.wait()
 
 action = sys.argv[1]
 
