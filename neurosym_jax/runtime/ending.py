@@ -27,13 +27,16 @@ _cleanups: set[Callable[[], object]] = set()
 
 @contextlib.contextmanager
 def when_ended(cleanup: Callable[[], object]) -> Iterator[None]:
-    """Call `cleanup` if the process is ended within this context without leaving it.
+    """Call `cleanup` if the context is left by an error, or the process is ended within it.
 
-    It runs in another thread, and no lock may be needed for it.
+    It may run in another thread, so it must wait for nothing.
     """
     _cleanups.add(cleanup)
     try:
         yield
+    except BaseException:
+        cleanup()
+        raise
     finally:
         _cleanups.discard(cleanup)
 

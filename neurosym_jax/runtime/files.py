@@ -53,16 +53,13 @@ def _beside(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
             with contextlib.suppress(OSError):  # It is a folder, or in its place.
                 beside.unlink()
 
-        make(beside)
-        try:
-            with when_ended(remove):
-                yield beside
-                for content in (*beside.rglob("*"), beside):
-                    _sync(content)
-                beside.replace(path)
-                _sync(path.parent)
-        finally:
-            remove()
+        with when_ended(remove):
+            make(beside)
+            yield beside
+            for content in (*beside.rglob("*"), beside):
+                _sync(content)
+            beside.replace(path)
+            _sync(path.parent)
 
 
 def write_text(path: Path | str, text: str) -> None:

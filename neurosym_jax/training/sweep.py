@@ -132,7 +132,7 @@ def _train(run: SweepRun) -> str:
     environment = {**os.environ, "NPROC": "1", "PYTHONUNBUFFERED": "1"}
     with log.open("ab") as output:
         training = subprocess.Popen(command, stdout=output, stderr=output, env=environment)
-        with when_ended(training.terminate), training:
+        with training, when_ended(training.terminate):
             status = training.wait()
     last = ["no output", *filter(str.strip, log.read_text().splitlines())][-1]
     return f"status {status}: {last}" if status else ""

@@ -53,7 +53,7 @@ def wait_for_threads():
 def wait_for_a_child():
     child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
     pathlib.Path("child").write_text(str(child.pid))
-    with when_ended(child.terminate), child:
+    with child, when_ended(child.terminate):
         print("ready", flush=True)
         child.wait()
 
