@@ -6,6 +6,7 @@ of classes, holds a component, an instance of one of them: in JSON `{"kind": NAM
 text `NAME[,OPTION=VALUE...]`.
 """
 
+import collections
 import dataclasses
 import functools
 import json
@@ -15,11 +16,11 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, brief
 from neurosym_jax.plugins import Registry
 
 __all__ = ["AtLeastOne", "BelowOne", "Checked", "Count", "Interval", "NotNegative", "Positive"]
-__all__ += ["Rule", "Seed", "Share", "Whole", "changed", "component", "differences"]
+__all__ += ["Rule", "Seed", "Share", "Size", "Whole", "changed", "component", "differences"]
 __all__ += ["from_json", "parse_json", "refuse", "to_json"]
 
 Config = TypeVar("Config")
@@ -34,6 +35,8 @@ class Rule(typing.NamedTuple):
 
 Count = Annotated[int, Rule("be at least 1", lambda value: value >= 1)]
 Seed = Annotated[int, Rule("lie in [0, 2**32)", lambda value: 0 <= value < 2**32)]
+Size = Annotated[int, Rule("lie in [1, 65536]", lambda value: 1 <= value <= 65536)]
+"""Of an array's axis: what a file asks for is not made before it is known to be so small."""
 Whole = Annotated[int, Rule("be at least 0", lambda value: value >= 0)]
 AtLeastOne = Annotated[float, Rule("be at least 1", lambda value: value >= 1)]
 NotNegative = Annotated[float, Rule("be at least 0", lambda value: value >= 0)]
@@ -47,6 +50,7 @@ _WORDS: dict[Any, str] = {
     int: "be a whole number",
     float: "be a finite number",
     str: "be text",
+    dict: "be an object",
     type(None): "be null",
 }
 
@@ -68,19 +72,19 @@ class Checked:
             value = _built(getattr(self, name), hint, name)
             object.__setattr__(self, name, value)
             if wanted := _misfit(value, hint):
-                raise InputError(f"{name} must {wanted}, not {value!r}")
+                raise InputError(f"{name} must {wanted}, not {brief(value)}")
 
 
-def refuse(hint: Any, values: Mapping[str, Any]) -> None:
-    """Refuse values that do not fit an annotation, such as `Count`; None means not given.
+def refuse(hint: Any, values: Mapping[str, Any], optional: bool = False) -> None:
+    """Refuse values that do not fit an annotation, such as `Count`; if `optional`, None is not one.
 
     Raises:
         InputError: naming the first, by its key.
     """
     for name, value in values.items():
         plain = value.item() if hasattr(value, "item") else value
-        if plain is not None and (wanted := _misfit(plain, hint)):
-            raise InputError(f"{name} must {wanted}, not {plain!r}")
+        if not (optional and plain is None) and (wanted := _misfit(plain, hint)):
+            raise InputError(f"{name} must {wanted}, not {brief(plain)}")
 
 
 def to_json(config: Any, table: Registry[Any] | None = None) -> dict[str, Any]:
@@ -102,7 +106,10 @@ def from_json(cls: type[Config], data: Mapping[str, Any] | str, source: str = "c
     if not isinstance(fields, Mapping):
         raise InputError(f"{source}: not a JSON object")
     if unknown := [name for name in fields if name not in _hints(cls)]:
-        raise InputError(f"{source}: unknown field {unknown[0]!r} for {cls.__name__}")
+        raise InputError(f"{source}: unknown field {brief(unknown[0])} for {cls.__name__}")
+    needed = (x.name for x in dataclasses.fields(cls) if x.default is dataclasses.MISSING)  # pyright: ignore[reportArgumentType]
+    if missing := set(needed) - set(fields):
+        raise InputError(f"{source}: the field {min(missing)!r} is missing")
     try:
         return cls(**fields)
     except InputError as error:
@@ -117,10 +124,10 @@ def parse_json(text: str | bytes, source: str) -> Any:
     """
 
     def fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        names = [key for key, _ in pairs]
-        if twice := {key for key in names if names.count(key) > 1}:
-            raise InputError(f"{source}: the key {min(twice)!r} stands twice")
-        return dict(pairs)
+        if len(content := dict(pairs)) < len(pairs):
+            (name, _), *_ = collections.Counter(name for name, _ in pairs).most_common(1)
+            raise InputError(f"{source}: the key {brief(name)} stands twice")
+        return content
 
     try:
         return json.loads(text, object_pairs_hook=fields)
@@ -225,20 +232,24 @@ def _misfit(value: Any, hint: Any) -> str:
         broken = (each.words for each in of[1:] if isinstance(each, Rule) and not each.holds(value))
         return _misfit(value, of[0]) or next(broken, "")
     if origin is Literal:
-        return "" if value in of else f"be one of {', '.join(of)}"
+        return "" if value in of else f"be one of {', '.join(map(str, of))}"
     if origin in (typing.Union, types.UnionType):
         wanted = [_misfit(value, option) for option in of]
         return " or ".join(wanted) if all(wanted) else ""
-    if origin is tuple and of[-1] is ...:
-        kinds = (
-            (_misfit(part, of[0]) for part in value) if isinstance(value, tuple) else ["be numbers"]
-        )
-        return next(filter(None, kinds), "")
+    if origin is tuple and of[-1] is Ellipsis:
+        if not isinstance(value, tuple):
+            return "be a list"
+        return next(filter(None, (_misfit(part, of[0]) for part in value)), "")
     if origin is tuple:
         fits = isinstance(value, tuple) and len(value) == len(of)
         fits = fits and not any(_misfit(part, kind) for part, kind in zip(value, of))
         return "" if fits else f"be {len(of)} finite numbers"
+    if origin is dict:
+        fits = isinstance(value, dict) and not any(_misfit(part, of[1]) for part in value.values())
+        return "" if fits else f"be an object, each value of which must {_WORDS[of[1]]}"
     if hint in (int, float):
         number = isinstance(value, int | hint) and not isinstance(value, bool)
-        return "" if number and math.isfinite(value) else _WORDS[hint]
+        # An integer of more bits has no float, and is no index.
+        small = isinstance(value, float) or (number and value.bit_length() < 64)
+        return "" if number and small and math.isfinite(value) else _WORDS[hint]
     return "" if isinstance(value, hint) else _WORDS.get(hint, f"be a {hint.__name__}")

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputError, InputWarning, brief
 
 __all__ = ["Registry", "entry_points", "load_entry_points", "load_plugin", "loaded", "names"]
 
@@ -86,7 +86,7 @@ class Registry(dict[str, T]):
         for name, each in self.items():
             if each is value or each is type(value):
                 return name
-        raise InputError(f"{value!r} is not registered as a {self.kind}")
+        raise InputError(f"{brief(value)} is not registered as a {self.kind}")
 
     def __getitem__(self, name: str) -> T:
         """The component `name`, imported if need be."""
@@ -106,10 +106,10 @@ class Registry(dict[str, T]):
         return [(name, self[name]) for name in self]
 
     def __missing__(self, name: str) -> T:
-        near = difflib.get_close_matches(str(name), self, 1)
+        near = difflib.get_close_matches(str(name)[:80], self, 1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         known = f"there are {', '.join(self)} (--plugin FILE adds one)"
-        raise InputError(f"unknown {self.kind} {name!r}: {hint}{known}")
+        raise InputError(f"unknown {self.kind} {brief(name)}: {hint}{known}")
 
 
 def entry_points(group: str) -> dict[str, str]:

@@ -21,7 +21,7 @@ from flax import struct
 from jax.core import Tracer
 from jax.typing import ArrayLike
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, brief
 
 __all__ = ["AnyArray", "Scene", "checked_positions", "displacements", "make_scene", "model_dtype"]
 __all__ += ["pad_scene", "relative_positions", "scene_identity", "to_world"]
@@ -77,7 +77,14 @@ def scene_identity(recording: str, frame: int | np.ndarray) -> np.ndarray:
 
     `frame [...]` is the index of a scene's first step among the steps of its recording, not the
     number in the file.
+
+    Raises:
+        InputError: for a recording that is not text or a frame that is not a whole number.
     """
+    if not isinstance(recording, str):
+        raise InputError(f"recording must be text, not {brief(recording)}")
+    if np.asarray(frame).dtype.kind not in "iu":
+        raise InputError(f"frame must be a whole number, not {brief(frame)}")
     digest = np.full(np.shape(frame), zlib.crc32(recording.encode()))
     return np.stack([digest, np.asarray(frame) % 2**32], axis=-1).astype(np.uint32)
 

@@ -71,8 +71,8 @@ def outcomes(tracks: Tracks, options: ReadOptions) -> Iterator[str]:
         wrong = dataclasses.replace(
             tracks, position=position * length(position), stamp=tracks.stamp * time
         )
-        said = [refused for refused, _ in judge(wrong, options)]
-        yield "refused" if any(said) else "doubted" if said else "silent"
+        judgements = [refused for refused, _ in judge(wrong, options)]
+        yield "refused" if any(judgements) else "doubted" if judgements else "silent"
 
 
 def main(places: list[str]) -> None:
@@ -81,27 +81,27 @@ def main(places: list[str]) -> None:
     print("|---|---:|---|---|---|---|")
     everything = []
     for folder in (Path(place) / name for place in places for name in FORMATS):
-        found = list(recordings_of(folder))
-        if not found:
+        recordings = list(recordings_of(folder))
+        if not recordings:
             continue
-        everything += found
-        values = zip(*((pace_of(tracks)[1], apart_of(tracks)) for _, tracks in found))
-        ranges = [f"{np.nanmin(each):.2f} to {np.nanmax(each):.2f}" for each in values]
+        everything += recordings
+        values = zip(*((pace_of(tracks)[1], apart_of(tracks)) for _, tracks in recordings))
+        ranges = [f"{np.nanmin(column):.2f} to {np.nanmax(column):.2f}" for column in values]
         named = [
-            [tracks.recording for options, tracks in found if what(judge(tracks, options))]
-            for what in (lambda said: any(refused for refused, _ in said), _of_scale)
+            [tracks.recording for options, tracks in recordings if outcome(judge(tracks, options))]
+            for outcome in (lambda judgements: any(refused for refused, _ in judgements), _of_scale)
         ]
         cells = [*ranges, *(f"{len(names)} {' '.join(names)}".strip() for names in named)]
-        print(f"| {folder.name} | {len(found)} | {' | '.join(cells)} |")
+        print(f"| {folder.name} | {len(recordings)} | {' | '.join(cells)} |")
     print(f"\npace: doubted outside {DOUBTED}, refused outside {REFUSED}; apart: below {APART}\n")
     kinds = ("refused", "doubted", "silent")
     print(f"| mistake | {' | '.join(kinds)} |\n|---|---:|---:|---:|")
-    for name, said in zip(SCALES, zip(*(outcomes(t, options) for options, t in everything))):
-        print(f"| {name} | {' | '.join(str(said.count(kind)) for kind in kinds)} |")
+    for name, judgements in zip(SCALES, zip(*(outcomes(t, options) for options, t in everything))):
+        print(f"| {name} | {' | '.join(str(judgements.count(kind)) for kind in kinds)} |")
 
 
-def _of_scale(said: Iterable[tuple[bool, str]]) -> bool:
-    return any(line.startswith(("one step in twenty", "a quarter of")) for _, line in said)
+def _of_scale(judgements: Iterable[tuple[bool, str]]) -> bool:
+    return any(line.startswith(("one step in twenty", "a quarter of")) for _, line in judgements)
 
 
 if __name__ == "__main__":

@@ -37,8 +37,10 @@ def commands() -> Iterator[tuple[Path, str]]:
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
         text = page.read_text(encoding="utf-8").replace("\\\n", " ")
         lines = [line.strip() for line in text.splitlines() if line.startswith("    ")]
-        found = [line for line in lines if line.startswith(STARTS) or line == "neurosym evaluate"]
-        for command in dict.fromkeys([*found, *INLINE.findall(text)]):
+        own_lines = [
+            line for line in lines if line.startswith(STARTS) or line == "neurosym evaluate"
+        ]
+        for command in dict.fromkeys([*own_lines, *INLINE.findall(text)]):
             yield page.relative_to(ROOT), plain(command)
 
 
@@ -52,8 +54,8 @@ def plain(command: str) -> str:
 
 def lacking(command: str) -> str:
     """What a clone lacks to run `command`; nothing where it can be run."""
-    found = LACK.search(command)
-    return found[0] if found else ""
+    lack = LACK.search(command)
+    return lack[0] if lack else ""
 
 
 def _prepare(folder: Path) -> None:
@@ -89,13 +91,13 @@ def main(seconds: float = 60) -> int:
                 done = subprocess.run(
                     words, cwd=folder, env=env, capture_output=True, text=True, timeout=seconds
                 )
-                status, said = str(done.returncode), done.stderr.strip().splitlines()[-1:]
+                status, message = str(done.returncode), done.stderr.strip().splitlines()[-1:]
             except subprocess.TimeoutExpired:
-                status, said = "runs", []
+                status, message = "runs", []
             print(f"{status:18} {command}")
             if status not in ("0", "runs"):
                 failed = 1
-                print(*said, sep="\n")
+                print(*message, sep="\n")
     return failed
 
 

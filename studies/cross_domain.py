@@ -83,26 +83,26 @@ def document(rows: list[dict[str, Any]]) -> str:
         for row in rows
         if row["pred_len"] == 8
     }
-    counts = {test: sum(sizes[each] for each in members) for test, members in TESTS.items()}
+    counts = {test: sum(sizes[member] for member in members) for test, members in TESTS.items()}
     counted = ", ".join(f"{test} {scenes} / {agents}" for test, (scenes, agents) in counts.items())
     return "\n".join([*parts, TAIL.strip("\n").format(seed=rows[0]["seed"], counted=counted)])
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
     """Models as rows, tests as columns."""
-    found: dict[tuple[str, str], dict[str, float]] = {}
+    reports: dict[tuple[str, str], dict[str, float]] = {}
     home: dict[tuple[str, str], tuple[str, ...]] = {}
     for row in rows:
         trained, own = _trained(row["checkpoint"])
         home[row["model"], trained] = own
-        found.setdefault((row["model"], trained), {})[row["dataset"]] = row["joint_ade"]
+        reports.setdefault((row["model"], trained), {})[row["dataset"]] = row["joint_ade"]
     table = {
         key: {
-            test: f"{np.mean([errors[each] for each in members]):.2f}"
+            test: f"{np.mean([errors[member] for member in members]):.2f}"
             for test, members in TESTS.items()
             if set(members) <= set(errors)
         }
-        for key, errors in found.items()
+        for key, errors in reports.items()
     }
     order = ["", *(trained for trained, _ in TRAINED.values())]
     tests = [test for test in TESTS if any(test in cells for cells in table.values())]
@@ -122,7 +122,7 @@ def _trained(checkpoint: str | None) -> tuple[str, tuple[str, ...]]:
     """What a checkpoint was trained on, and the tests of its own domain."""
     if checkpoint is None:
         return "", ()
-    return next(found for name, found in TRAINED.items() if f"_{name}_" in Path(checkpoint).name)
+    return next(domain for name, domain in TRAINED.items() if f"_{name}_" in Path(checkpoint).name)
 
 
 if __name__ == "__main__":

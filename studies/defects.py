@@ -46,7 +46,7 @@ def measure(data: Path | None) -> None:
         windows = cut_windows(source.recordings(scene), STEPS, STEPS)
         counts.append(np.array([*count(windows), *rows_served(windows.sizes)]))
     counts.append(np.sum(counts, axis=0))
-    shares = np.array([100 * part / whole for part, whole in (of.T for of in counts)])
+    shares = np.array([100 * part / total for part, total in (table.T for table in counts)])
     shares = np.concatenate([shares, shares[:-1].mean(axis=0, keepdims=True)])
     width = max(map(len, LABELS))
     titles = "".join(f"{title:>12}" for title in (*source.scenes, "all", "mean"))
@@ -69,7 +69,7 @@ def count(windows: Windows) -> np.ndarray:
 def pairs(windows: Windows) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
     """Chunks (k, l, real): [CHUNK, STEPS, 2] positions, of which the first `real` are pairs."""
     people = [np.arange(*ends) for ends in zip(windows.bounds, windows.bounds[1:])]
-    i, j = (np.concatenate([of(p, len(p)) for p in people]) for of in (np.repeat, np.tile))
+    i, j = (np.concatenate([expand(p, len(p)) for p in people]) for expand in (np.repeat, np.tile))
     i, j = i[i != j], j[i != j]
     observed = windows.position[:, :STEPS]
     for start in range(0, len(i), CHUNK):
@@ -94,18 +94,18 @@ def _count(k: jax.Array, l: jax.Array) -> jax.Array:  # noqa: E741
     def follows(rule: NeighbourRule) -> jax.Array:
         return jnp.asarray(adjacency("c1", rule))[before, after]
 
-    every, moves = jnp.ones_like(codes, bool), jnp.ones_like(before, bool)
+    always, moves = jnp.ones_like(codes, bool), jnp.ones_like(before, bool)
     counted = [
-        ((exact != 0).all(axis=-1), every),
-        ((coarse != 0).all(axis=-1), every),
-        ((exact != line)[..., :2].any(axis=-1), every),
-        ((exact != unsigned).any(axis=-1), every),
+        ((exact != 0).all(axis=-1), always),
+        ((coarse != 0).all(axis=-1), always),
+        ((exact != line)[..., :2].any(axis=-1), always),
+        ((exact != unsigned).any(axis=-1), always),
         (jumps(exact), moves),
         (jumps(coarse), moves),
         (follows("continuity"), before != after),
         (follows("dominance"), before != after),
     ]
-    return jnp.stack([jnp.stack([of.sum(1), whole.sum(1)]) for of, whole in counted])
+    return jnp.stack([jnp.stack([hits.sum(1), cases.sum(1)]) for hits, cases in counted])
 
 
 def rows_served(sizes: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -119,8 +119,8 @@ def rows_served(sizes: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
     # The release has a row for each pair, and slices the rows by the bounds of the agents.
     for s, rows in enumerate(numbers[a:b] for a, b in bounds):
         own_scene += int((scene[rows[:, 0]] == s).sum() * sizes[s])
-        wanted = first[s] + np.arange(sizes[s] ** 2).reshape(sizes[s], sizes[s])
-        own_pair += int((wanted == rows[:, 0]).sum())
+        own_rows = first[s] + np.arange(sizes[s] ** 2).reshape(sizes[s], sizes[s])
+        own_pair += int((own_rows == rows[:, 0]).sum())
     reads = int((sizes**2).sum())
     return (own_scene, reads), (own_pair, reads)
 
@@ -131,8 +131,8 @@ def tables() -> None:
     print("\nalpha by number of zero symbols  " + "".join(f"{z:>9}" for z in range(5)))
     for name, table in (("papers (cnd)", described), ("authors' table", shipped)):
         # A code's digits are q + 1: here z of 1 (the symbol 0) after others of 0 (the symbol -).
-        by_zeros = [table[sum(3**place for place in range(z))] for z in range(5)]
-        print(f"  {name:31}" + "".join(f"{f'1/{round(1 / w)}':>9}" for w in by_zeros))
+        weights = [table[sum(3**place for place in range(z))] for z in range(5)]
+        print(f"  {name:31}" + "".join(f"{f'1/{round(1 / w)}':>9}" for w in weights))
     first = [f"{weight:.4f}"[0] for weight in np.unique(shipped)]
     print(f"first characters of the authors' weights (defect 2): {', '.join(first)}")
     stamps = np.random.default_rng(0).uniform(0, 1, 100_000)[:, None] + 0.1 * np.arange(STEPS)

@@ -44,8 +44,8 @@ def draw_events(path: Path) -> None:
     t = 0.4 * np.arange(9)[:, None]
     for axes, (name, walks) in zip(panels, WALKS.items()):
         paths = np.stack([np.array(start) + t * np.array(speed) for start, speed in walks])
-        found = symbolic_events(paths[None, :, 1:], paths[:, :1], events=(name,), smoothing=0.0)
-        seconds = float(found.seconds[0, 0, 1, 1])
+        events = symbolic_events(paths[None, :, 1:], paths[:, :1], events=(name,), smoothing=0.0)
+        seconds = float(events.seconds[0, 0, 1, 1])
         assert np.isfinite(seconds), f"{name} does not happen"
         at = round(seconds / 0.4)
         for way, letter, colour in zip(paths, "kl", (BLUE, ORANGE)):
@@ -61,9 +61,9 @@ def draw_events(path: Path) -> None:
         words_of = textwrap.fill(EVENTS[name].sentence, 40)
         axes.set_xlabel(words_of, fontsize=9.5, color=GREY, loc="left")
     panels[-1].axis("off")
-    told = "Big dots: where they were seen last.\nSmall ones: each 0.4 s after.\n\n"
-    told += "Rings: where they are when the\nevent happens, at the time beside\nits name."
-    panels[-1].text(0, 0.9, told, fontsize=11.5, color=INK, va="top")
+    legend = "Big dots: where they were seen last.\nSmall ones: each 0.4 s after.\n\n"
+    legend += "Rings: where they are when the\nevent happens, at the time beside\nits name."
+    panels[-1].text(0, 0.9, legend, fontsize=11.5, color=INK, va="top")
     figure.savefig(path)
 
 
@@ -125,8 +125,8 @@ def example(axes: Axes) -> None:
         y = -0.72 - 0.42 * row
         axes.text(-2.0, y, name, color=GREY, fontsize=11.5, va="center")
         label(axes, np.array([-1.35, y]), symbol, colour)
-        said = f"{who} moves {words_of[symbol]}"
-        axes.text(-1.05, y, said, color=INK, fontsize=11.5, va="center")
+        sentence = f"{who} moves {words_of[symbol]}"
+        axes.text(-1.05, y, sentence, color=INK, fontsize=11.5, va="center")
     bold = {"fontsize": 17, "va": "center", "fontweight": "bold"}
     axes.text(-2.0, 1.9, "( " + "  ".join(symbols) + " )", color=INK, **bold)
     frame(axes)
@@ -134,8 +134,8 @@ def example(axes: Axes) -> None:
 
 def state(k1: np.ndarray, l1: np.ndarray, convention: Convention) -> list[str]:
     """The four symbols, as printed, of one step from K and L."""
-    found = observe(np.stack([K, k1]), np.stack([L, l1]), convention=convention)
-    return format_state(found[0]).translate(SIGNS).split()
+    states = observe(np.stack([K, k1]), np.stack([L, l1]), convention=convention)
+    return format_state(states[0]).translate(SIGNS).split()
 
 
 def step(axes: Axes, start: np.ndarray, end: np.ndarray, colour: str) -> None:

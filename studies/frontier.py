@@ -46,12 +46,12 @@ def errors(sweeps: Sequence[Path], results: pl.DataFrame) -> pl.DataFrame:
     return pl.concat(means).sort("model", "marginal_weight")
 
 
-def draw(found: pl.DataFrame, path: Path) -> None:
+def draw(means: pl.DataFrame, path: Path) -> None:
     """Draw marginal against joint ADE: anchors as a line, the others as points."""
     figure, grid = new_figure(4.2, 2.8)
     axes, looks = grid[0, 0], model_looks(["anchors", *OTHERS])
     for model, look in looks.items():
-        rows = found.filter(model=model)
+        rows = means.filter(model=model)
         joint, marginal = rows["joint_ade"], rows["marginal_ade"]
         axes.plot(joint, marginal, "o-", color=look["color"], markersize=4)
         for x, y, weight in zip(joint, marginal, rows["marginal_weight"]):

@@ -46,40 +46,44 @@ def main(arguments: list[str]) -> None:
     options = parser.parse_args(arguments)
     options.out.touch()
     planted = [json.loads(line) for line in options.out.read_text().splitlines()]
-    known = {(each["file"], each["at"], each["after"]) for each in planted}
-    drawn = [each for each in _mistakes() if each[0] in options.packages]
+    planted_before = {(mistake["file"], mistake["at"], mistake["after"]) for mistake in planted}
+    drawn = [mistake for mistake in _mistakes() if mistake[0] in options.packages]
     random.Random(options.seed).shuffle(drawn)
     with tempfile.TemporaryDirectory() as folder:
         (place := Path(folder, "copy")).mkdir()
         subprocess.run(f"git archive HEAD | tar x -C {place}", shell=True, cwd=ROOT, check=True)
         usual: dict[str, int] = {}
         for package, file, at, before, after, text in drawn[: options.count]:
-            if (file, at, after) in known:
+            if (file, at, after) in planted_before:
                 continue
             if package not in usual:
                 failed, usual[package] = _tests_fail(place, package, 3600)
                 assert not failed, f"tests/{package} fail without a mistake"
-            whole = (place / file).read_text()
+            original = (place / file).read_text()
             (place / file).write_text(text)
             limit = 60 + 5 * usual[package]
             failed, seconds = _tests_fail(place, package, limit, Path(file).stem)
-            (place / file).write_text(whole)
+            (place / file).write_text(original)
             facts = {"file": file, "at": at, "before": before, "after": after}
             planted.append({"package": package, **facts, "killed": failed, "seconds": seconds})
-            with options.out.open("a") as kept:
-                kept.write(json.dumps(planted[-1]) + "\n")
+            with options.out.open("a") as log:
+                log.write(json.dumps(planted[-1]) + "\n")
             print("killed  " if failed else "SURVIVED", f"{file}:{at}: {before} -> {after}")
     rows = []
     for package in PACKAGES:
-        found = [each["killed"] for each in planted if each["package"] == package]
-        argued = [each for each in planted if each["package"] == package and "equivalent" in each]
-        if found:
-            rows.append([package, *map(str, (len(found), sum(found), len(argued)))])
+        killed = [mistake["killed"] for mistake in planted if mistake["package"] == package]
+        argued = [
+            mistake
+            for mistake in planted
+            if mistake["package"] == package and "equivalent" in mistake
+        ]
+        if killed:
+            rows.append([package, *map(str, (len(killed), sum(killed), len(argued)))])
     print(markdown_table(["package", "planted", "noticed", "equivalent"], rows, right=3))
-    for each in planted:
-        if not each["killed"]:
-            why = each.get("equivalent", "no test notices it")
-            print("{file}:{at}: {before} -> {after}: ".format(**each) + why)
+    for mistake in planted:
+        if not mistake["killed"]:
+            why = mistake.get("equivalent", "no test notices it")
+            print("{file}:{at}: {before} -> {after}: ".format(**mistake) + why)
 
 
 def _mistakes() -> Iterator[tuple[str, str, str, str, str, str]]:
@@ -89,8 +93,11 @@ def _mistakes() -> Iterator[tuple[str, str, str, str, str, str]]:
             text = path.read_text()
             for node, mistake in mutations(ast.parse(text)):
                 before, after = ast.unparse(node), ast.unparse(mistake)
-                at, whole = f"{node.lineno}:{node.col_offset}", _replaced(text, node, f"({after})")
-                yield package, str(path.relative_to(ROOT)), at, before, after, whole
+                at, mutated = (
+                    f"{node.lineno}:{node.col_offset}",
+                    _replaced(text, node, f"({after})"),
+                )
+                yield package, str(path.relative_to(ROOT)), at, before, after, mutated
 
 
 def mutations(tree: ast.AST) -> Iterator[tuple[Any, ast.expr]]:
@@ -127,17 +134,17 @@ def _mistaken(node: Any) -> Iterator[Any]:
 
 
 def _changed(node: Any, **fields: Any) -> Any:
-    vars(found := copy.copy(node)).update(fields)
-    return found
+    vars(copied := copy.copy(node)).update(fields)
+    return copied
 
 
 def _replaced(text: str, node: Any, by: str) -> str:
     """`text` with the source of `node` replaced; columns count bytes."""
-    whole = text.encode()
-    lines = [0, *map(len, whole.splitlines(keepends=True))]
+    source = text.encode()
+    lines = [0, *map(len, source.splitlines(keepends=True))]
     start = sum(lines[: node.lineno]) + node.col_offset
     end = sum(lines[: node.end_lineno]) + node.end_col_offset
-    return (whole[:start] + by.encode() + whole[end:]).decode()
+    return (source[:start] + by.encode() + source[end:]).decode()
 
 
 def _tests_fail(place: Path, package: str, limit: int, first: str = "") -> tuple[bool, int]:

@@ -27,12 +27,12 @@ def execute(path: Path) -> Any:
     from nbclient import NotebookClient
 
     notebook = nbformat.read(path, as_version=4)
-    how = {"timeout": 600, "record_timing": False, "coalesce_streams": True}
-    NotebookClient(notebook, **how).execute(cwd=str(path.parent))
+    options = {"timeout": 600, "record_timing": False, "coalesce_streams": True}
+    NotebookClient(notebook, **options).execute(cwd=str(path.parent))
     for cell in notebook.cells:
         # Progress is for who waits.
         if cell.cell_type == "code":
-            cell.outputs = [one for one in cell.outputs if one.get("name") != "stderr"]
+            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
     notebook.metadata.language_info = {"name": "python"}  # Without this machine's version.
     return notebook
 

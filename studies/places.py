@@ -77,7 +77,7 @@ pairs of ETH/UCY's data sets left out, and earlier forms of `anchors` were looke
 scenes, THÖR and HERMES: none of the places is a fresh test."""
 
 
-def train(data: Path, more: Path, out: Path, place: str, model: str, seed: int) -> None:
+def train(data: Path, extra: Path, out: Path, place: str, model: str, seed: int) -> None:
     """Train a model without a place, unless that is done."""
     run = out / place / f"{model}_seed{seed}"
     if not (run / "model").is_dir():
@@ -93,14 +93,14 @@ def train(data: Path, more: Path, out: Path, place: str, model: str, seed: int) 
             *("train.py", "--model", model, *LENGTHS, "--seed", str(seed), "--out", str(run)),
             *("--data", str(data), "--resume"),
             *("--train-on", *files["train"], "--validate-on", *files["val"]),
-            *(() if place == "corridors" else ("--train-also", str(more / "hermes"))),
+            *(() if place == "corridors" else ("--train-also", str(extra / "hermes"))),
         )
 
 
 def test(folder: Path, names: list[str], report: Path, runs: list[Path]) -> pl.DataFrame:
     """Rows of an evaluation on recordings as one test set, repeated where there are new runs."""
-    known = read_report(report)["checkpoint"].drop_nulls() if report.is_file() else ()
-    if set(known) != set(map(str, runs)):
+    tested = read_report(report)["checkpoint"].drop_nulls() if report.is_file() else ()
+    if set(tested) != set(map(str, runs)):
         call(
             *("evaluate.py", "--data", str(folder), "--test-on", *names, *LENGTHS, "--seeds", "1"),
             *("--checkpoint", *map(str, runs), "--baselines", *BASELINES, "--json", str(report)),
@@ -112,16 +112,18 @@ def test(folder: Path, names: list[str], report: Path, runs: list[Path]) -> pl.D
 def page(means: pl.DataFrame) -> str:
     """The page, of a row for each model and place."""
     places = means["dataset"].unique(maintain_order=True).to_list()
-    parts = [f"## {title}\n\n{_table(means, some, places)}\n" for title, some in METRICS.items()]
+    parts = [
+        f"## {title}\n\n{_table(means, metrics, places)}\n" for title, metrics in METRICS.items()
+    ]
     errors = {
-        model: of.select(PAIRED.values()).to_numpy()
-        for (model,), of in means.group_by("model", maintain_order=True)
+        model: rows.select(PAIRED.values()).to_numpy()
+        for (model,), rows in means.group_by("model", maintain_order=True)
     }
-    ours = errors.pop("anchors")
+    anchors = errors.pop("anchors")
     paired = [
-        [model, *(f"{each.mean():+.1f} ± {student_half(each):.1f}" for each in percent.T)]
-        for model, theirs in errors.items()
-        if len(percent := 100 * (theirs / ours - 1))
+        [model, *(f"{column.mean():+.1f} ± {student_half(column):.1f}" for column in percent.T)]
+        for model, others in errors.items()
+        if len(percent := 100 * (others / anchors - 1))
     ]
     seeds = means.filter(model="anchors")["trainings"].min()
     tail = TAIL.format(count=len(places), paired=markdown_table(["", *PAIRED], paired))
@@ -133,9 +135,9 @@ def _table(means: pl.DataFrame, metrics: Sequence[str], places: list[str]) -> st
     values = means.with_columns(pl.col(metrics).map_elements("{:.3f}".format, pl.String))
     best = values.group_by("dataset").agg(pl.col(metrics).min()).rows_by_key("dataset")
     lines = []
-    for (model,), of in values.group_by("model", maintain_order=True):
+    for (model,), rows in values.group_by("model", maintain_order=True):
         cells = []
-        for place, *texts in of.select("dataset", *metrics).iter_rows():
+        for place, *texts in rows.select("dataset", *metrics).iter_rows():
             marked = (f"**{t}**" if t == b else t for t, b in zip(texts, best[place][0]))
             cells.append(" / ".join(marked))
         lines.append([model, *cells])
@@ -152,21 +154,25 @@ def call(*command: str) -> None:
 
 def run() -> None:
     """Train what is not trained yet, test all, write the means of each model at each place."""
-    data, more, thor, out = (Path(name).resolve() for name in sys.argv[1:])
+    data, extra, thor, out = (Path(name).resolve() for name in sys.argv[1:])
     for model, seed in RUNS:
         for place in PLACES:
-            train(data, more, out, place, model, seed)
+            train(data, extra, out, place, model, seed)
     tests = {place: (data, names, place) for place, names in PLACES.items() if names}
-    of_hermes = [path.stem for path in (more / "tests").glob("bo*.txt")]
-    tests["corridors"] = more / "tests", of_hermes, "corridors"
-    tests["Stanford"] = more / "stanford", [path.stem for path in (more / "stanford").iterdir()], ""
+    corridors = [path.stem for path in (extra / "tests").glob("bo*.txt")]
+    tests["corridors"] = extra / "tests", corridors, "corridors"
+    tests["Stanford"] = (
+        extra / "stanford",
+        [path.stem for path in (extra / "stanford").iterdir()],
+        "",
+    )
     tests["THÖR"] = thor, ["CLiFF-LHMP_thor1_exp-1-run-2", "CLiFF-LHMP_thor3_exp-3-run-2"], ""
     tests["MAGNI"] = thor, ["THOR-MAGNI_Scenario_5"], ""
     rows = []
     for name, (folder, recordings, place) in tests.items():
         runs = sorted((out / (place or "corridors")).glob("*/model"))
         rows.append(test(folder, sorted(recordings), out / f"{name}.json", runs))
-    metrics = [metric for some in METRICS.values() for metric in some]
+    metrics = [metric for part in METRICS.values() for metric in part]
     models = pl.concat(rows, how="diagonal_relaxed").group_by(
         "dataset", "model", maintain_order=True
     )

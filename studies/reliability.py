@@ -1,9 +1,10 @@
-"""Figures of docs/reliability.md: small files that ask for much, and damage to models and bags.
+"""Figures of docs/reliability.md: small files that ask for much, and damage to what is read.
 
     python -m studies.reliability
 
-It takes minutes. Every bit of a shipped model's `config.json`, bits of its parameters drawn with a
-seed, and bytes of bags are changed. Silent is what reads differently without a warning.
+It takes minutes. Every bit of a shipped model's `config.json`, bits of its parameters and of its
+compiled programs drawn with a seed, and bytes of bags are changed. Silent is what reads differently
+without a warning.
 """
 
 import contextlib
@@ -18,11 +19,14 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import jax
 import numpy as np
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model import predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
+from neurosym_jax.runtime.compiled import SealedCache, keep_programs
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.ros.bags import BagWriter, read_people
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS, shared_typestore
@@ -34,7 +38,7 @@ __all__ = ["BAGS", "bag_of_blanks", "main"]
 BAGS = ("bag LZ4", "bag BZ2", "mcap STORAGE", "db3 MESSAGE", "db3 FILE")
 """Kinds of bags, and what in them is compressed."""
 SIZE = 600_000_000  # bytes in a small file, once it is decompressed
-FLIPS, MUTATIONS = 1000, 300
+FLIPS, PROGRAM_FLIPS, MUTATIONS = 1000, 500, 300
 COLUMNS = ("refused", "read as before", "other values", "frames lost, said", "frames lost, silent")
 
 TABLE, MODEL = "nj.data.read_any(path)", "nj.load_model(path)"
@@ -65,7 +69,7 @@ print(json.dumps([f"{took / 1e3:.0f}", f"{time.perf_counter() - since:.1f}", sai
 
 
 def main() -> None:
-    """Print the three tables."""
+    """Print the four tables."""
     with tempfile.TemporaryDirectory() as folder:
         print("| file | bytes | MB | seconds | |\n|---|---:|---:|---:|---|")
         for name, path, code in _bombs(Path(folder)):
@@ -76,6 +80,9 @@ def main() -> None:
         print("\n| damage | cases | refused | loaded |\n|---|---|---|---|")
         for name, found in _models(Path(folder)):
             print(f"| {name} | {found.total()} | {found['refused']} | {found['loaded']} |")
+        print("\n| damage | cases | same forecast | healed |\n|---|---:|---:|---:|")
+        same, healed = _programs(Path(folder))
+        print(f"| compiled programs, random bits | {PROGRAM_FLIPS} | {same} | {healed} |")
         print(f"\n| bag | cases | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 2)}")
         for kind in ("bag", "db3", "mcap"):
             found = _changed_bytes(Path(folder), kind)
@@ -136,6 +143,25 @@ def _models(folder: Path) -> Iterator[tuple[str, Counter]]:
                     found["refused"] += 1
         what = "each of its bits" if wanted is None else "bits drawn from all"
         yield f"`{name}`, {what}", found
+
+
+def _programs(folder: Path) -> tuple[int, int]:
+    """Forecasts with the same bits from programs of which one is damaged, and programs mended."""
+    keep_programs(folder / "programs")
+    model = load_model(folder / "model")
+    steps = np.arange(float(model.config.obs_len))[:, None] * [0.4, 0.1]
+    observed = np.stack([steps, 4 - steps])
+    expected, same, healed = predict(model, observed, samples=3).tobytes(), 0, 0
+    files, rng = sorted((folder / "programs").iterdir()), np.random.default_rng(0)
+    for _ in range(PROGRAM_FLIPS):
+        file = files[rng.integers(len(files))]
+        content = bytearray(file.read_bytes())
+        content[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
+        file.write_bytes(content)
+        jax.clear_caches()
+        same += predict(model, observed, samples=3).tobytes() == expected
+        healed += SealedCache(folder / "programs").get(file.stem) is not None
+    return same, healed
 
 
 def _content(path: Path) -> list[tuple[float, list, list]]:

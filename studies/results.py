@@ -173,40 +173,40 @@ def table(rows: Sequence[dict[str, Any]], all_windows: Sequence[dict[str, Any]])
 
 def _not_best(rows: Sequence[dict[str, Any]]) -> str:
     """A sentence on the data sets where anchors do not have the least energy score."""
-    found = []
+    scenes = []
     for scene in SCENES:
         scores = defaultdict(list)
         for row in rows:
             if (row["dataset"], row["pred_len"]) == (scene, 12) and row.get("energy_score"):
                 trained = None if row["model"] == "anchors" else row["checkpoint"]
                 scores[row["model"], trained].append(row["energy_score"])
-        means = {key: sum(of) / len(of) for key, of in scores.items()}
+        means = {key: sum(values) / len(values) for key, values in scores.items()}
         (name, _), own = min(means, key=lambda key: means[key]), means["anchors", None]
         if (best := min(means.values())) < own:
-            found.append(f"on {scene} ({name} {best:.2f} m, its own {own:.2f} m)")
-    where = " and ".join(found) or "nowhere"
+            scenes.append(f"on {scene} ({name} {best:.2f} m, its own {own:.2f} m)")
+    where = " and ".join(scenes) or "nowhere"
     return f"At 8 + 12, others have a better energy score {where}."
 
 
 def _by_name(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Value]]]:
     """The lines of each row of a table, by its name: values by metric."""
-    found: dict[str, list[dict[str, Value]]] = {}
+    lines: dict[str, list[dict[str, Value]]] = {}
     for _, line in summarise(rows_frame(rows)).group_by("line", maintain_order=True):
         values = {value["metric"]: value for value in line.iter_rows(named=True)}
         any_value = next(iter(values.values()))
         path = any_value["checkpoint"] or ""
         names = [name for place, name in PLACES.items() if path.startswith(place)]
         name, count = [*names, any_value["model"]][0], any_value["trainings"]
-        found.setdefault(f"{name}, {count} trainings" if count > 1 else name, []).append(values)
-    return found
+        lines.setdefault(f"{name}, {count} trainings" if count > 1 else name, []).append(values)
+    return lines
 
 
 def _means(rows: Sequence[dict[str, Any]]) -> str:
     """Errors of each model that was tested on all five data sets, by horizon."""
     lines = []
-    for name, of in _by_name(rows).items():
+    for name, values in _by_name(rows).items():
         means = {
-            line["joint_ade"]["pred_len"]: line for line in of if line["joint_ade"]["sets"] > 1
+            line["joint_ade"]["pred_len"]: line for line in values if line["joint_ade"]["sets"] > 1
         }
         cells = [
             " / ".join(f"{means[steps][f'{kind}_{part}']['mean']:.2f}" for part in ("ade", "fde"))
@@ -225,7 +225,7 @@ def _means(rows: Sequence[dict[str, Any]]) -> str:
 
 def _lines(rows: Sequence[dict[str, Any]], kinds: Sequence[str]) -> Iterator[list[str]]:
     for name, lines in _by_name(rows).items():
-        of = {
+        values = {
             "mean" if line["joint_ade"]["sets"] > 1 else line["joint_ade"]["dataset"]: line
             for line in lines
         }
@@ -233,13 +233,13 @@ def _lines(rows: Sequence[dict[str, Any]], kinds: Sequence[str]) -> Iterator[lis
         for kind in kinds:
             cells = {
                 scene: " / ".join(_text(line[f"{kind}_{e}"]) for e in ("ade", "fde"))
-                for scene, line in of.items()
+                for scene, line in values.items()
             }
-            yield [name, steps, ERRORS[kind], *(cells.get(each, "") for each in COLUMNS)]
+            yield [name, steps, ERRORS[kind], *(cells.get(column, "") for column in COLUMNS)]
         for metric, words in (SCORES | {"collision_rate": "collision rate"}).items():
-            if any(line.get(metric, {}).get("mean") is not None for line in of.values()):
-                cells = {scene: _text(line[metric]) for scene, line in of.items()}
-                yield [name, steps, words, *(cells.get(each, "") for each in COLUMNS)]
+            if any(line.get(metric, {}).get("mean") is not None for line in values.values()):
+                cells = {scene: _text(line[metric]) for scene, line in values.items()}
+                yield [name, steps, words, *(cells.get(column, "") for column in COLUMNS)]
 
 
 def _printed(cells: Mapping[str, Any]) -> list[str]:
@@ -247,7 +247,7 @@ def _printed(cells: Mapping[str, Any]) -> list[str]:
         "" if cells[scene] is None else "{:.2f} / {:.2f}".format(*cells[scene]) for scene in SCENES
     ]
     if all(texts):
-        means = (sum(of[part] for of in cells.values()) / len(SCENES) for part in (0, 1))
+        means = (sum(values[part] for values in cells.values()) / len(SCENES) for part in (0, 1))
         return [*texts, " / ".join(f"{mean:.3f}" for mean in means)]
     return [*texts, ""]
 
@@ -262,6 +262,6 @@ def _text(value: Value) -> str:
 
 
 if __name__ == "__main__":
-    found = [json.loads(Path(path).read_text(encoding="utf-8"))["rows"] for path in sys.argv[1:3]]
-    write_text(Path(sys.argv[3]) / "results.md", document(found[0]))
-    write_text(Path(sys.argv[3]) / "results.csv", table(*found))
+    reports = [json.loads(Path(path).read_text(encoding="utf-8"))["rows"] for path in sys.argv[1:3]]
+    write_text(Path(sys.argv[3]) / "results.md", document(reports[0]))
+    write_text(Path(sys.argv[3]) / "results.csv", table(*reports))

@@ -24,12 +24,12 @@ def main(revisions: list[str]) -> None:
     """Print the table of these commits."""
     sizes = [_sizes(revision) for revision in revisions]
     names = sorted(
-        {name for of in sizes for name in of},
+        {name for size in sizes for name in size},
         key=lambda name: (FOLDERS.index(name.split("/")[0]), name),
     )
     head = ["", *(f"{revision}: lines, files, statements" for revision in revisions)]
     rows = [
-        [name, *(f"{of[name][0]:,}, {of[name][1]}, {of[name][2]:,}" for of in sizes)]
+        [name, *(f"{size[name][0]:,}, {size[name][1]}, {size[name][2]:,}" for size in sizes)]
         for name in names
     ]
     print(markdown_table(head, rows, right=len(revisions)))
@@ -37,7 +37,7 @@ def main(revisions: list[str]) -> None:
 
 def _sizes(revision: str) -> dict[str, list[int]]:
     """By package: lines, files, statements."""
-    found: dict[str, list[int]] = collections.defaultdict(lambda: [0, 0, 0])
+    totals: dict[str, list[int]] = collections.defaultdict(lambda: [0, 0, 0])
     for path, text in _files(revision):
         parts = path.split("/")
         names = [parts[0]]
@@ -50,8 +50,8 @@ def _sizes(revision: str) -> dict[str, list[int]]:
         )
         for name in names:
             for at, count in enumerate((text.count("\n"), 1, statements)):
-                found[name][at] += count
-    return found
+                totals[name][at] += count
+    return totals
 
 
 def _files(revision: str) -> Iterator[tuple[str, str]]:

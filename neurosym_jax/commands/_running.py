@@ -13,6 +13,7 @@ import tyro
 from neurosym_jax.commands._options import description, short_help, with_file
 from neurosym_jax.errors import InputError, printable
 from neurosym_jax.plugins import load_entry_points, load_plugin
+from neurosym_jax.runtime.ending import interruptible
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 
 __all__ = ["load_plugins", "run_command"]
@@ -36,37 +37,53 @@ def run_command(
 
     `options` is the dataclass that `action` takes, or without `action` a function of the options.
     `prepare` removes arguments that other programs add. The exit status is the integer that is
-    returned, else 0; 2 for bad input or a full or read-only disk, 130 after Ctrl-C.
+    returned, else 0; 2 for bad input or a full or read-only disk; 128 and the number of the signal
+    that ended it, such as 130 after Ctrl-C.
     """
     tune()
     enable_compilation_cache()
-    try:
-        with warnings.catch_warnings():
-            warnings.showwarning = _show
-            own = prepare(sys.argv[1:] if arguments is None else arguments)
-            arguments = load_plugins(with_file(options, own))
-            if {"-h", "--help"} & set(arguments):
-                print(short_help(options, prog or "neurosym"))
-                sys.exit(0)
-            status = tyro.cli(
-                options,
-                args=["--help" if each == "--help-all" else each for each in arguments],
-                prog=prog,
-                description=f"{description(options)}\n\n{PLUGIN}",
-                config=(tyro.conf.DisallowNone,),
-            )
-            status = action(status) if action else status
-    except KeyboardInterrupt:
-        # Python waits for compiling threads; a second Ctrl-C ends the process at once.
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        print("interrupted", file=sys.stderr)
-        sys.exit(130)
-    except Exception as error:
-        if isinstance(error, InputError) or getattr(error, "errno", None) in OF_THE_DISK:
-            print(f"error: {printable(str(error))}", file=sys.stderr)
-            sys.exit(2)
-        raise
+    with interruptible() as signals:
+        try:
+            status = _run(options, action, arguments, prog, prepare)
+        except BaseException as error:
+            # A library may have made another error of the interruption.
+            if signals:
+                sys.exit(128 + signals[0])
+            if isinstance(error, KeyboardInterrupt):
+                print("interrupted", file=sys.stderr)
+                sys.exit(128 + signal.SIGINT)
+            if isinstance(error, InputError) or getattr(error, "errno", None) in OF_THE_DISK:
+                print(f"error: {printable(str(error))}", file=sys.stderr)
+                sys.exit(2)
+            raise
+    if signals:  # The action has ended by itself.
+        sys.exit(128 + signals[0])
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _run(
+    options: Callable[..., Any],
+    action: Callable[[Any], object] | None,
+    arguments: Sequence[str] | None,
+    prog: str | None,
+    prepare: Callable[[Sequence[str]], Sequence[str]],
+) -> object:
+    """Parse the options and call the action; returns what it returns."""
+    with warnings.catch_warnings():
+        warnings.showwarning = _show
+        own = prepare(sys.argv[1:] if arguments is None else arguments)
+        arguments = load_plugins(with_file(options, own))
+        if {"-h", "--help"} & set(arguments):
+            print(short_help(options, prog or "neurosym"))
+            sys.exit(0)
+        value = tyro.cli(
+            options,
+            args=["--help" if word == "--help-all" else word for word in arguments],
+            prog=prog,
+            description=f"{description(options)}\n\n{PLUGIN}",
+            config=(tyro.conf.DisallowNone,),
+        )
+        return action(value) if action else value
 
 
 def load_plugins(arguments: Sequence[str]) -> list[str]:

@@ -235,7 +235,8 @@ def default_models(source: Source, dataset: str | None, pred_len: int | None) ->
 def _validate(options: Options) -> None:
     """Refuse, before any work, options that cannot be used and files that cannot be written."""
     counts = ("samples", "seeds", "min_agents", "obs_len", "pred_len")
-    refuse(Count, {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts})
+    numbers = {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts}
+    refuse(Count, numbers, optional=True)
     for seed, of in ((0, "--seed"), (options.seeds - 1, "--seed and --seeds: the last seed")):
         refuse(Seed, {of: options.seed + seed})
     if not (options.checkpoint or options.baselines or options.baselines is None):

@@ -55,8 +55,8 @@ class ReadOptions:
         Raises:
             InputError: naming the option.
         """
-        refuse(Positive, {"--fps": self.fps, "--eth-stride": self.eth_stride})
-        refuse(NotNegative, {"--max-gap": self.max_gap})
+        refuse(Positive, {"--fps": self.fps, "--eth-stride": self.eth_stride}, optional=True)
+        refuse(NotNegative, {"--max-gap": self.max_gap}, optional=True)
         with contextlib.suppress(ValueError):
             if 1e-6 <= self.metres <= 1e4:
                 return

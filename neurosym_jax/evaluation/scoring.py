@@ -14,9 +14,9 @@ from jax.typing import ArrayLike
 from neurosym_jax.data.windows import Batch, bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
-from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
-from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.runtime.process import cpu_cores, refuse_beyond_memory
+from neurosym_jax.forecasting.batched import PART, batch_noise, forecast_batch, unpacked
+from neurosym_jax.forecasting.forecaster import Forecaster, refuse_many
+from neurosym_jax.runtime.process import cpu_cores
 from neurosym_jax.scene import (
     Scene,
     make_scene,
@@ -89,12 +89,7 @@ def score_forecaster(
     start = time.perf_counter()
     samples, cores = forecaster.count(samples), cpu_cores()
     slots = max(batch.scene.valid.size for batch in batches) * min(cores, len(batches))
-    refuse_beyond_memory(
-        f"evaluating {slots} people at once with {samples} samples",
-        # Futures, a copy in their places, offsets from the truth; and the noise.
-        4.0 * samples * slots * (6 * forecaster.pred_len + 2 * forecaster.noise.dim),
-        "ask for fewer samples",
-    )
+    refuse_many(forecaster, samples, slots, min(slots, PART * cores))
     how = {"samples": samples, "seed": seed, "metrics": chosen(metrics)}
     of_batch = functools.partial(score_batch, forecaster, params, **how)
     with ThreadPoolExecutor(cores) as pool:

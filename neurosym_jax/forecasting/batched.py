@@ -16,7 +16,7 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import Batch, Windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster
+from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster, refuse_many
 from neurosym_jax.forecasting.model import Model, refuse_other_length, warn_of_tracking_errors
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.forecasting.tracking_errors import repair_tracks
@@ -88,6 +88,7 @@ def forecast_windows(
     """
     forecaster, params = model.forecaster, jax.device_put(model.params)
     samples = forecaster.count(samples)
+    refuse_many(forecaster, samples, windows.agents, min(windows.agents, PART))
     places = np.empty((samples, windows.agents, forecaster.pred_len, 2))
     likely = np.empty((samples, windows.scenes))
 

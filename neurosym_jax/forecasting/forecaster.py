@@ -9,22 +9,23 @@ Equal forecasters are equal to `jax.jit`, so they share compiled programs.
 import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.configuration import Checked, Count, Positive, differences
+from neurosym_jax.configuration import Checked, Rule, Size, differences
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.forecasting.tracking_errors import repair_scene
 from neurosym_jax.plugins import Registry
+from neurosym_jax.runtime.process import refuse_beyond_memory
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
 __all__ = ["FORECASTERS", "Distribution", "Forecaster", "Lengths", "TwoStageForecaster"]
-__all__ += ["forecaster_of", "register_forecaster", "with_weighting"]
+__all__ += ["forecaster_of", "refuse_many", "register_forecaster", "with_weighting"]
 
 Distribution = tuple[Array, Array | None]
 """Samples [k, N, pred_len, 2] of a scene and their probabilities [k]; None where all have the
@@ -35,11 +36,11 @@ same."""
 class Lengths(Checked):
     """The configuration of a forecaster that needs nothing else, and a part of all others."""
 
-    obs_len: Count = 8
+    obs_len: Size = 8
     """Observed time steps."""
-    pred_len: Count = 8
+    pred_len: Size = 8
     """Time steps to forecast."""
-    period: Positive = 0.4
+    period: Annotated[float, Rule("lie in (0, 3600]", lambda value: 0 < value <= 3600)] = 0.4
     """Seconds between time steps, in training."""
 
 
@@ -88,6 +89,11 @@ class Forecaster(abc.ABC):
     def noise(self) -> NoiseSpec:
         """The noise it takes; by default none, a deterministic forecast."""
         return NoiseSpec()
+
+    @property
+    def state_size(self) -> int:
+        """Numbers that decoding one sample of one agent takes besides the future itself."""
+        return 0
 
     @property
     def sees_neighbours(self) -> bool:
@@ -229,6 +235,23 @@ def forecaster_of(config: Any) -> Forecaster:
         if family.Config is type(config):
             return family(config)
     raise InputError(f"config: {type(config).__name__} is the Config of no registered forecaster")
+
+
+def refuse_many(
+    forecaster: Forecaster, samples: int, agents: int, decoded: int | None = None
+) -> None:
+    """Refuse a forecast of `agents` people that would not fit into memory: XLA ends the process.
+
+    `decoded` is the number of them that are decoded at the same time; default: all.
+
+    Raises:
+        InputError: with both sizes.
+    """
+    # Futures, a copy in their places, offsets from the truth; and the noise.
+    future = 6 * forecaster.pred_len + 2 * forecaster.noise.dim
+    numbers = agents * future + (agents if decoded is None else decoded) * forecaster.state_size
+    what = f"a forecast of {agents} people at once with {samples} samples"
+    refuse_beyond_memory(what, 4.0 * samples * numbers, "ask for fewer samples")
 
 
 def with_weighting(params: Any, weighting: Weighting | None) -> Any:

@@ -17,7 +17,13 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import Count, Seed, differences, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting.forecaster import FORECASTERS, Distribution, Forecaster, forecaster_of
+from neurosym_jax.forecasting.forecaster import (
+    FORECASTERS,
+    Distribution,
+    Forecaster,
+    forecaster_of,
+    refuse_many,
+)
 from neurosym_jax.forecasting.noise import scene_noise
 from neurosym_jax.forecasting.tracking_errors import TOP_CHANGE, TOP_SPEED, repair_tracks
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
@@ -92,6 +98,7 @@ class SceneForecaster:
         refuse(Seed, {"seed": seed})
         self.forecaster = forecaster
         self.samples = forecaster.count(samples)
+        refuse_many(forecaster, self.samples, 1)
         self._params = jax.device_put(params)
         self._key = jax.random.key(seed)
 
@@ -102,6 +109,7 @@ class SceneForecaster:
     def start(self, scene: Scene) -> Distribution:
         """Begin the forecast of `scene`, of N slots, without waiting for it."""
         slots = int(bucket_of(len(scene.valid)))
+        refuse_many(self.forecaster, self.samples, slots)
         padded = self.forecaster.prepared(pad_scene(scene.bare(), slots))
         spec = self.forecaster.noise
         noise: Any = np.zeros((self.samples, 0), np.float32)

@@ -10,6 +10,7 @@ the neighbour effect), `params.safetensors` (arrays by path, such as `params/mlp
 It is compared before any file is parsed.
 """
 
+import dataclasses
 import difflib
 import hashlib
 import json
@@ -20,7 +21,7 @@ from pathlib import Path
 
 import yaml
 
-from neurosym_jax.configuration import from_json, parse_json, to_json
+from neurosym_jax.configuration import Checked, from_json, parse_json, to_json
 from neurosym_jax.data.leakage import is_fingerprint
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import FORECASTERS
@@ -39,11 +40,24 @@ __all__ = ["load_model", "replace_card", "save_model"]
 
 FILES = CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
-FIELDS = {"forecaster", "config", "dataset", "plugins"}
-OPTIONAL = {"seed", "seen", "neighbours", "data"}
 HUB_LICENCES = {"MIT": "mit", "CC BY-NC-SA 3.0, restricted": "cc-by-nc-sa-3.0"}
 """Our names of data's licences, and the Hub's."""
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
+
+
+@dataclasses.dataclass(frozen=True)
+class _File(Checked):
+    """The fields of `config.json` after the digest: those of `Model`."""
+
+    format: int
+    forecaster: str
+    config: dict
+    dataset: str | None
+    plugins: tuple[str, ...]
+    seed: int | None = None
+    seen: str = ""
+    neighbours: float | None = None
+    data: dict[str, str] | None = None
 
 
 def save_model(folder: Path | str, model: Model, card: str | None = None) -> None:
@@ -158,25 +172,32 @@ def _read(folder: Path) -> Model:
     digest, rest = _read_config(folder)
     if _digest(folder, rest) != digest:
         raise InputError("damaged: its files do not match the digest")
-    fields = parse_json(b"{" + rest, CONFIG)
-    if (format_ := fields.pop("format", None)) != FORMAT:
-        raise InputError(f"format {format_!r} is not the format {FORMAT} of this version")
-    if fields.keys() - OPTIONAL != FIELDS:
-        raise InputError(f"{CONFIG}: must have the fields {', '.join(sorted(FIELDS))}")
-    if not is_fingerprint(fields.get("seen", "")):
+    fields = from_json(_File, parse_json(b"{" + rest, CONFIG), CONFIG)
+    if fields.format != FORMAT:
+        raise InputError(f"format {fields.format} is not the format {FORMAT} of this version")
+    if not is_fingerprint(fields.seen):
         raise InputError(f"{CONFIG}: seen is not a fingerprint of windows")
-    family, plugins = str(fields.pop("forecaster")), tuple(map(str, fields.pop("plugins")))
     try:
-        config = from_json(FORECASTERS[family].Config, fields.pop("config"), CONFIG)
+        config = from_json(FORECASTERS[fields.forecaster].Config, fields.config, CONFIG)
     except InputError as error:
-        absent = [f" --plugin {name}" for name in plugins if name not in names(loaded())]
+        absent = [f" --plugin {name}" for name in fields.plugins if name not in names(loaded())]
         hint = f"; it was trained with{''.join(absent)}" if absent else ""
         raise InputError(f"{error}{hint}") from None
     try:
         parameters = nested_parameters(load_file(folder / PARAMS))
     except (SafetensorError, AttributeError, KeyError, ValueError, TypeError) as error:
         raise InputError(f"{PARAMS}: cannot be read ({error})") from None
-    model = Model(config, parameters, family=family, plugins=plugins, **fields)
+    model = Model(
+        config,
+        parameters,
+        fields.dataset,
+        fields.forecaster,
+        fields.plugins,
+        fields.seed,
+        fields.neighbours,
+        seen=fields.seen,
+        data=fields.data or {},
+    )
     _refuse_misfit(model)
     return model
 

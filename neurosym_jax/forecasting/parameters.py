@@ -6,9 +6,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, brief
 
 __all__ = ["flat_parameters", "nested_parameters", "refuse_misfit", "shapes_of"]
+
+DEPTH = 32
+"""Parts of a path; jax's trees overflow the stack at some ten thousand."""
 
 
 def flat_parameters(params: Any) -> dict[str, np.ndarray]:
@@ -28,13 +31,23 @@ def flat_parameters(params: Any) -> dict[str, np.ndarray]:
 
 
 def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """The inverse of `flat_parameters`."""
+    """The inverse of `flat_parameters`.
+
+    Raises:
+        InputError: for paths of more than `DEPTH` parts, and two of which one begins the other.
+    """
     params: dict[str, Any] = {}
     for path, value in flat.items():
         *scope, name = path.split("/")
+        if len(scope) >= DEPTH:
+            raise InputError(f"the parameter {brief(path)} has a path of {len(scope) + 1} parts")
         node = params
         for part in scope:
             node = node.setdefault(part, {})
+            if not isinstance(node, dict):
+                break
+        if not isinstance(node, dict) or name in node:
+            raise InputError(f"{brief(path)}: the name of a parameter and of a folder of others")
         node[name] = value
     return params
 
@@ -47,22 +60,23 @@ def shapes_of(params: Any) -> dict[str, tuple[int, ...]]:
 def refuse_misfit(
     arrays: Mapping[str, np.ndarray], expected: Mapping[str, Any], message: str
 ) -> None:
-    """Refuse arrays [...] whose names and shapes are not those `wanted`, or that are not finite.
+    """Refuse arrays [...] whose names and shapes are not those `expected`, or that are not finite.
 
     Raises:
-        InputError: naming the first of them; `what` is what it says of misfits.
+        InputError: naming the first of them; `message` is what it says of misfits.
     """
-    wrong = [
-        f"{name!r} is {arrays[name].shape if name in arrays else 'missing'}, "
+    misfits = [
+        f"{brief(name)} is {arrays[name].shape if name in arrays else 'missing'}, "
         f"not {expected.get(name, 'expected')}"
         for name in {**expected, **arrays}
         if name not in arrays or arrays[name].shape != expected.get(name)
     ]
-    infinite = [name for name, array in arrays.items() if not np.isfinite(array).all()]
-    for misfits, text in ((wrong, message), (infinite, "parameters that are not finite")):
-        if misfits:
-            rest = f" and {len(misfits) - 6} more" if len(misfits) > 6 else ""
-            raise InputError(f"{text}: {', '.join(misfits[:6])}{rest}")
+    if not misfits:
+        message = "parameters that are not finite"
+        misfits = [name for name, array in arrays.items() if not np.isfinite(array).all()]
+    if misfits:
+        rest = f" and {len(misfits) - 6} more" if len(misfits) > 6 else ""
+        raise InputError(f"{message}: {', '.join(misfits[:6])}{rest}")
 
 
 def _leaves(params: Any) -> list[tuple[str, Any]]:

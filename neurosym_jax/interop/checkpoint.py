@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.configuration import from_json
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, brief
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.interop.names import params_from_torch, params_to_torch, without_dropout
 from neurosym_jax.interop.pickles import read_torch_file
@@ -98,12 +98,12 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
     unknown = sorted(set(arguments) - {*SAME, *FIXED, *WIDTHS, *PASSED.split()})
     if refused := [name for name in unknown if ignored is not None and name not in ignored]:
         raise InputError(
-            f"unknown argument {refused[0]!r}, which may change the network: if it does not, "
-            f"`neurosym convert --ignore-arg {refused[0]}`"
+            f"unknown argument {brief(refused[0])}, which may change the network: if it does not, "
+            f"`neurosym convert --ignore-arg {refused[0][:80]}`"
         )
     for name, tensor in contents["g_state"].items():
         if not isinstance(name, str) or not isinstance(tensor, np.ndarray):
-            raise InputError(f"g_state is not a state dict: {name!r:.80} is no tensor")
+            raise InputError(f"g_state is not a state dict: {brief(name)} is no tensor")
     config, params = generator(arguments, contents["g_state"])
     assumed = ["forward as in the released code"]
     if "activation" not in arguments:
@@ -209,9 +209,11 @@ def generator(
         kinds = {"pool_net": "neurosym_ijcnn" if history.shape[-1] == 2 else "neurosym_ros"}
     if "neurosym_ros" in kinds.values():
         known["weighting"] = arguments.get("weighting", "cnd_shipped")
-    kind = kinds.get(theirs := str(known["pooling_type"] or "none").lower())
+    theirs = "none" if known["pooling_type"] is None else known["pooling_type"]
+    kind = kinds.get(theirs.lower()) if isinstance(theirs, str) else None
     if kind is None:
-        raise InputError(f"args: pooling_type is one of {str([*kinds])[1:-1]}, not {theirs!r}")
+        names = str([*kinds])[1:-1]
+        raise InputError(f"args: pooling_type is one of {names}, not {brief(theirs)}")
     if kind == "social":
         known |= _required(arguments, ("neighborhood_size", "grid_size"))
     known["pooling"] = {"kind": kind, **_fields_of(POOLINGS[kind], known)}
@@ -234,7 +236,9 @@ def discriminator(
 def _required(arguments: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     for name, value in FIXED.items():
         if (given := arguments.get(name, value)) != value:
-            raise InputError(f"args: {name} is {given!r}, and our networks have {value!r} only")
+            raise InputError(
+                f"args: {name} is {brief(given)}, and our networks have {value!r} only"
+            )
     if missing := set(names) - set(arguments):
         raise InputError(f"args: {min(missing)} is missing")
     return {name: arguments[name] for name in names}

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, brief
 from neurosym_jax.forecasting.parameters import (
     flat_parameters,
     nested_parameters,
@@ -133,7 +133,7 @@ def _checked(
     """The arrays as float32, once their names and shapes are exactly `shapes`."""
     for name, array in arrays.items():
         if array.dtype.kind != "f":
-            raise InputError(f"{name!r} is not floating point")
+            raise InputError(f"{brief(name)} is not floating point")
     what = "generator" if isinstance(config, GeneratorConfig) else "discriminator"
     refuse_misfit(arrays, shapes, f"the {what}'s parameters do not fit its configuration")
     return {name: array.astype(np.float32, copy=False) for name, array in arrays.items()}

@@ -19,7 +19,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, refuse
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, brief
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.forecasting.model import Model, refuse_other_length
 from neurosym_jax.interop import torch_side
@@ -98,7 +98,7 @@ def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
             # The name of a row's kind of case: its model's, else its file's.
             kind, classes = row.get("model", path.stem), row.get("layers", {})
             if kind not in CASES:
-                raise InputError(f"{kind!r} is none of the cases {', '.join(CASES)}")
+                raise InputError(f"{brief(kind)} is none of the cases {', '.join(CASES)}")
             with np.load(path, allow_pickle=False) as archive:
                 arrays = dict(archive)
             layers = _compared_layers(read_case(row, arrays), classes) if classes else {}

@@ -1,10 +1,10 @@
 """Files of `torch.save`, read without torch.
 
 Both forms are read: today's zip archive and the legacy stream of pickles (2018, the published SGAN
-checkpoints). A pickle is a program, so it is scanned for opcodes that a checkpoint has no use for,
-and then run by an unpickler that knows the handful of names a state dict needs and refuses every
-other by name: a file can fail to load, but it can run no code. What stands for a name runs nothing
-and keeps no state of the pickle's own choice.
+checkpoints). A pickle is a program, so it is run by an unpickler that knows only the opcodes and
+the handful of names that a state dict needs, and refuses every other by name: a file can fail to
+load, but it can run no code. What stands for a name runs nothing and keeps no state of the pickle's
+own choice.
 """
 
 import io
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, brief
 from neurosym_jax.runtime.process import refuse_beyond_memory
 
 __all__ = ["read_torch_file"]
@@ -52,7 +52,7 @@ class Tensor(np.ndarray):
         """Check that the tensor lies in its storage, whose values are read after the pickle."""
         whole = all(type(n) is int and 0 <= n < 2**48 for n in (offset, *shape, *strides))
         stored = isinstance(storage, Tensor) and storage.base is None
-        if not stored or not whole or len(shape) != len(strides):
+        if not stored or not whole or not len(shape) == len(strides) <= 32:
             raise InputError("a tensor is described in a way torch does not")
         elements = math.prod(shape)
         last = offset + sum((n - 1) * step for n, step in zip(shape, strides))
@@ -94,17 +94,45 @@ KNOWN_GLOBALS: dict[str, Any] = {
 }
 
 
-class _Unpickler(pickle.Unpickler):
-    """Knows `KNOWN_GLOBALS`, and gathers the storages that it meets, empty."""
+class _Opcodes(dict[int, Any]):
+    """Methods of `OPCODES` by their byte."""
 
-    def __init__(self, data: bytes, storages: dict[str, Tensor]):
-        super().__init__(io.BytesIO(data))
+    def __missing__(self, byte: int) -> Any:
+        name = next((code.name for code in pickletools.opcodes if ord(code.code) == byte), byte)
+        raise InputError(f"refused: the pickle opcode {name} has no use in a checkpoint")
+
+
+class _Unpickler(pickle._Unpickler):
+    """Knows `OPCODES` and `KNOWN_GLOBALS`, and gathers the storages that it meets, empty.
+
+    The one in Python: that in C takes any opcode, as much memory as an index of its memo says, and
+    as keys tuples of tuples, which share parts and so take minutes to hash.
+    """
+
+    dispatch = _Opcodes(
+        (ord(code.code), pickle._Unpickler.dispatch[ord(code.code)])
+        for code in pickletools.opcodes
+        if code.name in OPCODES.split()
+    )
+
+    def __init__(self, stream: io.BytesIO, storages: dict[str, Tensor]):
+        super().__init__(stream)
         self.storages = storages
+
+    def load_setitem(self) -> None:
+        _refuse_keys(self.stack[-2:-1])
+        super().load_setitem()
+
+    def load_setitems(self) -> None:
+        _refuse_keys(self.stack[::2])
+        super().load_setitems()
+
+    dispatch |= {pickle.SETITEM[0]: load_setitem, pickle.SETITEMS[0]: load_setitems}
 
     def find_class(self, module: str, name: str) -> Any:
         full = f"{module}.{name}"
         if full not in KNOWN_GLOBALS:
-            raise InputError(f"refused: it asks for {full[:120]!r}, which no state dict needs")
+            raise InputError(f"refused: it asks for {brief(full)}, which no state dict needs")
         return KNOWN_GLOBALS[full]
 
     def persistent_load(self, pid: Any) -> Tensor:
@@ -112,11 +140,11 @@ class _Unpickler(pickle.Unpickler):
         if tag != "storage" or kind not in STORAGE_DTYPES or view not in ([], [None]):
             raise InputError("it refers to something other than a tensor's storage")
         if type(key) is not str or type(numel) is not int or not 0 <= numel < 2**48:
-            raise InputError(f"storage {key!r} has no sensible size")
+            raise InputError(f"storage {brief(key)} has no sensible size")
         dtype = np.dtype(STORAGE_DTYPES[kind])
         storage = self.storages.setdefault(key, np.ndarray.__new__(Tensor, numel, dtype))
         if (storage.dtype, storage.size) != (dtype, numel):
-            raise InputError(f"storage {key!r} is described twice, differently")
+            raise InputError(f"storage {brief(key)} is described twice, differently")
         return storage
 
 
@@ -153,10 +181,11 @@ def read_torch_file(path: str | os.PathLike) -> Any:
 def _read_legacy(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
     magic, protocol, system = (_load(stream, storages) for _ in range(3))
     if (magic, protocol, system["little_endian"]) != (LEGACY_MAGIC, LEGACY_PROTOCOL, True):
-        raise InputError(f"of another format ({protocol!r:.20}), or of a big-endian machine")
+        raise InputError(f"of another format ({brief(protocol)}), or of a big-endian machine")
     contents, keys = _load(stream, storages), _load(stream, storages)
+    _refuse_keys(keys)
     if missing := storages.keys() - set(keys):
-        raise InputError(f"storage {min(missing)!r} is missing")
+        raise InputError(f"storage {brief(min(missing))} is missing")
     for key in keys:
         (numel,) = struct.unpack("<q", stream.read(8))
         _fill(storages[key], stream.read(numel * storages[key].itemsize))
@@ -172,6 +201,9 @@ def _read_zip(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
             raise InputError("a zip archive, but not one of torch.save: it has no data.pkl")
         if any(each.compress_type != zipfile.ZIP_STORED for each in archive.infolist()):
             raise InputError("its content is compressed, and may be of any size; torch's never is")
+        # Entries may lie on top of each other.
+        if sum(each.file_size for each in archive.infolist()) > stream.getbuffer().nbytes:
+            raise InputError("its entries are larger than itself")
         contents = _load(io.BytesIO(archive.read(names[0])), storages)
         for key, storage in storages.items():
             _fill(storage, archive.read(f"{names[0].removesuffix('.pkl')}/{key}"))
@@ -185,12 +217,10 @@ def _fill(storage: Tensor, data: bytes) -> None:
 
 
 def _load(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
-    """Run the pickle that starts here, once its opcodes are found harmless."""
-    start, known = stream.tell(), set(OPCODES.split())
-    for count, (opcode, argument, _) in enumerate(pickletools.genops(stream)):
-        if opcode.name not in known:
-            raise InputError(f"refused: the pickle opcode {opcode.name} has no use in a checkpoint")
-        # The unpickler allocates as many memo slots as the index says; picklers count from 0 up.
-        if opcode.name == "LONG_BINPUT" and (argument or 0) > count:
-            raise InputError("damaged: a memo index is larger than the pickle")
-    return _Unpickler(stream.getvalue()[start : stream.tell()], storages).load()
+    """Run the pickle that starts here."""
+    return _Unpickler(stream, storages).load()
+
+
+def _refuse_keys(keys: Any) -> None:
+    if any(type(key) not in (str, int) for key in keys):
+        raise InputError("a dictionary's key is neither text nor a number")

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.ending import when_ended
 
 __all__ = ["append_text", "folder_digest", "new_file", "new_folder", "refuse_unwritable"]
 __all__ += ["write_json", "write_text"]
@@ -46,17 +47,19 @@ def _beside(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         # Writers of figures need the ending; a name of maximal length has no room for more.
         beside = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
-        make(beside)
-        try:
-            yield beside
-            for each in (*beside.rglob("*"), beside):
-                _sync(each)
-            beside.replace(path)
-            _sync(path.parent)
-        finally:
+
+        def remove() -> None:
             shutil.rmtree(beside, ignore_errors=True)
             with contextlib.suppress(OSError):  # It is a folder, or in its place.
                 beside.unlink()
+
+        with when_ended(remove):
+            make(beside)
+            yield beside
+            for content in (*beside.rglob("*"), beside):
+                _sync(content)
+            beside.replace(path)
+            _sync(path.parent)
 
 
 def write_text(path: Path | str, text: str) -> None:
@@ -98,6 +101,8 @@ def refuse_unwritable(path: Path | str) -> None:
     with _in_words(path):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
+        if path.exists() and not path.is_file():  # A device may be read without an end.
+            raise OSError(errno.EINVAL, "it is no file")
         folder = next(folder for folder in path.absolute().parents if folder.exists())
         with tempfile.TemporaryFile(dir=folder):
             pass

@@ -22,6 +22,7 @@ from typing import Any
 import jax
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.compiled import keep_programs
 
 __all__ = ["COMPILED_QUICKLY", "available_memory", "cache_folder", "code_version", "cpu_cores"]
 __all__ += ["enable_compilation_cache", "progress_of", "provenance", "refuse_beyond_memory"]
@@ -35,6 +36,8 @@ compiled sooner, with the same bits. Empty where `XLA_FLAGS` sets the optimisati
 _VECTORS = "--xla_cpu_prefer_vector_width"
 _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
 """Parameters of mallopt in glibc's malloc.h."""
+SURE = 50e6
+"""Bytes that are free wherever JAX runs."""
 _PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
 _INSTRUCTIONS = ("avx512f", "avx2", "avx", "sse4_2", "sve2", "sve", "asimd")
 
@@ -55,15 +58,13 @@ def cache_folder() -> Path | None:
 def enable_compilation_cache() -> None:
     """Keep compiled programs between processes, unless `NEUROSYM_NO_CACHE` is set.
 
-    JAX runs cached programs without a check, so the folder must be the user's own.
+    A damaged program is compiled again. The folder must be the user's own: whoever can write there
+    can run code.
     """
     if os.environ.get("NEUROSYM_NO_CACHE") or (folder := cache_folder()) is None:
         return
-    # The cache's key does not know the number of threads, which changes what is compiled.
-    threads = os.environ.get("NPROC", "all")
-    jax.config.update("jax_compilation_cache_dir", str(folder / f"xla-threads-{threads}"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+    # JAX's key does not know the number of threads, which changes what is compiled.
+    keep_programs(folder / f"xla-threads-{os.environ.get('NPROC', 'all')}")
 
 
 def tune() -> None:
@@ -179,8 +180,8 @@ def refuse_beyond_memory(what: str, needed: float, remedy: str) -> None:
     Raises:
         InputError: naming the work, both sizes and the remedy.
     """
-    there = available_memory()
-    if needed > there:
+    # What is certainly there is not looked up: a robot asks before each forecast.
+    if needed > SURE and needed > (there := available_memory()):
         raise InputError(
             f"{what} needs some {needed / 1e9:.1f} GB of memory, and {there / 1e9:.1f} GB are "
             f"free: {remedy}"

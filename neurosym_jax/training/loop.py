@@ -149,6 +149,8 @@ def _begin(
     restored = restore_state(folder / "checkpoints", (state, best))
     if restored is None and (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
+    if restored is None and record is None and any((folder / "checkpoints").glob("damaged_*")):
+        raise InputError(f"{folder}: holds a run whose states are damaged; --resume begins it anew")
     rows: list[Row] = []
     if restored is not None:
         (state, best), before = restored

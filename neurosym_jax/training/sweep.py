@@ -26,6 +26,7 @@ from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
+from neurosym_jax.runtime.ending import when_ended
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.runtime.process import cpu_cores, progress_of, provenance
 from neurosym_jax.training.run import model_card
@@ -130,7 +131,9 @@ def _train(run: SweepRun) -> str:
     # the last line of the log is the error and not what was printed before it.
     environment = {**os.environ, "NPROC": "1", "PYTHONUNBUFFERED": "1"}
     with log.open("ab") as output:
-        status = subprocess.call(command, stdout=output, stderr=output, env=environment)
+        training = subprocess.Popen(command, stdout=output, stderr=output, env=environment)
+        with training, when_ended(training.terminate):
+            status = training.wait()
     last = ["no output", *filter(str.strip, log.read_text().splitlines())][-1]
     return f"status {status}: {last}" if status else ""
 

@@ -41,7 +41,7 @@ def run(options: Options) -> None:
         raise InputError(f"{options.out}: already there, and nothing is overwritten")
     refuse_unused(options.read, ["max_gap"], "here: --fill and --links.max-gap say it")
     files.refuse_unwritable(options.out)
-    refuse(Positive, {"period": options.period})
+    refuse(Positive, {"period": options.period}, optional=True)
     recordings = read_any(options.tracks, options.read, options.period)
     if len(recordings) != 1:
         raise InputError(f"{options.tracks}: holds {len(recordings)} recordings: one is stitched")

@@ -87,14 +87,14 @@ def _forecast(
     """The way of a recording through the whole chain, and once more without stitching."""
     frames, again = list(read_people(bag)), OnlineStitcher()
     # -1 for a detection that is not confirmed yet.
-    given = (again.push(*frame) for frame in frames)
-    mended = [np.where(ids == NOBODY, -1, ids) for ids in given]
+    stitched = (again.push(*frame) for frame in frames)
+    mended = [np.where(ids == NOBODY, -1, ids) for ids in stitched]
     summaries, done = [], []
     for stitcher in (None, OnlineStitcher()):
         predictor = Predictor(models, samples=samples, max_people=MAX_PEOPLE)
         analytics = Analytics(predictor)
         events = list(replay(frames, predictor, analytics, stitcher=stitcher))
-        done = [each for event in events for each in event.scored] + analytics.finish()
+        done = [forecast for event in events for forecast in event.scored] + analytics.finish()
         summaries.append(analytics.summary())
     scores = {name: score(done, name) for name in models}
     scores[STRAIGHT] = score(done, None)

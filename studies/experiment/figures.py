@@ -61,13 +61,13 @@ def _plot_ids(recording: Recording) -> Figure:
     from neurosym_jax.plotting import style
 
     figure, (panels,) = style.new_figure(style.WIDTH, 2.2, 1, 2, sharey=True)
-    given = [frame.ids for frame in recording.frames]
+    tracked = [frame.ids for frame in recording.frames]
     began, people = recording.frames[0].stamp, np.concatenate(recording.people)
-    seconds = np.concatenate([np.full(len(each.ids), each.stamp) for each in recording.frames])
-    for axes, ids, title in zip(panels, (given, recording.mended), ("the tracker's", "stitched")):
+    seconds = np.concatenate([np.full(len(frame.ids), frame.stamp) for frame in recording.frames])
+    for axes, ids, title in zip(panels, (tracked, recording.mended), ("the tracker's", "stitched")):
         ids = np.concatenate(ids)
-        found, first = np.unique(ids[ids >= 0], return_index=True)
-        rows = {name: row for row, name in enumerate(found[np.argsort(first)], 1)}
+        names, first = np.unique(ids[ids >= 0], return_index=True)
+        rows = {name: row for row, name in enumerate(names[np.argsort(first)], 1)}
         for person, colour in enumerate(style.PALETTE[:PEOPLE]):
             seen = (ids >= 0) & (people == person)
             height = [rows[name] for name in ids[seen]]
@@ -80,10 +80,10 @@ def _plot_ids(recording: Recording) -> Figure:
 
 def _median(recording: Recording, model: str) -> Forecast:
     """The forecast with the median error: chosen by rule and not by looks."""
-    kept = complete(recording.forecasts)
-    futures = np.array([forecast.future for forecast in kept])
+    forecasts = complete(recording.forecasts)
+    futures = np.array([forecast.future for forecast in forecasts])
     distance = np.linalg.norm(
-        np.stack([published(forecast, model) for forecast in kept]) - futures, axis=-1
+        np.stack([published(forecast, model) for forecast in forecasts]) - futures, axis=-1
     )
     order = np.argsort(distance.mean(axis=(1, 2)), kind="stable")
-    return kept[int(order[len(order) // 2])]
+    return forecasts[int(order[len(order) // 2])]

@@ -70,16 +70,18 @@ class Recording:
     def identity(self) -> tuple[float, float]:
         """IDF1 of the tracker's ids and of the stitched ones."""
         people = np.concatenate(self.people)
-        given = np.concatenate([frame.ids for frame in self.frames])
-        return idf1(people, given), idf1(people, np.concatenate(self.mended))
+        tracked = np.concatenate([frame.ids for frame in self.frames])
+        return idf1(people, tracked), idf1(people, np.concatenate(self.mended))
 
 
 def complete(forecasts: list[Forecast]) -> list[Forecast]:
     """Return the forecasts that cover all people and whose futures are all known."""
     return [
-        each
-        for each in forecasts
-        if len(each.ids) == PEOPLE and each.future is not None and np.isfinite(each.future).all()
+        forecast
+        for forecast in forecasts
+        if len(forecast.ids) == PEOPLE
+        and forecast.future is not None
+        and np.isfinite(forecast.future).all()
     ]
 
 
@@ -98,25 +100,28 @@ def score(forecasts: list[Forecast], model: str | None) -> Score:
     Raises:
         InputError: if no forecast covers all people.
     """
-    kept = complete(forecasts)
-    if not kept:
+    known_forecasts = complete(forecasts)
+    if not known_forecasts:
         raise InputError("no sequence in which both people are known: the recording is too short")
-    future = np.array([forecast.future for forecast in kept])
+    future = np.array([forecast.future for forecast in known_forecasts])
     distance = np.linalg.norm(
-        np.stack([published(forecast, model) for forecast in kept]) - future, axis=-1
+        np.stack([published(forecast, model) for forecast in known_forecasts]) - future, axis=-1
     )
-    samples = [published(f, None)[None] if model is None else f.models[model].samples for f in kept]
-    best = [
-        score_scene(of_scene, truth, metrics=("joint_ade", "joint_fde"))
-        for of_scene, truth in zip(samples, future)
+    samples = [
+        published(f, None)[None] if model is None else f.models[model].samples
+        for f in known_forecasts
     ]
-    people = len(kept) * PEOPLE
+    best = [
+        score_scene(scene_samples, truth, metrics=("joint_ade", "joint_fde"))
+        for scene_samples, truth in zip(samples, future)
+    ]
+    people = len(known_forecasts) * PEOPLE
     return Score(
-        sequences=len(kept),
+        sequences=len(known_forecasts),
         ade=float(distance.mean()),
         fde=float(distance[..., -1].mean()),
-        best_ade=float(sum(each["joint_ade"].total[0] for each in best) / people),
-        best_fde=float(sum(each["joint_fde"].total[0] for each in best) / people),
+        best_ade=float(sum(errors["joint_ade"].total[0] for errors in best) / people),
+        best_fde=float(sum(errors["joint_fde"].total[0] for errors in best) / people),
         sum_ade=float(distance.sum(axis=(1, 2)).mean()),
         sum_fde=float(distance[..., -1].sum(axis=1).mean()),
         horizon=distance.mean(axis=(0, 1)).tolist(),

@@ -27,14 +27,14 @@ def tell(mistake: Mistake, folder: Path) -> tuple[str, str]:
             windows = windows_from(path, 4, 4, read=ReadOptions(**mistake.options))
         except InputError as error:
             return "refused", str(error).removeprefix(f"{path}: ")
-    said = [line for how in windows.reading for line in how.warnings]
-    if len(said) != len(caught):
-        return "silent", f"warnings {caught}, in the report {said}"
-    if said:
-        return "warned", said[0]
-    found, truth = _shapes(windows), _shapes(windows_from(_truth(folder), 4, 4))
-    same = sum((found & truth).values())
-    filled = sum(how.filled for how in windows.reading)
+    messages = [line for reading in windows.reading for line in reading.warnings]
+    if len(messages) != len(caught):
+        return "silent", f"warnings {caught}, in the report {messages}"
+    if messages:
+        return "warned", messages[0]
+    shapes, truth = _shapes(windows), _shapes(windows_from(_truth(folder), 4, 4))
+    same = sum((shapes & truth).values())
+    filled = sum(reading.filled for reading in windows.reading)
     if same < 0.8 * sum(truth.values()) and filled == 0:
         return "silent", f"{same} of {sum(truth.values())} windows"
     return "read", f"{same} windows" + f", {filled} points filled" * (filled > 0)
@@ -56,8 +56,8 @@ def main() -> None:
     print("| mistake | must be | is | said |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for mistake in MISTAKES:
-            found, said = tell(mistake, Path(folder))
-            print(f"| {mistake.name} | {mistake.wanted} | {found} | {said[:120]} |")
+            outcome, message = tell(mistake, Path(folder))
+            print(f"| {mistake.name} | {mistake.wanted} | {outcome} | {message[:120]} |")
 
 
 if __name__ == "__main__":

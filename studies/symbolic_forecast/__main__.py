@@ -88,22 +88,22 @@ def main(data: Path, out: Path) -> None:
     """Score everything on every test set, and write what came out."""
     start = time.perf_counter()
     if data.suffix == ".json":
-        found = json.loads(data.read_text(encoding="utf-8"))
+        scores = json.loads(data.read_text(encoding="utf-8"))
     else:
-        found: dict[str, Any] = {name: _group(each) for name, each in sets_of(data).items()}
-        found["seconds"] = time.perf_counter() - start
-        write_json(out / "scores.json", found)
-    write_text(out / "symbolic_forecast.md", document(found))
-    write_text(out / "symbolic_forecast.csv", table(found))
+        scores: dict[str, Any] = {name: _group(members) for name, members in sets_of(data).items()}
+        scores["seconds"] = time.perf_counter() - start
+        write_json(out / "scores.json", scores)
+    write_text(out / "symbolic_forecast.md", document(scores))
+    write_text(out / "symbolic_forecast.csv", table(scores))
 
 
 def _group(members: list[TestSet]) -> dict[str, Any]:
     """The mean over test sets, each of which weighs the same."""
     scores, sizes = [], {}
-    for each in members:
-        found, sizes[each.scene] = _of_set(each)
-        scores.append(found)
-        print(each.scene, *sizes[each.scene].values(), flush=True)
+    for test_set in members:
+        errors, sizes[test_set.scene] = _of_set(test_set)
+        scores.append(errors)
+        print(test_set.scene, *sizes[test_set.scene].values(), flush=True)
     metrics = tuple(scores[0]["NeuroSyM"].scores)
     return {
         "sets": sizes,
@@ -119,39 +119,44 @@ def _group(members: list[TestSet]) -> dict[str, Any]:
 
 
 def _means(scores: list[dict[str, ErrorsByScene]], name: str) -> dict[str, float]:
-    values = np.mean([found[name].mean for found in scores], axis=0)
+    values = np.mean([errors[name].mean for errors in scores], axis=0)
     return dict(zip(scores[0][name].scores, values.round(5).tolist()))
 
 
 def _intervals(difference: Difference, metrics: tuple[str, ...]) -> dict[str, list[float]]:
-    found = {}
+    intervals = {}
     for metric in metrics:
         interval = difference.intervals(metric)["scenes"]
         assert interval is not None
         mean = float(difference.mean[difference.metrics.index(metric)])
-        found[metric] = [round(value, 5) for value in (mean, *interval)]
-    return found
+        intervals[metric] = [round(value, 5) for value in (mean, *interval)]
+    return intervals
 
 
-def _of_set(which: TestSet) -> tuple[dict[str, ErrorsByScene], dict[str, Any]]:
+def _of_set(test_set: TestSet) -> tuple[dict[str, ErrorsByScene], dict[str, Any]]:
     settings, events = SymbolSettings(), tuple(EVENTS)
     train, tune, test = (
         make_cases(
-            which.source.recordings(which.scene, split), LENGTH, LENGTH, settings, events, most=most
+            test_set.source.recordings(test_set.scene, split),
+            LENGTH,
+            LENGTH,
+            settings,
+            events,
+            most=most,
         )
         for split, most in MOST.items()
     )
     folder = Path(__file__).resolve().parents[2] / "checkpoints"
     models = {
-        "NeuroSyM": load_model(folder / f"neurosym_{which.models}_8"),
-        "SGAN": load_model(folder / f"sgan_{which.models}_8"),
-        "anchors": load_model(folder / f"anchors_{which.models}_8"),
+        "NeuroSyM": load_model(folder / f"neurosym_{test_set.models}_8"),
+        "SGAN": load_model(folder / f"sgan_{test_set.models}_8"),
+        "anchors": load_model(folder / f"anchors_{test_set.models}_8"),
         "constant velocity": baseline("constant_velocity", LENGTH, LENGTH),
         "constant velocity, sampled": baseline("constant_velocity_sampled", LENGTH, LENGTH),
     }
-    found = evaluate_symbols(train, tune, test, models, samples=SAMPLES, seed=SEED)
+    scores = evaluate_symbols(train, tune, test, models, samples=SAMPLES, seed=SEED)
     share = dict(zip(events, test.after.mean(axis=1).round(4).tolist()))
-    return found, {"windows": test.windows.scenes, "pairs": len(test.rows), "events": share}
+    return scores, {"windows": test.windows.scenes, "pairs": len(test.rows), "events": share}
 
 
 if __name__ == "__main__":

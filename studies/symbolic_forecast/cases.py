@@ -103,8 +103,8 @@ def model_answer(cases: Cases, model: Model, *, samples: int, seed: int) -> Answ
     windows = cases.windows
     futures, _ = forecast_windows(model, windows, make_batches(windows), samples, seed)
     last = windows.position[None, :, windows.obs_len - 1, None]
-    whole = np.concatenate([np.broadcast_to(last, (*futures.shape[:2], 1, 2)), futures], axis=2)
-    return counted(cases, *_observed(cases.settings, cases.events, whole, cases.rows))
+    paths = np.concatenate([np.broadcast_to(last, (*futures.shape[:2], 1, 2)), futures], axis=2)
+    return counted(cases, *_observed(cases.settings, cases.events, paths, cases.rows))
 
 
 def markov_chain(cases: Cases) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +125,7 @@ def markov_chain(cases: Cases) -> tuple[np.ndarray, np.ndarray]:
     once = counts / counts.sum(axis=1, keepdims=True)
     table = np.stack([np.linalg.matrix_power(once, step + 1) for step in range(steps)])
     seen = np.bincount(cases.start, minlength=size)
-    happened = np.stack([np.bincount(cases.start, one, size) for one in cases.after])
+    happened = np.stack([np.bincount(cases.start, happens, size) for happens in cases.after])
     return table, (happened + cases.after.mean(axis=1, keepdims=True)) / (seen + 1)
 
 
@@ -134,8 +134,8 @@ def _near(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     rows, scenes = [], []
     last = windows.position[:, windows.obs_len - 1]
     for scene, (first, end) in enumerate(zip(windows.bounds, windows.bounds[1:])):
-        there = last[first:end]
-        near = np.linalg.norm(there[:, None] - there, axis=-1) <= NEAR
+        places = last[first:end]
+        near = np.linalg.norm(places[:, None] - places, axis=-1) <= NEAR
         np.fill_diagonal(near, val=False)
         rows.append(first + np.argwhere(near))
         scenes.append(np.full(len(rows[-1]), scene))
@@ -151,17 +151,19 @@ def _observed(
     for at in range(0, count, PART):
         part = np.zeros((PART, 2), int)
         part[: len(rows[at : at + PART])] = rows[at : at + PART]
-        both = position[:, part.T.ravel()]
+        pair_paths = position[:, part.T.ravel()]
         # Relative to where k is: float32 is enough then.
-        both = both - np.tile(both[:1, :PART, :1], (1, 2, 1, 1))
-        parts.append(jax.tree.map(np.asarray, _look(settings, events, both.astype(np.float32))))
-    found, happened = zip(*parts)
+        pair_paths = pair_paths - np.tile(pair_paths[:1, :PART, :1], (1, 2, 1, 1))
+        parts.append(
+            jax.tree.map(np.asarray, _look(settings, events, pair_paths.astype(np.float32)))
+        )
+    states, happened = zip(*parts)
     happened = np.concatenate(happened, axis=2)[..., :count]
-    return np.concatenate(found, axis=1)[:, :count], happened.swapaxes(0, 1)
+    return np.concatenate(states, axis=1)[:, :count], happened.swapaxes(0, 1)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
-def _look(settings: SymbolSettings, events: tuple[str, ...], both: jax.Array):
-    k, l = both[:, :PART], both[:, PART:]  # noqa: E741
+def _look(settings: SymbolSettings, events: tuple[str, ...], pair_paths: jax.Array):
+    k, l = pair_paths[:, :PART], pair_paths[:, PART:]  # noqa: E741
     first = event_steps(settings, events, k, l)
-    return state_steps(settings, k, l), first < both.shape[2] - 1
+    return state_steps(settings, k, l), first < pair_paths.shape[2] - 1

@@ -72,9 +72,9 @@ Log score of the QTC_C1 state of a pair, in nats, by horizon; lower is better.
 """
 
 
-def document(found: dict[str, Any]) -> str:
+def document(scores: dict[str, Any]) -> str:
     """The page."""
-    groups = {name: group for name, group in found.items() if name != "seconds"}
+    groups = {name: group for name, group in scores.items() if name != "seconds"}
     sizes = "; ".join(
         f"{name}: {sum(size['pairs'] for size in group['sets'].values()):,} ordered pairs of "
         f"{len(group['sets'])} test sets"
@@ -86,19 +86,19 @@ def document(found: dict[str, Any]) -> str:
         anchors=_events(groups, "anchors"),
         states=_states(groups),
         sizes=sizes,
-        minutes=found["seconds"] / 60,
+        minutes=scores["seconds"] / 60,
     )
 
 
-def table(found: dict[str, Any]) -> str:
+def table(scores: dict[str, Any]) -> str:
     """All scores as CSV: group, forecaster, score, value."""
     lines = ["group,forecaster,score,what,step,value"]
-    for name, group in found.items():
+    for name, group in scores.items():
         if name != "seconds":
             for forecaster, means in group["means"].items():
                 for metric, value in means.items():
-                    score, what, step = metric.split()
-                    lines.append(f'{name},"{forecaster}",{score},{what},{step},{value:.3f}')
+                    score, target, step = metric.split()
+                    lines.append(f'{name},"{forecaster}",{score},{target},{step},{value:.3f}')
     return "\n".join(lines) + "\n"
 
 

@@ -73,14 +73,16 @@ def evaluate_symbols(
     }
     scores = {}
     for name, model in models.items():
-        of_tune, of_test = (
+        tune_answer, test_answer = (
             model_answer(cases, model, samples=samples, seed=seed) for cases in (tune, test)
         )
-        scores[name] = score_answer(test, of_test, priors, tuned_weights(tune, of_tune, priors))
-    known = dict.fromkeys(priors, 0.0)
+        scores[name] = score_answer(
+            test, test_answer, priors, tuned_weights(tune, tune_answer, priors)
+        )
+    no_weights = dict.fromkeys(priors, 0.0)
     table, events = markov_chain(train)
     chain = Answer(1, table[:, test.start], events[:, test.start])
-    scores["Markov chain"] = score_answer(test, chain, priors, known)
+    scores["Markov chain"] = score_answer(test, chain, priors, no_weights)
     stay_tune, stay_test = map(_persistence, (tune, test))
     weights = tuned_weights(tune, stay_tune, priors)
     scores["persistence"] = score_answer(test, stay_test, priors, weights)
@@ -88,7 +90,7 @@ def evaluate_symbols(
     states = [np.tile(priors[Question("state", step + 1)], (pairs, 1)) for step in range(steps)]
     events = [np.full(pairs, priors[Question(event, 0)][1]) for event in test.events]
     rates = Answer(1, np.stack(states), np.stack(events))
-    scores["frequencies"] = score_answer(test, rates, priors, known)
+    scores["frequencies"] = score_answer(test, rates, priors, no_weights)
     return scores
 
 
@@ -116,8 +118,8 @@ def score_answer(cases: Cases, answer: Answer, priors: Priors, weights: Weights)
         shares = _smoothed(counts, answer.count, priors[question], weights[question])
         hit = np.take_along_axis(shares, true[:, None], axis=1)[:, 0]
         log, brier = -np.log(np.maximum(hit, 1e-9)), np.square(shares).sum(axis=1) - 2 * hit + 1
-        for kind, of_pairs in (("log", log), ("brier", brier)):
-            total = np.bincount(cases.scene, of_pairs, scenes)
+        for kind, pair_scores in (("log", log), ("brier", brier)):
+            total = np.bincount(cases.scene, pair_scores, scenes)
             scores[question.metric(kind)] = Score(total, pairs)
     return ErrorsByScene(scores, cases.windows.identity, cases.windows.position.shape[1])
 

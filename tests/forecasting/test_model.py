@@ -152,6 +152,14 @@ GOOD, PAIR = np.zeros((1, 4, 2)), np.zeros((2, 4, 2))
         (predict_scenes, [GOOD, GOOD + np.inf], {}, r"observed\[1\]: agent 0, step 0"),
         (predict_scenes, [GOOD, GOOD[:0]], {}, r"observed\[1\]: a scene needs at least one agent"),
         (predict_scenes, [GOOD] * 2, {"frames": [0]}, "1 frames are given for 2 scenes"),
+        (predict_scenes, [GOOD], {"frames": [0.5]}, r"frame must be a whole number, not array\("),
+        (predict, PAIR, {"frame": "a"}, "frame must be a whole number, not 'a'"),
+        (predict, PAIR, {"frame": 1.5}, "frame must be a whole number, not 1.5"),
+        (predict, PAIR, {"recording": 3}, "recording must be text, not 3"),
+        (predict, PAIR, {"seed": None}, r"seed must be a whole number, not None"),
+        (predict, PAIR, {"seed": 10**400}, "seed must be a whole number, not an integer of 1329"),
+        (predict, PAIR, {"samples": 10**9}, "people at once .* GB are free: ask for"),
+        (predict_scenes, [PAIR], {"samples": 10**9}, "2 people at once .* GB are free: ask for"),
     ],
 )
 def test_refusals(forecast, observed, how, message):

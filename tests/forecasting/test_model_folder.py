@@ -100,6 +100,18 @@ def test_every_flipped_bit_is_refused(copy, tmp_path):
         assert "damaged" in refusal(config.parent)
 
 
+ONE = {"dtype": "F32", "shape": [1], "data_offsets": [0, 4]}
+TWO = {"dtype": "F32", "shape": [1], "data_offsets": [4, 8]}
+
+
+def nested(depth):
+    """A list in a list in a list ..."""
+    value = []
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
 def header(**entries):
     text = json.dumps(entries).encode()
     return len(text).to_bytes(8, "little") + text
@@ -110,13 +122,26 @@ def header(**entries):
     [
         (lambda all: all["config"].update(embedding_dim=8), "describes another network"),
         (lambda all: all["config"].update(colour=1), "unknown field 'colour'"),
-        (lambda all: all.update(config=[1]), "not a JSON object"),
-        (lambda all: all.update(format=True), "format True is not the format 3"),
+        (lambda all: all.update(config=[1]), "config must be an object, not (1,)"),
+        (lambda all: all.update(format=True), "format must be a whole number, not True"),
         (lambda all: all.update(format=2), "format 2 is not the format 3"),
         (lambda all: all.update(seen="A" * 15), "seen is not a fingerprint"),
         (lambda all: all.update(forecaster="nobody"), "unknown forecaster 'nobody'"),
-        (lambda all: all.pop("dataset"), "must have the fields"),
-        # Parameters that promise what is not there.
+        (lambda all: all.pop("dataset"), "the field 'dataset' is missing"),
+        (lambda all: all.update(dataset={"a": 1}), "dataset must be text or be null, not {'a': 1}"),
+        (lambda all: all.update(plugins=3), "plugins must be a list, not 3"),
+        (lambda all: all.update(plugins="os"), "plugins must be a list"),
+        (lambda all: all.update(data={"a": 1}), "data must be an object, each value of which"),
+        (lambda all: all.update(neighbours=10**400), "neighbours must be a finite number"),
+        (lambda all: all["config"].update(period=1e308), "period must lie in (0, 3600]"),
+        (lambda all: all["config"].update(pred_len=10**9), "pred_len must lie in [1, 65536]"),
+        (lambda all: all["config"].update(pred_len=10**400), "not an integer of 1329 bits"),
+        (lambda all: all["config"].update(pooling=nested(500)), "pooling must be a Pooling"),
+        (lambda all: all.update({f"k{n}": 0 for n in range(60_000)}), "unknown field 'k0'"),
+        # Parameters that promise what is not there, or one that lies in another.
+        (header(**{"a": ONE, "a/b": TWO}) + bytes(8), "name of a parameter and of a folder"),
+        (header(**{"a/b": ONE, "a": TWO}) + bytes(8), "name of a parameter and of a folder"),
+        (header(**{"/".join("a" * 5000): ONE}) + bytes(4), "a path of 5000 parts"),
         (b"", "cannot be read"),
         (header(), "describes another network"),
         (header(a={"dtype": "F32", "shape": [2**40], "data_offsets": [0, 2**42]}), "cannot be"),

@@ -1,16 +1,18 @@
 """Files of torch.save, damaged, foreign and hostile: one line each, and no code is run."""
 
+import copy
 import io
 import os
 import pickle
 import struct
+import time
 import zipfile
 
 import numpy as np
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.checkpoint import load_torch_checkpoint
+from neurosym_jax.interop.checkpoint import SAME, load_torch_checkpoint
 from neurosym_jax.interop.pickles import LEGACY_MAGIC, read_torch_file
 from tests.repository import SMALL as CHECKPOINT
 
@@ -59,6 +61,7 @@ def test_not_a_file(tmp_path, monkeypatch):
         with pytest.raises(InputError, match=str(path)):
             load_torch_checkpoint(path)
     (tmp_path / "a.pt").write_bytes(SMALL)
+    monkeypatch.setattr("neurosym_jax.runtime.process.SURE", 0)
     monkeypatch.setattr("neurosym_jax.runtime.process.available_memory", lambda: 1e3)
     with pytest.raises(InputError, match="GB of memory"):
         load_torch_checkpoint(tmp_path / "a.pt")
@@ -93,14 +96,16 @@ FOREIGN = [
     (legacy_file(EMPTY, little_endian=False), "big-endian"),
     (legacy_file(EMPTY, protocol=1000), "another format"),
     (legacy_file(EMPTY) + b"more", "4 bytes follow"),
-    (zip_file(b"\x80\x02X\x00\x10\x00\x00" + b" " * 4096 + b"r\x00\x08\x00\x00."), "memo"),
 ]
 PROGRAMS = [
     (b"cos\nsystem\n.", r"'os\.system'"),
     (b"cbuiltins\neval\n.", r"'builtins\.eval'"),
     (b"(ios\nsystem\n.", "opcode INST"),
     (b"\x82\x01.", "opcode EXT1"),
-    (b"}r\xff\xff\xff\x7f.", "memo index"),
+    (b"}r\xff\xff\xff\x7f.", "has no g_state"),
+    # A pair of a pair of ..., each twice the same: as a key, its hash takes minutes.
+    (b"}K\x01" + b"q\x00h\x00\x86" * 30 + b"Ns.", "key is neither text nor a number"),
+    (b"}(K\x01" + b"q\x00h\x00\x86" * 30 + b"Nu.", "key is neither text nor a number"),
     (b"ctorch.nn\nLinear\n.", r"'torch\.nn\.Linear'"),
     # Each of these would write into a class or an object of ours.
     (b"ctorch._utils\n_rebuild_tensor_v2\n}X\x01\x00\x00\x00aK\x01sb.", "damaged"),
@@ -121,6 +126,36 @@ def test_foreign_files_and_pickles_that_no_checkpoint_needs(tmp_path, data, mess
     path.write_bytes(data)
     with pytest.raises(InputError, match=rf"a\.pt: .*{message}"):
         load_torch_checkpoint(path)
+
+
+def test_parts_that_are_shared_thirty_times_take_no_time(tmp_path):
+    """As text they would be gigabytes; the message shows a part of them."""
+    value, path = [1], tmp_path / "a.pt"
+    for _ in range(30):
+        value = [value, value]
+    for arguments in ({"num_layers": value}, dict.fromkeys([*SAME, "pooling_type"], value)):
+        path.write_bytes(zip_file(pickle.dumps({"g_state": {}, "args": arguments}, 2)))
+        since = time.perf_counter()
+        with pytest.raises(InputError) as caught:
+            load_torch_checkpoint(path)
+        assert len(str(caught.value)) < 400
+        assert time.perf_counter() - since < 2
+
+
+def test_entries_of_an_archive_that_lie_on_each_other(tmp_path):
+    """A file of 200 kB whose central directory names one content of 100 kB a hundred times."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("a/data.pkl", EMPTY)
+        archive.writestr("a/data/0", bytes(100_000))
+        entry = archive.infolist()[1]
+        for number in range(1, 100):
+            again = copy.copy(entry)
+            again.filename = f"a/data/{number}"
+            archive.filelist.append(again)
+    (tmp_path / "a.pt").write_bytes(file.getvalue())
+    with pytest.raises(InputError, match="its entries are larger than itself"):
+        load_torch_checkpoint(tmp_path / "a.pt")
 
 
 def tensor_program(offset=0, shape=(2, 2), strides=(2, 1), numel=4, view=None):

@@ -18,7 +18,7 @@ import numpy as np
 from flax import linen as nn
 from jax import Array
 
-from neurosym_jax.configuration import Count, Positive, Rule
+from neurosym_jax.configuration import Positive, Rule, Size
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.tracking_errors import limit_displacement, repair_tracks
@@ -49,9 +49,9 @@ ROUGHNESS = 0.003
 class AnchorTableConfig(Lengths):
     """Lengths and number of samples of an anchor table or network."""
 
-    obs_len: Annotated[Count, Rule("be at least 4", lambda steps: steps >= 4)] = 8
+    obs_len: Annotated[Size, Rule("be at least 4", lambda steps: steps >= 4)] = 8
     """Observed time steps."""
-    samples: Count = 20
+    samples: Size = 20
     """Number of joint forecasts, k."""
 
 
@@ -88,7 +88,7 @@ class AnchorTable(nn.Module):
 class AnchorConfig(AnchorTableConfig):
     """Architecture of the anchors network."""
 
-    hidden: Count = 96
+    hidden: Size = 96
     """Units of a person's two hidden layers."""
     radius: Positive = 10.0
     """Distance at which the attention to a neighbour has smoothly fallen to 0, metres; people are

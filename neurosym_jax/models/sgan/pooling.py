@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
-from neurosym_jax.configuration import Checked, Count, Positive
+from neurosym_jax.configuration import Checked, Positive, Size
 from neurosym_jax.models.sgan.layers import Affine, Perceptron
 
 __all__ = ["NO_FORECAST", "NoPooling", "PoolNet", "PoolNetwork", "Pooling", "Social"]
@@ -86,7 +86,7 @@ class Social(Pooling):
 
     title: ClassVar[str] = "SGAN, social pooling"
     neighborhood_size: Positive = 2.0
-    grid_size: Count = 8
+    grid_size: Size = 8
 
     def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
         """See `Pooling.network`."""
@@ -122,8 +122,8 @@ class PoolNet(Pooling):
     """SGAN's pooling (Gupta et al., CVPR 2018), see `PoolNetwork`."""
 
     title: ClassVar[str] = "SGAN"
-    bottleneck_dim: Count = 8
-    hidden_dim: Count = 512
+    bottleneck_dim: Size = 8
+    hidden_dim: Size = 512
 
     def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
         """See `Pooling.network`."""
