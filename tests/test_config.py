@@ -96,7 +96,7 @@ REFUSED = [
     (change_network, "pooling.kind=social", "must be NAME=VALUE"),
     (change_network, "mlp_dim", "must be NAME=VALUE"),
     (change_network, "pooling=sociall", "network: unknown pooling 'sociall': did you mean"),
-    (change_network, "pooling=social,grid_size=0", "grid_size must be at least 1"),
+    (change_network, "pooling=social,grid_size=0", "grid_size must lie in"),
     (change_recipe, ".ema=0.5", "must be NAME=VALUE"),
     (make_config, "sgam", "model must be one of sgan, neurosym, anchors, anchor_table, not"),
     (make_recipe, "our", "recipe must be one of ours, sgan, anchors, not 'our'"),

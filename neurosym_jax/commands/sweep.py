@@ -57,7 +57,7 @@ def run(options: Options) -> int:
     Raises:
         InputError: see `plan_runs` and `training.sweep.run_sweep`.
     """
-    refuse(Count, {"--jobs": options.jobs})
+    refuse(Count, {"--jobs": options.jobs}, optional=True)
     source, runs = plan_runs(options)
     if not options.dry_run:
         return run_sweep(runs, source, options.out, options_text(options), options.jobs)
