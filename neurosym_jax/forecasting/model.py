@@ -259,13 +259,17 @@ def forecast(
     """
     observed = jnp.asarray(observed)
     last = observed[:, -1]
-    present = jnp.ones(len(last), bool) if valid is None else jnp.asarray(valid)
+    present = jnp.ones(last.shape[0], bool) if valid is None else jnp.asarray(valid)
     # For precision only: a network sees differences of positions.
-    origin = jax.lax.stop_gradient(present @ last / jnp.maximum(present.sum(), 1))
+    counted = present.astype(observed.dtype)
+    origin = jax.lax.stop_gradient(counted @ last / jnp.maximum(counted.sum(), 1))
     steps = jnp.diff(observed, axis=1, prepend=observed[:, :1])
-    scene = Scene(observed - origin, steps, present, identity=jnp.zeros(2, jnp.uint32), origin=None)
+    local = observed - origin[None, None]
+    scene = Scene(local, steps, present, identity=jnp.zeros(2, jnp.uint32), origin=None)
     given = None if alpha is None else jnp.asarray(alpha)
     if isinstance(config, GeneratorConfig):
         context = encode_scene(config, params, scene, given)
-        return decode_scene(config, params, context, scene, jnp.asarray(noise)) + origin
-    return apply_anchors(config, params, jnp.asarray(scene.observed), present, given)[0] + origin
+        samples = decode_scene(config, params, context, scene, jnp.asarray(noise))
+        return samples + origin[None, None, None]
+    samples, _ = apply_anchors(config, params, jnp.asarray(scene.observed), present, given)
+    return samples + origin[None, None, None]

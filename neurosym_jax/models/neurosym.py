@@ -20,7 +20,7 @@ from jax import Array, lax
 from neurosym_jax.configuration import Rule, Size
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.frames import closest_approach, length, turned
-from neurosym_jax.models.layers import Affine, Perceptron
+from neurosym_jax.models.layers import Affine, Perceptron, with_bias
 from neurosym_jax.models.pooling import (
     NO_FORECAST,
     Pooling,
@@ -58,7 +58,7 @@ class _DescribedNetwork(nn.Module):
         first, second = self.mlp.layers
         of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
         shared, own, theirs = self.histories(track, of_steps)
-        neighbours = theirs, hidden @ of_hidden + first.bias
+        neighbours = theirs, with_bias(hidden @ of_hidden, first.bias)
         highest = max_over_neighbours(self.pair, shared, own, neighbours, alpha, second, valid)
         return bottleneck_relu(self, highest)
 
@@ -90,9 +90,13 @@ class _RosNetwork(_DescribedNetwork):
 
     def histories(self, track: Array, of_steps: Array) -> tuple[Array, Array, Array]:
         """See `_DescribedNetwork.histories`."""
-        own = track.reshape(len(track), -1) @ self.spatial_embedding.kernel
-        shape = len(track), self.obs_len, -1
-        return of_steps, own.reshape(shape), (own + self.spatial_embedding.bias).reshape(shape)
+        own = track.reshape(track.shape[0], -1) @ self.spatial_embedding.kernel
+        shape = track.shape[0], self.obs_len, -1
+        return (
+            of_steps,
+            own.reshape(shape),
+            with_bias(own, self.spatial_embedding.bias).reshape(shape),
+        )
 
     @staticmethod
     def pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
@@ -213,7 +217,7 @@ class _EncounterNetwork(nn.Module):
         share = share / jnp.where(whole > 0, whole, 1)
 
         message = self.message(said).reshape(*share.shape, -1)
-        pooled = (share[..., None] * message).sum(axis=1).reshape(len(valid), -1)
+        pooled = (share[..., None] * message).sum(axis=1).reshape(valid.shape[0], -1)
         pushes, numbers = jnp.split(pooled, 2, axis=-1)
-        pushes = turned(pushes.reshape(len(valid), -1, 2), heading[:, None], 1)
+        pushes = turned(pushes.reshape(valid.shape[0], -1, 2), heading[:, None], 1)
         return jnp.concatenate([pushes.reshape(numbers.shape), numbers], axis=-1)
