@@ -32,10 +32,11 @@ Name = Literal[
     "start",
     "reading",
     "crowds",
+    "onnx",
     "numeric",
     "trainings",
 ]
-NAMES: tuple[Name, ...] = get_args(Name)[:-2]
+NAMES: tuple[Name, ...] = get_args(Name)[:-3]
 ON_GPU: tuple[Name, ...] = ("numeric", "crowds", "training", "zoo")
 
 
@@ -46,8 +47,8 @@ class BenchmarkOptions:
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
     """What to measure: the evaluation of the published checkpoints, training iterations, QTC and
     alpha of all pairs, online latency, the age of a forecast, whole processes, reading and
-    windowing, crowds. Two run where they are named: numeric, the tests of numbers, and trainings,
-    whole ones."""
+    windowing, crowds. Three run where they are named: onnx, exported models in ONNX Runtime;
+    numeric, the tests of numbers; and trainings, whole ones."""
     gpu: bool = False
     """Measure what depends on an accelerator: numeric, crowds, training, and zoo where there are
     --data and --checkpoints. Without a GPU it runs on the CPU."""

@@ -84,7 +84,7 @@ class _EncounterNetwork(nn.Module):
         share = share / jnp.where(whole > 0, whole, 1)
 
         message = self.message(said).reshape(*share.shape, -1)
-        pooled = (share[..., None] * message).sum(axis=1).reshape(len(valid), -1)
+        pooled = (share[..., None] * message).sum(axis=1).reshape(valid.shape[0], -1)
         pushes, numbers = jnp.split(pooled, 2, axis=-1)
-        pushes = turned(pushes.reshape(len(valid), -1, 2), heading[:, None], 1)
+        pushes = turned(pushes.reshape(valid.shape[0], -1, 2), heading[:, None], 1)
         return jnp.concatenate([pushes.reshape(numbers.shape), numbers], axis=-1)

@@ -140,12 +140,12 @@ def _traced_scene(observed: Any, future: Any, identity: np.ndarray, extras: Mapp
     observed = jnp.asarray(observed)
     origin = jax.lax.stop_gradient(centre(observed[:, -1]))
     return Scene(
-        observed=observed - origin,
+        observed=observed - origin[None, None],
         displacement=jnp.diff(observed, axis=1, prepend=observed[:, :1]),
         valid=jnp.ones(observed.shape[0], bool),  # Not len(): an export's N is a symbol.
         identity=identity,
         origin=origin,
-        future=None if future is None else future - origin,
+        future=None if future is None else future - origin[None, None],
         extras={name: jnp.asarray(values) for name, values in extras.items()},
     )
 

@@ -1,6 +1,7 @@
 """SGAN and NeuroSyM trained with the same loss: the release's comparison, repeated fairly.
 
-NPROC=1 python -m studies.same_loss DATA docs/same_loss.csv
+NPROC=1 python -m studies.same_loss DATA docs/same_loss.csv   # the runs that the table lacks
+python -m studies.same_loss docs/same_loss.csv                # what they say, in Markdown
 
 DATA is ETH/UCY. What is asked was written before the first run: docs/weighting_protocol.md. The
 table has a row for each run, step and metric. Runs that it has are not done again, so an
@@ -18,11 +19,14 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+import polars as pl
 from jax import Array
 
 from neurosym_jax.data.sources import Source, open_source
 from neurosym_jax.data.windows import Batch, cut_windows, make_batches
 from neurosym_jax.errors import InputWarning
+from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.models.sgan.config import GeneratorConfig, register_pooling
 from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
@@ -30,8 +34,9 @@ from neurosym_jax.models.sgan.recipe import RECIPES
 from neurosym_jax.runtime import enable_compilation_cache, tune
 from neurosym_jax.symbolic.weightings import Cnd, CndShipped
 from neurosym_jax.training.run import ROUND, Run
+from studies.weighting.comparison import Runs, adjusted, answer
 
-__all__ = ["LOSSES", "NETWORKS", "Zeros", "run_all"]
+__all__ = ["LOSSES", "NETWORKS", "Zeros", "report", "run_all"]
 
 TESTED = (1000, 2000, 3000)
 """Generator steps after which a run is tested, to see whether more of them would matter."""
@@ -136,8 +141,36 @@ def run_all(source: Source, table: Path) -> None:
             print(*lines[-4:], sep="\n", flush=True)
 
 
+def report(rows: pl.DataFrame) -> str:
+    """A row for each place, loss and network: its error, and its difference to SGAN's."""
+    last = rows.filter(split="test", step=TESTED[-1], metric="joint_ade").select(
+        pl.concat_str("place", "loss", separator=", ").alias("set"),
+        pl.col("network").alias("arm"),
+        *("seed", "metric", "value"),
+    )
+    runs, sets = Runs(last), last["set"].unique(maintain_order=True)
+    others = [name for name in NETWORKS if name != "sgan"]
+    pairs = [runs.compare(name, other, "sgan", "joint_ade") for name in sets for other in others]
+    comparisons = adjusted([pair for pair in pairs if pair is not None])
+    differences = {(pair.dataset, pair.arm): pair for pair in comparisons}
+    lines = []
+    for name, network in itertools.product(sets, NETWORKS):
+        errors, cells = [*runs.values(name, network, "joint_ade").values()], ["", "", ""]
+        if pair := differences.get((name, network)):
+            percent = f"{pair.percent:+.1f} ± {pair.half:.1f}".replace("-", "−")
+            words = {"helps": "**ahead**", "harms": "**behind**"}
+            cells = [percent, f"{pair.p:.3f}", words.get(answer(pair), "open")]
+        if errors:
+            lines.append([name, network, str(len(errors)), f"{np.mean(errors):.3f}", *cells])
+    head = ["place, loss", "network", "seeds", "joint ADE", "minus SGAN, %", "p (Holm)", "answer"]
+    return markdown_table(head, lines, right=5)
+
+
 if __name__ == "__main__":
-    warnings.simplefilter("ignore", InputWarning)
-    enable_compilation_cache()
-    tune()
-    run_all(open_source(Path(sys.argv[1])), Path(sys.argv[2]))
+    if len(sys.argv) == 2:
+        print(report(pl.read_csv(sys.argv[1])))
+    else:
+        warnings.simplefilter("ignore", InputWarning)
+        enable_compilation_cache()
+        tune()
+        run_all(open_source(Path(sys.argv[1])), Path(sys.argv[2]))

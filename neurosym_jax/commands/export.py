@@ -1,4 +1,4 @@
-"""Export a model as a StableHLO program, to run without this package."""
+"""Export a model as a StableHLO or ONNX program, to run without this package."""
 
 from pathlib import Path
 
@@ -6,27 +6,32 @@ from tyro.conf import Positional
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.interop.export import export_model
+from neurosym_jax.interop.export import export_model, export_onnx
 from neurosym_jax.runtime.files import new_file
 
 __all__ = ["run"]
 
 
 def run(model: Positional[Path], to: Positional[Path], samples: int = 20) -> None:
-    """Export a model as one StableHLO program for any number of people.
+    """Export a model as one program for any number of people: ONNX as *.onnx, else StableHLO.
 
     Args:
         model: A model's folder or name, or a .pt file.
-        to: The new file, which `jax.export.deserialize` reads (examples/run_exported.py).
-        samples: Number of forecasts of each call, k.
+        to: The new file. `jax.export.deserialize` reads StableHLO (examples/run_exported.py), ONNX
+            Runtime *.onnx (examples/run_onnx.py).
+        samples: Number of forecasts of each call, k; free in ONNX if the model takes noise.
 
     Raises:
-        InputError: as `export_model`, and for a file that exists or cannot be written.
+        InputError: as `export_model` and `export_onnx`, and for a file that exists or cannot be
+            written.
     """
     if to.exists():
         raise InputError(f"{to}: exists already")
-    found = load_model(model)
-    program = export_model(found, samples)
+    loaded = load_model(model)
+    export = export_onnx if to.suffix == ".onnx" else export_model
+    program = export(loaded, samples)
     with new_file(to) as beside:
         beside.write_bytes(program)
-    print(f"{to}: {found.name}, {samples} forecasts of any number of people")
+    free = to.suffix == ".onnx" and loaded.forecaster.noise.dim
+    count = "any number of" if free else f"{samples}"
+    print(f"{to}: {loaded.name}, {count} forecasts of any number of people")

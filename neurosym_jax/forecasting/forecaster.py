@@ -131,7 +131,7 @@ class Forecaster(abc.ABC):
         By default tracking errors are repaired before, see `repair_scene`.
         """
         scene, offset = repair_scene(scene, self.config.period)
-        return self.forecast(params, scene, noise) + offset[:, None], None
+        return self.forecast(params, scene, noise) + offset[None, :, None], None
 
     def count(self, samples: int) -> int:
         """Number of samples it makes where `samples` are asked for: one without noise.

@@ -267,11 +267,12 @@ def forecast(
             raise InputError("noise: this forecaster needs one, [k, dim] or [k, N, dim]")
         noise = jnp.zeros((forecaster.count(getattr(config, "samples", 1)), 0))
     scene = Scene(
-        observed=observed - origin,
+        observed=observed - origin[None, None],
         displacement=jnp.diff(observed, axis=1, prepend=observed[:, :1]),
         valid=present,
         identity=jnp.zeros(2, jnp.uint32),
         origin=None,
         alpha=None if alpha is None else jnp.asarray(alpha),
     )
-    return forecaster.forecast(params, scene, jnp.asarray(noise)) + origin
+    samples = forecaster.forecast(params, scene, jnp.asarray(noise))
+    return samples + origin[None, None, None]

@@ -96,11 +96,12 @@ def limit_displacement(forecast: Array, last: Array, period: float) -> Array:
         [k, N, T, 2] metres.
     """
     time = period * jnp.arange(1, forecast.shape[2] + 1, dtype=forecast.dtype)
-    ahead = forecast - last[:, None]
+    start = last[None, :, None]
+    ahead = forecast - start
     # Smooth, so that 0 has a gradient.
     distance = jnp.sqrt(jnp.square(ahead).sum(-1) + 1e-6)
-    share = distance / (TOP_SPEED * time + 0.3)
+    share = distance / (TOP_SPEED * time + 0.3)[None, None]
     # (1 + share^8)^(-1/8), written so that a large share does not overflow.
     low, high = jnp.minimum(share, 1), jnp.maximum(share, 1)
     factor = (high**-8 + low**8) ** (-1 / 8) / high
-    return last[:, None] + factor[..., None] * ahead
+    return start + factor[..., None] * ahead

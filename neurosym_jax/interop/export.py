@@ -1,25 +1,30 @@
-"""A model as one StableHLO program for any number of people, which runs without this package.
+"""A model as one program for any number of people, which runs without this package.
 
 The program maps `observed [n, obs_len, 2]` and `noise` to `(forecasts [k, n, pred_len, 2],
 probabilities [k])`, in float32 metres and in the frame of `observed`. `noise` is [k, dim], or
 [k, n, dim] for a model with noise for each agent; a model without noise takes `observed` alone. The
-parameters are in the program and k is fixed, n is not. `jax.export.deserialize` runs it on a CPU or
-a CUDA device.
+parameters are in the program. It is StableHLO, which `jax.export.deserialize` runs on a CPU or a
+CUDA device, for a fixed k; or ONNX, for ONNX Runtime and others, with any k where there is noise.
 """
 
+from collections.abc import Callable
+
+import jax
+import jax.export
 import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.interop.onnx import to_onnx
 from neurosym_jax.scene import make_scene
 
-__all__ = ["export_model"]
+__all__ = ["export_model", "export_onnx", "program_of"]
 
 
 def export_model(model: Model, samples: int = 20) -> bytes:
-    """The program of `model` with k = `samples`, serialised by `jax.export`.
+    """The program of `model` with k = `samples` in StableHLO, serialised by `jax.export`.
 
     Subtract an origin near the people before a call: float32 resolves 4e-6 m at 100 m.
 
@@ -27,31 +32,64 @@ def export_model(model: Model, samples: int = 20) -> bytes:
         InputError: for k that the model cannot make, a model that needs more than positions, and
             without flatbuffers.
     """
-    import jax.export
-
-    refuse(Count, {"samples": samples})
-    forecaster, spec = model.forecaster, model.forecaster.noise
-    samples = forecaster.count(samples)
-
-    def program(observed: Array, noise: Array | None = None) -> tuple[Array, Array]:
-        scene = make_scene(observed)
-        noise = jnp.zeros((samples, 0)) if noise is None else noise
-        forecasts, probabilities = forecaster.distribution(model.params, scene.bare(), noise)
-        if probabilities is None:
-            probabilities = jnp.full(samples, 1 / samples)
-        return forecasts + jnp.asarray(scene.origin), probabilities
-
-    sizes = [f"n, {model.config.obs_len}, 2"]
-    if spec.dim:
-        sizes += [f"{samples}, {'n, ' if spec.per_agent else ''}{spec.dim}"]
-    scope = jax.export.SymbolicScope(("n >= 1",))
-    given = (
-        jax.ShapeDtypeStruct(jax.export.symbolic_shape(size, scope=scope), jnp.float32)
-        for size in sizes
-    )
+    program = program_of(model, samples)
+    arguments = _arguments(model, str(model.forecaster.count(samples)))
     try:
         with jax.enable_x64(False):
-            exported = jax.export.export(jax.jit(program), platforms=("cpu", "cuda"))(*given)
-        return bytes(exported.serialize())
+            exported = jax.export.export(jax.jit(program), platforms=("cpu", "cuda"))
+            return bytes(exported(*arguments.values()).serialize())
     except ImportError:
         raise InputError("exporting needs flatbuffers: pip install neurosym-jax[export]") from None
+
+
+def export_onnx(model: Model, samples: int = 20) -> bytes:
+    """The program of `model` in ONNX, serialised; see `export_model`.
+
+    `samples` is k for a model without noise; k of other models is free.
+
+    Raises:
+        InputError: as `export_model`, without onnx, and for an operation without translation.
+    """
+    spec = model.forecaster.noise
+    properties = {
+        "model": model.name,
+        "period": f"{model.config.period:g}",
+        "noise": spec.distribution if spec.dim else "none",
+    }
+    program, arguments = program_of(model, samples), _arguments(model, "samples")
+    return to_onnx(program, arguments, ("forecasts", "probabilities"), properties)
+
+
+def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Array]]:
+    """The program as a function of `observed` and, where there is noise, `noise`, see the module.
+
+    `samples` is k for a model without noise.
+
+    Raises:
+        InputError: for k that the model cannot make.
+    """
+    refuse(Count, {"samples": samples})
+    forecaster, params, count = model.forecaster, model.params, model.forecaster.count(samples)
+
+    def program(observed: Array, noise: Array | None = None) -> tuple[Array, Array]:
+        scene = make_scene(observed, period=model.config.period)
+        noise = jnp.zeros((count, 0)) if noise is None else noise
+        forecasts, probabilities = forecaster.distribution(params, scene.bare(), noise)
+        if probabilities is None:
+            equal = jnp.ones(forecasts.shape[0])
+            probabilities = equal / equal.sum()
+        return forecasts + jnp.asarray(scene.origin)[None, None, None], probabilities
+
+    return program
+
+
+def _arguments(model: Model, samples: str) -> dict[str, jax.ShapeDtypeStruct]:
+    """The program's arguments by name, of any number of people; `samples` is a number or a name."""
+    spec, sizes = model.forecaster.noise, {"observed": f"people, {model.config.obs_len}, 2"}
+    if spec.dim:
+        sizes["noise"] = f"{samples}, {'people, ' if spec.per_agent else ''}{spec.dim}"
+    scope = jax.export.SymbolicScope(("people >= 1", "samples >= 1"))
+    return {
+        name: jax.ShapeDtypeStruct(jax.export.symbolic_shape(size, scope=scope), jnp.float32)
+        for name, size in sizes.items()
+    }

@@ -138,7 +138,7 @@ def absent_steps(k: ArrayLike, l: ArrayLike) -> Array:
 def other_pairs(valid: ArrayLike) -> Array:
     """[N, N] bool: pairs of two different agents, both `valid` [N]."""
     valid = jnp.asarray(valid)
-    return ~jnp.eye(len(valid), dtype=bool) & valid[:, None] & valid[None]
+    return ~jnp.eye(valid.shape[0], dtype=bool) & valid[:, None] & valid[None]
 
 
 def side_factor(

@@ -205,7 +205,7 @@ class Ones(Weighting):
 
     def weigh(self, parameters: Parameters, positions: Array, valid: Array, period: float) -> Array:
         """See `Weighting.weigh`."""
-        return jnp.full((len(positions), *positions.shape[:2]), self.value, positions.dtype)
+        return jnp.full((positions.shape[0], *positions.shape[:2]), self.value, positions.dtype)
 
 
 @dataclasses.dataclass(frozen=True)

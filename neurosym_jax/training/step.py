@@ -68,9 +68,9 @@ def variety_loss(
         noise = draw(jax.random.fold_in(noise_key, number), (samples, *slots, spec.dim))
         forecast = jax.vmap(forecaster.forecast, in_axes=(None, 0, 1), out_axes=1)
         futures = forecast(params, scenes.replace(future=None), noise)
-        distance = safe_root(jnp.square(futures - scenes.known_future).sum(-1))
+        distance = safe_root(jnp.square(futures - scenes.known_future[None]).sum(-1))
         error = distance.mean(-1) + recipe.fde_weight * distance[..., -1]  # [k, B, N]
-        total += jnp.where(scenes.valid, error, 0).sum(-1).min(0).sum()
+        total += jnp.where(scenes.valid[None], error, 0).sum(-1).min(0).sum()
         people += scenes.valid.sum()
     return total / people, {}
 

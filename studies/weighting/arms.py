@@ -57,22 +57,14 @@ TENTHS = ("corridors_tenth", "zara2_tenth")
 SETS = (*CONTROLS, *REAL, *TENTHS)
 
 
-def _generator(
-    pooling: str, weighting: str | None, recipe: Recipe, *, every_step: bool = False, **seeds: int
-) -> Arm:
+def _generator(pooling: str, weighting: str | None, recipe: Recipe, **seeds: int) -> Arm:
     network = GeneratorConfig(
         obs_len=LENGTHS[0],
         pred_len=LENGTHS[1],
         pooling=POOLINGS[pooling](),
         weighting=None if weighting is None else WEIGHTINGS[weighting](),
-        pool_every_timestep=every_step,
     )
     return Arm(network, recipe, seeds)
-
-
-def _every_step(weighting: str) -> Arm:
-    """Pools at every predicted step, with the symbols of the predicted positions."""
-    return _generator("encounter", weighting, SHORT, every_step=True, corridors=12, zara2=12)
 
 
 def _papers(weighting: str | None, seeds: int, pooling: str = "as_described") -> Arm:
@@ -93,8 +85,6 @@ ARMS = {
     "encounter": _generator("encounter", "ones", SHORT, corridors=24, zara2=24, **WEAK),
     "encounter, quantised": _generator("encounter", "quantised", SHORT, corridors=24, zara2=24),
     "encounter, right": _generator("encounter", "on_ones_path", SHORT, **WEAK),
-    "encounter, every step": _every_step("ones"),
-    "encounter, every step, quantised": _every_step("quantised"),
     "papers": _papers("ones", 24),
     "papers, quantised": _papers("quantised", 24),
     "papers, none": _papers(None, 8, "none"),

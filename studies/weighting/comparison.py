@@ -6,7 +6,6 @@ Percent are of the reference's mean.
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -26,8 +25,6 @@ ALIVE = 0.95
 """Least share of people with a near neighbour whom a run's network changes for it."""
 DEAD = 0.1
 """An arm with a larger share of runs below `ALIVE` answers nothing."""
-DIVERGED = 2
-"""A run that pools at every step and has an error so many times its arm's median has diverged."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,10 +53,8 @@ class Comparison:
 class Runs:
     """The table of runs, without those whose network ignores neighbours."""
 
-    def __init__(self, table: Path):
-        """Read `table`, see `__main__`."""
-        rows = pl.read_csv(table)
-        run_columns = ["set", "arm", "seed"]
+    def __init__(self, rows: pl.DataFrame):
+        """Hold `rows` of set, arm, seed, metric and value."""
         # `right` weights almost all pairs 0, so most neighbours must change nobody.
         near = rows.filter(pl.col("arm") != "encounter, right", metric="neighbour_near")
         dead = pl.col("value") < ALIVE
@@ -68,12 +63,7 @@ class Runs:
         """Rows of set, arm, value (runs that are left out) and runs."""
         silent = self.dead.filter(pl.col("value") > DEAD * pl.col("runs"))
         self._silent = set(silent.select("set", "arm").iter_rows())
-        rows = rows.join(near.filter(dead), on=run_columns, how="anti")
-        errors = rows.filter(pl.col("arm").str.contains("every step"), metric=INTERACTING)
-        median = pl.col("value").median().over("set", "arm")
-        self.diverged = errors.filter(pl.col("value") > DIVERGED * median)
-        """Rows of runs that are left out."""
-        self.rows = rows.join(self.diverged, on=run_columns, how="anti")
+        self.rows = rows.join(near.filter(dead), on=["set", "arm", "seed"], how="anti")
 
     def values(self, dataset: str, arm: str, metric: str) -> dict[int, float]:
         """The metric of each seed."""

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 from matplotlib.figure import Figure
 from scipy.stats import sem, t
 
@@ -38,10 +39,6 @@ FURTHER = (
     *(("papers, quantised", "papers, shuffled"), ("papers, quantised", "papers, cnd")),
     *(("anchors, geometry", "anchors, nothing"), ("encounter, quantised", "encounter")),
 )
-EVERY_STEP = (
-    ("encounter, every step, quantised", "encounter, every step"),
-    ("encounter, every step", "encounter"),
-)
 INPUTS = (
     ("without symbols", ("anchors, nothing", "anchors, geometry")),
     ("with symbols", ("anchors, symbols", "anchors, both")),
@@ -51,7 +48,7 @@ INPUTS = (
 
 def write(table: Path) -> None:
     """Write `weighting.md` and its three figures beside `table`."""
-    runs = Runs(table)
+    runs = Runs(pl.read_csv(table))
     primary = adjusted(_on(runs, REAL, QUESTIONS))
     further = _on(runs, REAL, FURTHER)
     energy = _on(runs, REAL, (*QUESTIONS, *FURTHER), ENERGY)
@@ -61,7 +58,6 @@ def write(table: Path) -> None:
         for event in EVENTS
         for comparison in _on(runs, REAL, [pair], f"{event} joint_ade")
     ]
-    every_step = _on(runs, REAL, EVERY_STEP)
     tenths = _on(runs, TENTHS, QUESTIONS[2:])
     weak = _on(runs, CONTROLS, [("encounter, right", "encounter")])
     save_figure(_forest([*primary, *further], "interacting people"), table.with_suffix(".png"))
@@ -72,17 +68,11 @@ def write(table: Path) -> None:
         primary=_questions(primary),
         further=_table(further),
         energy=_table(energy),
-        every=_table(every_step),
         tenths=_table(tenths),
         weak=_table(weak),
         dead="; ".join(
             f"{dead} of {count} of `{arm}` on {name}"
             for name, arm, dead, count in runs.dead.iter_rows()
-        )
-        or "none",
-        diverged="; ".join(
-            f"`{run['arm']}` on {run['set']}, seed {run['seed']} ({run['value']:.2f} m)"
-            for run in runs.diverged.iter_rows(named=True)
         )
         or "none",
     )

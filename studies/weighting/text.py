@@ -98,20 +98,6 @@ Trained on a tenth of the scenes (joint ADE; in the corridors p = .008, not corr
 
 {tenths}
 
-<details markdown="1">
-<summary>Pooled at every predicted step</summary>
-
-With the symbols of the predicted positions. These trainings are unstable, and zara2's intervals too
-wide to answer anything. Runs with more than twice their arm's median error are left out
-({diverged}).
-
-{every}
-
-A step of such a training takes 6 times (`encounter`) and 16 times (the papers' pooling) as long as
-one that pools once. The symbols add 20 and 9 % to it (`python -m studies.weighting.price DATA`).
-
-</details>
-
 ## What the study can see
 
 Effects of 6 %: simulated people react to certain states of a pair only, and weakly (20, 10 and 5 %

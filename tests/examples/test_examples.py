@@ -18,6 +18,7 @@ TESTED = {
     *("which_pair_matters", "own_loop", "own_weighting", "closest"),
     *("costmap", "evaluate_tracks", "forecast_frames", "train_model", "weighting_gradient"),
     "run_exported",  # by tests/interop/test_export.py
+    "run_onnx",  # by tests/interop/test_onnx.py
 }
 
 

@@ -5,6 +5,7 @@ from unittest import mock
 
 import jax
 import numpy as np
+import polars as pl
 import pytest
 
 from neurosym_jax.scene import make_scene, pad_scene
@@ -110,4 +111,4 @@ def runs_with(tmp_path, mean, spread, dead):
             alive = 0.5 if arm == "new" and seed < dead else 0.99
             rows.append(f"zara2,{arm},{seed},neighbour_near,{alive},10")
     (tmp_path / "runs.csv").write_text("\n".join(rows))
-    return Runs(tmp_path / "runs.csv")
+    return Runs(pl.read_csv(tmp_path / "runs.csv"))

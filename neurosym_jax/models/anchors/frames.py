@@ -62,7 +62,7 @@ def pair_features(
     position, number = observed[:, -1], jnp.arange(valid.shape[0])
 
     def seen(values: Array) -> Array:
-        return values if near is None else values[near]
+        return values[None] if near is None else values[near]
 
     offset = seen(position) - position[:, None]
     distance, features = length(offset), []
@@ -117,8 +117,8 @@ def _around(position: Array, valid: Array) -> Array:
         apart = jnp.hypot(x - x[other], y - y[other])
         return total + valid[other] * _within(apart, WIDE), None
 
-    start = jnp.full(len(valid), -1, position.dtype)  # Nobody is around themselves.
-    return jnp.maximum(jax.lax.scan(count, start, jnp.arange(len(valid)), unroll=8)[0], 0)
+    start = jnp.full(valid.shape[0], -1, position.dtype)  # Nobody is around themselves.
+    return jnp.maximum(jax.lax.scan(count, start, jnp.arange(valid.shape[0]), unroll=8)[0], 0)
 
 
 def _within(distance: Array, radius: float) -> Array:

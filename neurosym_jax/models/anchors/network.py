@@ -77,11 +77,11 @@ class AnchorTable(nn.Module):
         still_anchor = self.param("still", _anchors(0.1, time, 1), shape)[:, None]
         scale = (length(mean) * config.pred_len)[:, None, None]
         heading = heading_of(mean, SLOW * config.period)[:, None]
-        residual = turned(moving * scale + still_anchor, heading, 1)
+        residual = turned(moving * scale[None] + still_anchor, heading[None], 1)
         likely = jnp.full(config.samples, -np.log(config.samples), observed.dtype)
-        forecast = _straight_on(observed, velocity, config.pred_len) + residual
+        forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
         forecast = limit_displacement(forecast, observed[:, -1], config.period)
-        return forecast + offset[:, None], likely
+        return forecast + offset[None, :, None], likely
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,19 +158,19 @@ class AnchorNetwork(nn.Module):
         spread = _dense(config.samples, "spread", 0.01)(state)
         spread = jnp.exp(jnp.clip(spread, -4, 4))[..., None, None]
         scale = (speed * config.pred_len + 0.5)[:, None, None, None]
-        residual = turned(scale * (bend + spread * anchor), heading[:, None, None], 1)
+        residual = turned(scale * (bend + spread * anchor[None]), heading[:, None, None], 1)
         # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
         standing = (1 - jnp.sqrt(walking + 1e-6)) * (config.pred_len * config.period / 2.4)
-        residual = residual + standing[:, None, None, None] * spread * still_anchor
+        residual = residual + standing[:, None, None, None] * spread * still_anchor[None]
         curve = jnp.asarray(_polynomials(config.pred_len, BASIS), observed.dtype)
         residual = jnp.einsum("nkbc,tb->kntc", residual, curve)
 
         score = jnp.where(valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0)
         score = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
         score = self.param("prior", nn.initializers.zeros, (config.samples,)) + score
-        forecast = _straight_on(observed, velocity, config.pred_len) + residual
+        forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
         forecast = limit_displacement(forecast, observed[:, -1], config.period)
-        return forecast + offset[:, None], nn.log_softmax(score)
+        return forecast + offset[None, :, None], nn.log_softmax(score)
 
     def velocity(self, steps: Array) -> tuple[Array, Array]:
         """Velocity `[N, 2]` in metres a step, and the log differences that it depends on `[N, F]`.
@@ -184,7 +184,7 @@ class AnchorNetwork(nn.Module):
         roughness = jnp.concatenate(logs, -1) / 2 + 1.5
         hidden = nn.relu(nn.Dense(16, name="rough")(roughness))
         recent = np.arange(steps.shape[1], dtype=np.float32)
-        weight = nn.softmax(recent + nn.Dense(steps.shape[1], name="smooth")(hidden))
+        weight = nn.softmax(recent[None] + nn.Dense(steps.shape[1], name="smooth")(hidden))
         return (weight[..., None] * steps).sum(1), roughness
 
 
@@ -199,7 +199,7 @@ def _polynomials(steps: int, count: int) -> np.ndarray:
 def _straight_on(observed: Array, velocity: Array, steps: int) -> Array:
     """`[N, steps, 2]` from the last position at a `velocity [N, 2]` in metres a step."""
     ahead = jnp.arange(1, steps + 1, dtype=observed.dtype)[:, None]
-    return observed[:, -1:] + velocity[:, None] * ahead
+    return observed[:, -1:] + velocity[:, None] * ahead[None]
 
 
 def _dense(features: int, name: str, scale: float = 2.0) -> nn.Dense:
@@ -213,6 +213,6 @@ def _anchors(scale: float, weights: np.ndarray, draws: int) -> nn.initializers.I
 
     def initialise(key, shape, dtype=jnp.float32):
         drawn = scale * nn.initializers.normal(1.0)(key, (shape[0], draws, 2), dtype)
-        return (drawn * weights.astype(dtype)).at[0].set(0.0)
+        return (drawn * weights[None].astype(dtype)).at[0].set(0.0)
 
     return initialise

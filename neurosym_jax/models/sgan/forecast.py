@@ -66,7 +66,7 @@ def decode_scene(
         displacement: Any = jax.lax.map(decode, noise)
     else:
         displacement = jax.vmap(decode)(noise)
-    return jnp.asarray(scene.observed)[:, -1, None] + jnp.cumsum(displacement, axis=-2)
+    return jnp.asarray(scene.observed)[None, :, -1, None] + jnp.cumsum(displacement, axis=-2)
 
 
 def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:

@@ -18,6 +18,7 @@ from neurosym_jax.configuration import Checked
 from neurosym_jax.plugins import Registry
 
 __all__ = ["CELLS", "LSTM", "Affine", "Cell", "Encoder", "Perceptron", "embed", "register_cell"]
+__all__ += ["with_bias"]
 
 
 def kaiming_normal(key, shape, dtype=jnp.float32):
@@ -37,6 +38,13 @@ def uniform_within(bound: float) -> nn.initializers.Initializer:
     return initialise
 
 
+def with_bias(x: Array, *biases: Array) -> Array:
+    """`x [..., F]` plus each bias [F]: ranks are equal, for JAX may be set to refuse others."""
+    for bias in biases:
+        x = x + bias.reshape((1,) * (x.ndim - 1) + (-1,))
+    return x
+
+
 class Affine(nn.Module):
     """`x @ kernel + bias`; Kaiming-normal kernel, bias uniform within 1/sqrt(inputs)."""
 
@@ -50,7 +58,7 @@ class Affine(nn.Module):
 
     def __call__(self, x: Array) -> Array:
         """`[..., inputs]` to `[..., outputs]`."""
-        return x @ self.kernel + self.bias
+        return with_bias(x @ self.kernel, self.bias)
 
 
 class Perceptron(nn.Module):
@@ -147,7 +155,7 @@ class LSTMNetwork(nn.Module):
 
     def __call__(self, x: Array) -> Array:
         """`x [..., inputs]` to its part of the gates, [..., 4 H]."""
-        return x @ self.input_kernel + self.input_bias + self.recurrent_bias
+        return with_bias(x @ self.input_kernel, self.input_bias, self.recurrent_bias)
 
 
 CELLS: Registry[type[Cell]] = Registry("cell", {"lstm": LSTM})
@@ -178,7 +186,7 @@ class Encoder(nn.Module):
     def __call__(self, displacement: Array) -> Array:
         """`displacement [N, T, 2]` metres to the hidden state `[N, h_dim]` after the last step."""
         kernel, bias = embed(self.spatial_embedding, self.recurrent)
-        driven = jnp.moveaxis(displacement, 1, 0) @ kernel + bias
+        driven = with_bias(jnp.moveaxis(displacement, 1, 0) @ kernel, bias)
 
         def step(state, gates):
             return self.cell.update(gates + state[0] @ self.recurrent.recurrent_kernel, state), None

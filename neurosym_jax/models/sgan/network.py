@@ -14,7 +14,7 @@ from jax import Array
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.sgan.layers import LSTM, Affine, Encoder, Perceptron, embed
+from neurosym_jax.models.sgan.layers import LSTM, Affine, Encoder, Perceptron, embed, with_bias
 from neurosym_jax.models.sgan.pooling import Pooling, PoolNetwork
 from neurosym_jax.scene import Scene
 
@@ -129,16 +129,19 @@ class Decoder(nn.Module):
             state = cell.update(gates, state)
             # The displacement is computed here: were the hidden states the loop's output, XLA would
             # compute them twice, once to be stacked and once for the product.
-            return (state[0] @ feedback + feedback_bias, state), self.hidden2pos(state[0])
+            gates = with_bias(state[0] @ feedback, feedback_bias)
+            return (gates, state), self.hidden2pos(state[0])
 
-        carry = (displacement @ kernel + bias + hidden @ recurrent, cell.start(hidden))
+        gates = with_bias(displacement @ kernel, bias) + hidden @ recurrent
+        carry = gates, cell.start(hidden)
         _, displacements = jax.lax.scan(step, carry, length=self.config.pred_len)
         return jnp.moveaxis(displacements, 0, 1)
 
     def _pooled_step(self, carry: Any, valid: Any, weigh: Weigh | None):
         state, track, displacement = carry
         kernel, bias = embed(self.spatial_embedding, self.recurrent)
-        gates = displacement @ kernel + bias + state[0] @ self.recurrent.recurrent_kernel
+        gates = with_bias(displacement @ kernel, bias)
+        gates = gates + state[0] @ self.recurrent.recurrent_kernel
         hidden, *rest = self.config.cell.update(gates, state)
         displacement = self.hidden2pos(hidden)
         position = (track[:, -1] + displacement)[:, None]

@@ -13,7 +13,7 @@ from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.sgan.layers import Affine, Perceptron
+from neurosym_jax.models.sgan.layers import Affine, Perceptron, with_bias
 from neurosym_jax.models.sgan.pooling import (
     NO_FORECAST,
     PoolNet,
@@ -50,7 +50,7 @@ class _DescribedNetwork(nn.Module):
         first, second = self.mlp.layers
         step_kernel, hidden_kernel = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
         shared, own, neighbour = self.histories(track, step_kernel)
-        neighbours = neighbour, hidden @ hidden_kernel + first.bias
+        neighbours = neighbour, with_bias(hidden @ hidden_kernel, first.bias)
         highest = max_over_neighbours(self.pair, shared, own, neighbours, alpha, second, valid)
         return bottleneck_relu(self, highest)
 
@@ -82,9 +82,10 @@ class _RosNetwork(_DescribedNetwork):
 
     def histories(self, track: Array, step_kernel: Array) -> tuple[Array, Array, Array]:
         """See `_DescribedNetwork.histories`."""
-        own = track.reshape(len(track), -1) @ self.spatial_embedding.kernel
-        shape = len(track), self.obs_len, -1
-        return step_kernel, own.reshape(shape), (own + self.spatial_embedding.bias).reshape(shape)
+        own = track.reshape(track.shape[0], -1) @ self.spatial_embedding.kernel
+        shape = track.shape[0], self.obs_len, -1
+        shifted = with_bias(own, self.spatial_embedding.bias)
+        return step_kernel, own.reshape(shape), shifted.reshape(shape)
 
     @staticmethod
     def pair(step_kernel: Array, own: Array, neighbour: tuple[Array, Array], alpha: Array) -> Array:

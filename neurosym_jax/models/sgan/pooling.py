@@ -16,7 +16,7 @@ from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.configuration import Checked, Positive, Size
-from neurosym_jax.models.sgan.layers import Affine, Perceptron
+from neurosym_jax.models.sgan.layers import Affine, Perceptron, with_bias
 
 __all__ = ["NO_FORECAST", "NoPooling", "PoolNet", "PoolNetwork", "Pooling", "Social"]
 __all__ += ["bottleneck_relu", "max_over_neighbours"]
@@ -109,12 +109,17 @@ class _GridNetwork(nn.Module):
         """`hidden [N, H]`, `position [N, 2]`, `valid [N]` to `[N, H]`."""
         half = self.neighborhood_size / 2
         offset = position[None] - position[:, None]
-        inside = (jnp.abs(offset) < half).all(axis=-1) & valid & ~jnp.eye(len(valid), dtype=bool)
+        inside = (
+            (jnp.abs(offset) < half).all(axis=-1)
+            & valid[None]
+            & ~jnp.eye(valid.shape[0], dtype=bool)
+        )
         scaled = (jnp.stack([offset[..., 0], -offset[..., 1]], -1) + half) / (2 * half)
         column, row = jnp.moveaxis(jnp.floor(scaled * self.grid_size), -1, 0)
         cell = jnp.where(inside, column + self.grid_size * row, -1)
-        occupied = (cell[..., None] == jnp.arange(self.grid_size**2)).astype(hidden.dtype)
-        return self.mlp(jnp.einsum("ijc,jh->ich", occupied, hidden).reshape(len(valid), -1))
+        cells = jnp.arange(self.grid_size**2, dtype=cell.dtype)[None, None]
+        occupied = (cell[..., None] == cells).astype(hidden.dtype)
+        return self.mlp(jnp.einsum("ijc,jh->ich", occupied, hidden).reshape(valid.shape[0], -1))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,11 +160,8 @@ class PoolNetwork(nn.Module):
         first, second = self.mlp.layers
         embedding_kernel, hidden_kernel = jnp.split(first.kernel, [self.embedding_dim])
         v = position @ (self.spatial_embedding.kernel @ embedding_kernel)
-        u = (
-            v
-            + hidden @ hidden_kernel
-            + (self.spatial_embedding.bias @ embedding_kernel + first.bias)
-        )
+        bias = self.spatial_embedding.bias @ embedding_kernel + first.bias
+        u = with_bias(v + hidden @ hidden_kernel, bias)
         highest = max_over_neighbours(lambda _, v, u, __: u - v, (), v, u, (), second, valid)
         return bottleneck_relu(self, highest)
 
@@ -201,7 +203,7 @@ def _maximum(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
 def _candidates(layer, shared, neighbours, kernel, bias, valid, own, pair_rows) -> Array:
     """[N, B] candidates of one agent; -inf where not valid."""
     hidden = nn.relu(layer(shared, own, neighbours, pair_rows))
-    return jnp.where(valid[:, None], hidden @ kernel + bias, -jnp.inf)
+    return jnp.where(valid[:, None], with_bias(hidden @ kernel, bias), -jnp.inf)
 
 
 def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
@@ -211,7 +213,7 @@ def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
         values = _candidates(layer, shared, neighbours, kernel, bias, valid, *agent)
         highest = values.max(axis=0)
         # `argmax` is several times slower on a CPU than these two reductions.
-        return highest, jnp.where(values == highest, slots, valid.shape[0] - 1).min(axis=0)
+        return highest, jnp.where(values == highest[None], slots, valid.shape[0] - 1).min(axis=0)
 
     highest, winner = jax.lax.map(of_agent, (agents, pairs))
     return highest, (shared, agents, neighbours, pairs, kernel, winner)

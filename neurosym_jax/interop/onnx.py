@@ -1,0 +1,282 @@
+"""A JAX function as an ONNX model: its jaxpr, equation by equation, in operators of ONNX.
+
+`to_onnx` traces a function for arguments whose sizes may be symbols (`jax.export.symbolic_shape`),
+computes what depends on constants alone, and writes the rest with `onnx.helper`. It knows the
+operations that our networks consist of and refuses others by name; a changed network needs no
+change here. Loops of a known length are unrolled, others become a `Scan`. ONNX Runtime lacks
+operators for small integers, so all integers are int32; a product of booleans is one of floats.
+"""
+
+import ast
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.interop.onnx_operations import TRANSLATIONS
+
+__all__ = ["to_onnx"]
+
+OPSET, IR_VERSION = 18, 9
+UNROLLED = 64
+"""Longest loop that is written out step by step."""
+
+# Operations that are one operator of ONNX, argument by argument.
+OPERATORS = {
+    "abs": "Abs", "add": "Add", "and": "And", "ceil": "Ceil", "cos": "Cos", "div": "Div",
+    "eq": "Equal", "erf": "Erf", "exp": "Exp", "floor": "Floor", "ge": "GreaterOrEqual",
+    "gt": "Greater", "le": "LessOrEqual", "log": "Log", "logistic": "Sigmoid", "lt": "Less",
+    "max": "Max", "min": "Min", "mul": "Mul", "neg": "Neg", "not": "Not", "or": "Or", "pow": "Pow",
+    "round": "Round", "sign": "Sign", "sin": "Sin", "sqrt": "Sqrt", "sub": "Sub", "tan": "Tan",
+    "tanh": "Tanh", "xor": "Xor",
+}  # fmt: skip
+IDENTITIES = {"copy", "copy_p", "optimization_barrier", "stop_gradient"}
+CALLS = ("jaxpr", "call_jaxpr", "fun_jaxpr")
+"""Parameters of an equation that may hold the function which it calls."""
+
+
+def to_onnx(
+    function: Callable[..., Any],
+    arguments: Mapping[str, jax.ShapeDtypeStruct],
+    outputs: Sequence[str],
+    properties: Mapping[str, str],
+) -> bytes:
+    """The ONNX model of `function`, serialised.
+
+    Args:
+        function: from float32 arrays to a tuple of arrays.
+        arguments: shape of each argument by its name in the model; sizes may be symbols, whose
+            names are then those of the model's free sizes.
+        outputs: names of the arrays returned.
+        properties: metadata of the model.
+
+    Raises:
+        InputError: without onnx, and for an operation that has no translation.
+    """
+    try:
+        import onnx
+    except ImportError:
+        raise InputError("exporting to ONNX needs onnx: pip install neurosym-jax[onnx]") from None
+    with jax.enable_x64(False):
+        closed = jax.jit(function).trace(*arguments.values()).jaxpr
+        graph = _Graph(onnx)
+        for name, argument in arguments.items():
+            graph.declare_sizes(name, argument.shape)
+        results = graph.translate(closed.jaxpr, closed.consts, list(arguments))
+    infos = [graph.info(name, argument) for name, argument in arguments.items()]
+    named = [graph.info(name, var.aval) for name, var in zip(outputs, closed.jaxpr.outvars)]
+    for name, result in zip(outputs, results):
+        graph.add("Identity", [graph.name(result)], name=name)
+    body = onnx.helper.make_graph(graph.nodes, "forecast", infos, named, graph.constants)
+    opset = onnx.helper.make_opsetid("", OPSET)
+    model = onnx.helper.make_model(body, opset_imports=[opset], ir_version=IR_VERSION)
+    onnx.helper.set_model_props(model, dict(properties))
+    onnx.checker.check_model(model, full_check=True)
+    return model.SerializeToString()
+
+
+class _Graph:
+    """Nodes and constants of a graph that is being written; a loop's body shares its constants.
+
+    A value is the name of a result, or a numpy array where it does not depend on an argument.
+    """
+
+    def __init__(self, onnx: Any, outer: "_Graph | None" = None):
+        self.onnx, self.nodes = onnx, []
+        self.constants = [] if outer is None else outer.constants
+        self.numbers = [0] if outer is None else outer.numbers
+        self.sizes: dict[str, str] = {} if outer is None else outer.sizes
+
+    # -- writing ---------------------------------------------------------------------------------
+
+    def add(self, operator: str, inputs: list[str], name: str = "", **attributes: Any) -> str:
+        """Add a node with one result; return its name."""
+        return self.add_many(operator, inputs, [name or self.fresh()], **attributes)[0]
+
+    def add_many(
+        self, operator: str, inputs: list[str], names: list[str], **attributes: Any
+    ) -> list[str]:
+        """Add a node with results called `names`."""
+        self.nodes.append(self.onnx.helper.make_node(operator, inputs, names, **attributes))
+        return names
+
+    def fresh(self) -> str:
+        """A new name."""
+        self.numbers[0] += 1
+        return f"v{self.numbers[0]}"
+
+    def name(self, value: Any) -> str:
+        """The name of a value; an array becomes a constant of the model."""
+        if isinstance(value, str):
+            return value
+        array = np.asarray(value)
+        name, kind = self.fresh(), _kind(array.dtype)
+        array = np.ascontiguousarray(array.astype(kind)).reshape(array.shape)
+        self.constants.append(self.onnx.numpy_helper.from_array(array, name))
+        return name
+
+    def integers(self, *values: int) -> str:
+        """The constant [len(values)] int64, as operators take axes and shapes."""
+        name = self.fresh()
+        self.constants.append(self.onnx.numpy_helper.from_array(np.array(values, np.int64), name))
+        return name
+
+    def number(self, value: int) -> str:
+        """The constant [] int64."""
+        return self.add("Squeeze", [self.integers(value)])
+
+    def element_type(self, dtype: Any) -> int:
+        """ONNX's number of a type."""
+        return self.onnx.helper.np_dtype_to_tensor_dtype(np.dtype(_kind(dtype)))
+
+    def cast(self, value: Any, dtype: Any) -> str:
+        """The value as another type."""
+        return self.add("Cast", [self.name(value)], to=self.element_type(dtype))
+
+    def info(self, name: str, aval: Any) -> Any:
+        """Declaration of an input or output."""
+        dims = [size if isinstance(size, int) else str(size) for size in aval.shape]
+        return self.onnx.helper.make_tensor_value_info(name, self.element_type(aval.dtype), dims)
+
+    # -- sizes -----------------------------------------------------------------------------------
+
+    def declare_sizes(self, argument: str, shape: Sequence[Any]) -> None:
+        """Know the symbols among the sizes of an argument."""
+        for axis, size in enumerate(shape):
+            if not isinstance(size, int) and str(size) not in self.sizes:
+                whole = self.add("Shape", [argument], start=axis, end=axis + 1)
+                self.sizes[str(size)] = whole
+
+    def size(self, size: Any) -> str:
+        """The name of a size [1] int64: a number, a symbol, or a polynomial of symbols."""
+        if isinstance(size, int):
+            return self.integers(size)
+        return self._polynomial(ast.parse(str(size), mode="eval").body)
+
+    def _polynomial(self, term: ast.expr) -> str:
+        operators = {ast.Add: "Add", ast.Sub: "Sub", ast.Mult: "Mul"}
+        match term:
+            case ast.Constant(value=int(value)):
+                return self.integers(value)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return self.add("Neg", [self._polynomial(operand)])
+            case ast.Name(id=name) if name in self.sizes:
+                return self.sizes[name]
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in operators:
+                parts = [self._polynomial(left), self._polynomial(right)]
+                return self.add(operators[type(op)], parts)
+        raise InputError(f"ONNX: the size {ast.unparse(term)} has no translation")
+
+    def shape(self, sizes: Sequence[Any]) -> str:
+        """The name of a shape [rank] int64."""
+        if all(isinstance(size, int) for size in sizes):
+            return self.integers(*sizes)
+        return self.add("Concat", [self.size(size) for size in sizes], axis=0)
+
+    def reshape(self, value: Any, sizes: Sequence[Any]) -> str:
+        """The value in another shape; one symbol among its sizes is left to ONNX to find."""
+        free = [not isinstance(size, int) for size in sizes]
+        if sum(free) == 1 and 0 not in sizes:
+            shape = self.integers(*(-1 if unknown else size for size, unknown in zip(sizes, free)))
+        else:
+            shape = self.shape(sizes)
+        return self.add("Reshape", [self.name(value), shape])
+
+    def slice(self, value: Any, axes: Sequence[int], starts: Any, ends: Any, steps: Any) -> str:
+        """Part of a value; `starts` and `ends` are names of [len(axes)] int64."""
+        inputs = [self.name(value), starts, ends, self.integers(*axes), self.integers(*steps)]
+        return self.add("Slice", inputs)
+
+    # -- translating -----------------------------------------------------------------------------
+
+    def translate(self, jaxpr: Any, constants: Sequence[Any], inputs: Sequence[Any]) -> list[Any]:
+        """Values of the results of a jaxpr, given those of its constants and arguments."""
+        values = dict(zip(jaxpr.constvars, map(np.asarray, constants)))
+        values |= dict(zip(jaxpr.invars, inputs))
+
+        def read(atom: Any) -> Any:
+            return np.asarray(atom.val) if hasattr(atom, "val") else values[atom]
+
+        for eqn in jaxpr.eqns:
+            results = self.equation(eqn, [read(atom) for atom in eqn.invars])
+            values |= dict(zip(eqn.outvars, results))
+        return [read(atom) for atom in jaxpr.outvars]
+
+    def equation(self, eqn: Any, inputs: list[Any]) -> Sequence[Any]:
+        """Values of the results of one equation."""
+        primitive, shapes = eqn.primitive.name, [var.aval.shape for var in eqn.outvars]
+        if primitive == "scan":
+            return self._scan(eqn, inputs)
+        called = next((eqn.params[name] for name in CALLS if name in eqn.params), None)
+        if called is not None:
+            return self.translate(called.jaxpr, called.consts, inputs)
+        if primitive in IDENTITIES:
+            return inputs
+        fixed = all(isinstance(size, int) for shape in shapes for size in shape)
+        unknown = primitive == "dim_as_value" or any(isinstance(x, str) for x in inputs)
+        if fixed and not unknown:
+            arrays = [jnp.asarray(x, atom.aval.dtype) for x, atom in zip(inputs, eqn.invars)]
+            results = eqn.primitive.bind(*arrays, **eqn.params)
+            results = results if eqn.primitive.multiple_results else [results]
+            return list(map(np.asarray, results))
+        if primitive in OPERATORS:
+            return [self.add(OPERATORS[primitive], list(map(self.name, inputs)))]
+        translation = TRANSLATIONS.get(primitive)
+        if translation is None:
+            raise InputError(
+                f"ONNX: the operation {primitive} has no translation: export a .stablehlo file"
+            )
+        results = translation(self, eqn, *inputs)
+        return results if eqn.primitive.multiple_results else [results]
+
+    def _scan(self, eqn: Any, inputs: list[Any]) -> list[Any]:
+        """A loop, written out, or a `Scan`, whose body reads the constants from outside."""
+        params, body = eqn.params, eqn.params["jaxpr"]
+        split = params["num_consts"], params["num_consts"] + params["num_carry"]
+        constants, carry, rows = inputs[: split[0]], inputs[split[0] : split[1]], inputs[split[1] :]
+        count, length = len(carry), params["length"]
+        if isinstance(length, int) and length <= UNROLLED:
+            stacks = [[] for _ in eqn.outvars[count:]]
+            steps = range(length)[:: -1 if params["reverse"] else 1]
+            for step in steps:
+                slices = [
+                    row[step]
+                    if not isinstance(row, str)
+                    else self.add("Gather", [row, self.name(np.int32(step))], axis=0)
+                    for row in rows
+                ]
+                results = self.translate(body.jaxpr, body.consts, [*constants, *carry, *slices])
+                carry = results[:count]
+                for stack, result in zip(stacks, results[count:]):
+                    unit = [self.name(result), self.integers(0)]
+                    stack.append(self.add("Unsqueeze", unit))
+            stacks = [stack[:: -1 if params["reverse"] else 1] for stack in stacks]
+            return [*carry, *(self.add("Concat", stack, axis=0) for stack in stacks)]
+        inner, arguments = _Graph(self.onnx, self), body.jaxpr.invars[split[0] :]
+        names = [inner.fresh() for _ in arguments]
+        constants = list(map(self.name, constants))
+        results = inner.translate(body.jaxpr, body.consts, [*constants, *names])
+        outputs = [inner.add("Identity", [inner.name(result)]) for result in results]
+        infos = [inner.info(name, var.aval) for name, var in zip(names, arguments)]
+        ends = [inner.info(name, var.aval) for name, var in zip(outputs, body.jaxpr.outvars)]
+        graph = self.onnx.helper.make_graph(inner.nodes, "step", infos, ends)
+        direction = [int(params["reverse"])]
+        return self.add_many(
+            "Scan",
+            list(map(self.name, [*carry, *rows])),
+            [self.fresh() for _ in eqn.outvars],
+            body=graph,
+            num_scan_inputs=len(rows),
+            scan_input_directions=direction * len(rows),
+            scan_output_directions=direction * (len(outputs) - count),
+        )
+
+
+def _kind(dtype: Any) -> Any:
+    """The type in ONNX: float32, bool, or int32 for all integers."""
+    if np.issubdtype(dtype, np.bool_):
+        return np.bool_
+    return np.int32 if np.issubdtype(dtype, np.integer) else np.float32
