@@ -88,7 +88,8 @@ def _arguments(model: Model, samples: str) -> dict[str, jax.ShapeDtypeStruct]:
     spec, sizes = model.forecaster.noise, {"observed": f"people, {model.config.obs_len}, 2"}
     if spec.dim:
         sizes["noise"] = f"{samples}, {'people, ' if spec.per_agent else ''}{spec.dim}"
-    scope = jax.export.SymbolicScope(("people >= 1", "samples >= 1"))
+    free = ["people", *([samples] if spec.dim and samples.isidentifier() else [])]
+    scope = jax.export.SymbolicScope([f"{name} >= 1" for name in free])
     return {
         name: jax.ShapeDtypeStruct(jax.export.symbolic_shape(size, scope=scope), jnp.float32)
         for name, size in sizes.items()

@@ -23,7 +23,7 @@ def test_a_command_does_the_runs_that_its_table_lacks_seed_by_seed(study, tmp_pa
     done = []
 
     def train_and_test(run, splits):
-        done.append((run.recipe.seed, run.recipe.best_k, type(run.network.pooling).__name__))
+        done.append((run.recipe.seed, run.recipe.best_k, type(run.config.pooling).__name__))
         assert set(splits) == {"val", "test"}
         if len(done) == 20:
             raise KeyboardInterrupt
