@@ -78,16 +78,16 @@ def main() -> None:
             took = json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
             print(f"| {name} | {size} | {' | '.join(took)} |")
         print("\n| damage | cases | refused | loaded |\n|---|---|---|---|")
-        for name, found in _models(Path(folder)):
-            print(f"| {name} | {found.total()} | {found['refused']} | {found['loaded']} |")
+        for name, counts in _models(Path(folder)):
+            print(f"| {name} | {counts.total()} | {counts['refused']} | {counts['loaded']} |")
         print("\n| damage | cases | same forecast | healed |\n|---|---:|---:|---:|")
         same, healed = _programs(Path(folder))
         print(f"| compiled programs, random bits | {PROGRAM_FLIPS} | {same} | {healed} |")
         print(f"\n| bag | cases | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 2)}")
         for kind in ("bag", "db3", "mcap"):
-            found = _changed_bytes(Path(folder), kind)
-            cells = " | ".join(str(found[name]) for name in COLUMNS)
-            print(f"| {kind} | {found.total()} | {cells} |")
+            counts = _changed_bytes(Path(folder), kind)
+            cells = " | ".join(str(counts[name]) for name in COLUMNS)
+            print(f"| {kind} | {counts.total()} | {cells} |")
 
 
 def bag_of_blanks(path: Path, kind: str, size: int = SIZE) -> Path:
@@ -129,20 +129,20 @@ def _models(folder: Path) -> Iterator[tuple[str, Counter]]:
     model = folder / "model"
     shutil.copytree(next(path for path in shipped_models() if path.name == "sgan_zara1_8"), model)
     rng = np.random.default_rng(0)
-    for name, wanted in (("config.json", None), ("params.safetensors", FLIPS)):
+    for name, flips in (("config.json", None), ("params.safetensors", FLIPS)):
         file = model / name
         bits = 8 * file.stat().st_size
-        chosen = range(bits) if wanted is None else rng.choice(bits, wanted, replace=False)
-        found: Counter[str] = Counter()
+        chosen = range(bits) if flips is None else rng.choice(bits, flips, replace=False)
+        counts: Counter[str] = Counter()
         for bit in map(int, chosen):
             with _changed(file, {bit // 8: 1 << bit % 8}):
                 try:
                     load_model(model)
-                    found["loaded"] += 1
+                    counts["loaded"] += 1
                 except InputError:
-                    found["refused"] += 1
-        what = "each of its bits" if wanted is None else "bits drawn from all"
-        yield f"`{name}`, {what}", found
+                    counts["refused"] += 1
+        bits_drawn = "each of its bits" if flips is None else "bits drawn from all"
+        yield f"`{name}`, {bits_drawn}", counts
 
 
 def _programs(folder: Path) -> tuple[int, int]:
@@ -176,36 +176,36 @@ def _changed_bytes(folder: Path, kind: str) -> Counter:
             bag.write(PEOPLE_TOPICS[0], frame.stamp, make_people(bag.new, frame))
     path = bag.path
     files = [path] if path.is_file() else sorted(path.iterdir())
-    wanted, found = _content(path), Counter()
+    intact, counts = _content(path), Counter()
     for seed in range(MUTATIONS):
         rng = np.random.default_rng(seed)
         file = files[0] if seed % 10 == 0 else files[-1]  # metadata.yaml now and then
         size = file.stat().st_size
         damage = {int(rng.integers(size)): int(rng.integers(1, 256)) for _ in range(1 + seed % 3)}
-        with _changed(file, damage), warnings.catch_warnings(record=True) as said:
+        with _changed(file, damage), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
                 got = _content(path)
             except InputError:
-                found["refused"] += 1
+                counts["refused"] += 1
                 continue
-        if len(got) != len(wanted):
-            found["frames lost, said" if said else "frames lost, silent"] += 1
+        if len(got) != len(intact):
+            counts["frames lost, said" if caught else "frames lost, silent"] += 1
         else:
-            found["read as before" if got == wanted else "other values"] += 1
-    return found
+            counts["read as before" if got == intact else "other values"] += 1
+    return counts
 
 
 @contextlib.contextmanager
 def _changed(file: Path, damage: dict[int, int]) -> Iterator[None]:
     """A context in which bytes of a file are others."""
-    whole = file.read_bytes()
-    broken = bytearray(whole)
+    content = file.read_bytes()
+    broken = bytearray(content)
     for place, by in damage.items():
         broken[place] ^= by
     file.write_bytes(broken)
     yield
-    file.write_bytes(whole)
+    file.write_bytes(content)
 
 
 if __name__ == "__main__":

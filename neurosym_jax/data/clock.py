@@ -156,7 +156,7 @@ def _is_majority(stamp: np.ndarray, label: np.ndarray, period: float) -> np.ndar
     """[R] bool: whether most of the rows within `NEAR` periods have the phase of a row, and one of
     them at another moment. `stamp` ascends."""
     tick = np.rint((stamp - stamp[0]) / period * 100).astype(np.int64)
-    reach = NEAR * 100 + 1
+    reach = NEAR * 100 - 1  # Else of two phases that alternate, each has 5 of 9 rows around one.
     total = np.searchsorted(tick, tick + reach, "right") - np.searchsorted(tick, tick - reach)
     key = label * (tick[-1] + 4 * reach) + tick
     ordered = np.sort(key)
