@@ -16,9 +16,9 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.data.reading import ReadOptions
-from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.forecasting.forecaster import FORECASTERS, Lengths
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models.config import GeneratorConfig, Lengths
+from neurosym_jax.models.sgan.config import GeneratorConfig
 from tests.networks import random_model
 
 ELSEWHERE = {
@@ -225,8 +225,8 @@ def test_each_field_of_a_configuration_comes_back_from_its_file(tmp_path, kind):
         if type(field.default) is int and field.name not in ("noise_dim", "seed")
     }
     model = random_model(config(**{**changes, "period": 0.5}), "somewhere", std=0.5)
-    model = dataclasses.replace(model, params=model.params or {}, kind=kind)
+    model = dataclasses.replace(model, params=model.params or {}, family=kind)
     nj.save_model(tmp_path / "model", model)
     loaded = nj.load_model(tmp_path / "model")
     assert loaded.config == model.config
-    assert (loaded.kind, loaded.dataset) == (kind, "somewhere")
+    assert (loaded.family, loaded.dataset) == (kind, "somewhere")

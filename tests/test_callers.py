@@ -18,10 +18,10 @@ from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.evaluation.intervals import ErrorsByScene
 from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.evaluation.scoring import Score
+from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models.anchors import AnchorTableConfig
-from neurosym_jax.models.config import Lengths
-from neurosym_jax.training.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.network import AnchorTableConfig
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.training.sweep import compare_sweep, write_errors
 from tests.repository import run_python
 from tests.rows import result_row
@@ -125,7 +125,7 @@ def test_validation_is_of_the_validation_windows(tmp_path):
         learned,
         validated,
         tmp_path / "run",
-        network=AnchorTableConfig(4, 3, samples=3),
+        config=AnchorTableConfig(4, 3, samples=3),
         recipe=AnchorRecipe(steps=2, validate_every=1, batch_scenes=4, crowd_share=0.0),
         on_row=rows.append,
     )
