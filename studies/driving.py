@@ -32,7 +32,7 @@ Belief = tuple[np.ndarray, np.ndarray]  # samples [k, N, STEPS, 2] and their wei
 
 def beliefs(tracks: Tracks, predictor: Predictor) -> dict[str, list[Belief]]:
     """What is believed of everybody in sight at each moment of planning."""
-    found: dict[str, list[Belief]] = defaultdict(list)
+    history: dict[str, list[Belief]] = defaultdict(list)
     seen = {round(10 * frame.stamp): frame for frame in frames_of_tracks(tracks)}
     for n in range(BEGIN + LONGEST):
         stamp, ids, xy = seen.get(n, Frame(n / 10, np.zeros(0, int), np.zeros((0, 2))))
@@ -42,15 +42,15 @@ def beliefs(tracks: Tracks, predictor: Predictor) -> dict[str, list[Belief]]:
         pair = predictor.window.resampled(ids, [stamp - PERIOD, stamp])
         pair = np.where(np.isfinite(pair), pair, xy[:, None])  # New ones stand.
         for name, last_two in (("people stand", pair[:, [1, 1]]), ("constant velocity", pair)):
-            found[name].append((straight(last_two, STEPS)[None], np.ones(1)))
+            history[name].append((straight(last_two, STEPS)[None], np.ones(1)))
         (model,), forecast = predictor.models, predictor.forecast()
-        belief = found["constant velocity"][-1]
+        belief = history["constant velocity"][-1]
         if forecast is not None:
             result = forecast.models[model]
             others = belief[0][:, ~np.isin(ids, forecast.ids)].repeat(len(result.samples), axis=0)
             belief = np.append(result.samples[:, :, :STEPS], others, axis=1), result.weights
-        found[model].append(belief)
-    return found
+        history[model].append(belief)
+    return history
 
 
 def drive(people: np.ndarray, seen: list[Belief]) -> list[float]:
@@ -61,14 +61,14 @@ def drive(people: np.ndarray, seen: list[Belief]) -> list[float]:
     robot, least, way = START.copy(), 3.0, 0.0
     for n, (samples, weights) in enumerate(seen):
         places = robot + VELOCITIES[:, None] * PERIOD * np.arange(1, STEPS + 1)[:, None]
-        apart = np.linalg.norm(places[:, None, None] - samples, axis=-1)  # [V, k, N, STEPS]
-        touched = (apart < KEPT).any(axis=2) * FADE ** np.arange(STEPS)
+        distance = np.linalg.norm(places[:, None, None] - samples, axis=-1)  # [V, k, N, STEPS]
+        touched = (distance < KEPT).any(axis=2) * FADE ** np.arange(STEPS)
         left = np.linalg.norm(places - GOAL, axis=-1).min(axis=1)
         cost = left / (PERIOD * STEPS) + RISK * touched.max(axis=2) @ weights
         velocity = VELOCITIES[np.argmin(cost)]
-        for here in people[n * EVERY + 1 : (n + 1) * EVERY + 1]:
+        for places_now in people[n * EVERY + 1 : (n + 1) * EVERY + 1]:
             robot = robot + velocity / 10
-            least = np.nanmin(np.linalg.norm(here - robot, axis=-1), initial=least)
+            least = np.nanmin(np.linalg.norm(places_now - robot, axis=-1), initial=least)
         way += PERIOD * float(np.linalg.norm(velocity))
         if np.linalg.norm(robot - GOAL) < 0.5:
             break
@@ -81,13 +81,13 @@ def main() -> None:
     predictor = Predictor(load_models([Path("recommended")]), hold=1.0, max_people=32)
     for seed in range(EPISODES):
         tracks, person = hall(seed)
-        known = tracks.take(person >= 0).with_ids(person[person >= 0])
-        whole = resample(known, 0.1, LONGEST / 10)
-        people = np.full((1000, whole.id.max() + 1, 2), np.nan)
-        people[np.rint(10 * whole.stamp).astype(int), whole.id] = whole.position
-        for name, seen in beliefs(known, predictor).items():
+        tracked = tracks.take(person >= 0).with_ids(person[person >= 0])
+        steady = resample(tracked, 0.1, LONGEST / 10)
+        people = np.full((1000, steady.id.max() + 1, 2), np.nan)
+        people[np.rint(10 * steady.stamp).astype(int), steady.id] = steady.position
+        for name, seen in beliefs(tracked, predictor).items():
             rows[name].append(drive(people[BEGIN:], seen))
-    tables = {name: np.array(each) * [100, 1, 1, 1] for name, each in rows.items()}
+    tables = {name: np.array(episodes) * [100, 1, 1, 1] for name, episodes in rows.items()}
     *_, straight_on, forecast = tables.values()
     tables["difference of the last two"] = forecast - straight_on
     print("| what the robot believes | collisions, % | least distance, m | way, m | time, s |")

@@ -57,7 +57,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for mistake in MISTAKES:
             outcome, message = tell(mistake, Path(folder))
-            print(f"| {mistake.name} | {mistake.wanted} | {outcome} | {message[:120]} |")
+            print(f"| {mistake.name} | {mistake.outcome} | {outcome} | {message[:120]} |")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ class Mistake:
     """A file, and how it is read."""
 
     name: str
-    wanted: Literal["refused", "warned", "read"]
+    outcome: Literal["refused", "warned", "read"]
     """Refused; warned of, in the report too; or read, with the windows of the crowd."""
     says: str
     """Pattern of what is said."""
@@ -45,9 +45,9 @@ def read(name: str, content: str | bytes, **options: Any) -> Mistake:
 
 def two_runs(column: str, crowd: Crowd = CROWD, other: Crowd = OTHER) -> str:
     """Two runs on one clock, with the same ids, told apart by a column."""
-    both = (np.concatenate(pair) for pair in zip(*(vars(c).values() for c in (crowd, other))))
+    columns = (np.concatenate(pair) for pair in zip(*(vars(c).values() for c in (crowd, other))))
     run = ["a"] * len(crowd.id) + ["b"] * len(other.id)
-    return table(Crowd(*both), **{column: run})
+    return table(Crowd(*columns), **{column: run})
 
 
 def own_clocks() -> np.ndarray:

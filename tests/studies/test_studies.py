@@ -57,7 +57,7 @@ def test_the_study_of_weighting_writes_its_page(tmp_path):
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.name)
 def test_mistakes(mistake, tmp_path):
     found, said = tell(mistake, tmp_path)
-    assert (found, bool(re.search(mistake.says, said))) == (mistake.wanted, True), said
+    assert (found, bool(re.search(mistake.says, said))) == (mistake.outcome, True), said
 
 
 @pytest.mark.parametrize("name", SITUATIONS)
