@@ -1,7 +1,8 @@
 from .dashboard.dashboard import Dashboard as Dashboard
 from .dashboard.dashboard import ReplayFile as ReplayFile
-from .dashboard.dashboard import View as View
 from .dashboard.moments import Moments as Moments
+from .dashboard.view import View as View
+from .input.kinds import see as see
 from .online.predictor import Forecast as Forecast
 from .online.predictor import ModelForecast as ModelForecast
 from .online.predictor import Predictor as Predictor
@@ -16,7 +17,6 @@ from .ros.bags import read_people as read_people
 from .ros.messages import forecast_message as forecast_message
 from .ros.messages import make_people as make_people
 from .ros.messages import truth_message as truth_message
-from .ros.people import see as see
 from .tracking.following import Frame as Frame
 from .tracking.following import NearestIds as NearestIds
 from .tracking.following import frames_of_tracks as frames_of_tracks

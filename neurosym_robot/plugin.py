@@ -20,6 +20,8 @@ class Bag(Format):
     title = "a bag of ROS 1 or ROS 2 with messages of people"
     topic: str | None = None
     """Topic of the people; default: the only one there is."""
+    fixed_frame: str = ""
+    """Frame into which coordinates are transformed by /tf; default: that of the messages."""
 
     def owns(self, path: Path) -> bool:
         """Also a folder with the files of a bag."""
@@ -29,4 +31,4 @@ class Bag(Format):
         """The people of `topic`, see `read_bag`."""
         from neurosym_robot.ros.bags import read_bag
 
-        return read_bag(path, self.topic)
+        return read_bag(path, self.topic, self.fixed_frame)

@@ -92,8 +92,8 @@ class BoundedServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Serve a connection in a thread of its own; refuse it if there are too many."""
-        address, known = client_address[0], list(self.connections.values())
-        if len(known) >= MOST or known.count(address) >= self.most_of_one:
+        address, addresses = client_address[0], list(self.connections.values())
+        if len(addresses) >= MOST or addresses.count(address) >= self.most_of_one:
             return self.shutdown_request(request)
         self.connections[request] = address
         return super().process_request(request, client_address)

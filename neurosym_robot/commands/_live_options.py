@@ -24,13 +24,14 @@ from neurosym_robot import (
     View,
     load_models,
 )
-from neurosym_robot.dashboard.dashboard import Newest
 from neurosym_robot.dashboard.foxglove_view import FoxgloveView
+from neurosym_robot.dashboard.view import Newest
+from neurosym_robot.input.kinds import Kind
+from neurosym_robot.input.source import REACH, PeopleSource
 from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.predictor import When
 from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
-from neurosym_robot.ros.people import REACH, PeopleSource
 
 NAME = "neurosym_jax"  # of a node
 say = functools.partial(print, file=sys.stderr, flush=True)
@@ -44,6 +45,8 @@ class LiveOptions:
     NEEDS: ClassVar[dict[str, tuple[str, ...]]] = {
         "links": ("stitch",),
         "reach": ("fixed_frame", "robot_frame"),
+        "position": ("people",),
+        "id": ("people",),
         "port": ("dashboard",),
         "host": ("dashboard", "foxglove"),
         "map": ("dashboard",),
@@ -65,6 +68,13 @@ class LiveOptions:
     """Join tracks that occlusions broke."""
     links: LinkOptions = LinkOptions()  # noqa: RUF009 (frozen)
     """With --stitch: when two tracks are joined."""
+    people: str = ""
+    """Field of a message of any type that holds one entry per person, such as tracks."""
+    position: str = "position"
+    """With --people: path from an entry to its x, y and z, such as pose.pose.position."""
+    id: str = ""
+    """With --people: path from an entry to its id, such as track_id, or a field of the message with
+    as many entries; by default each position continues the nearest expected one."""
     fixed_frame: str = ""
     """Frame into which coordinates are transformed by /tf; by default that of the first message,
     and messages in other frames are left out."""
@@ -91,11 +101,12 @@ class LiveOptions:
         """Refuse what is no probability, and options without effect."""
         if not 0 < self.at_least <= 1:
             raise InputError(f"--at-least is a probability in (0, 1], not {self.at_least:g}")
-        own = {of.name for of in dataclasses.fields(self) if getattr(self, of.name) != of.default}
+        fields = dataclasses.fields(self)
+        options = {field.name for field in fields if getattr(self, field.name) != field.default}
         for option, others in self.NEEDS.items():
-            if own.isdisjoint(others):
+            if options.isdisjoint(others):
                 needed = " or --".join(others).replace("_", "-")
-                refuse_given(f"without --{needed}", **{option: option in own})
+                refuse_given(f"without --{needed}", **{option: option in options})
 
     def predictor(self, compile: When = "meanwhile") -> Predictor:
         """Load the models and start compiling; InputError as of `load_models` and `Predictor`."""
@@ -108,11 +119,19 @@ class LiveOptions:
             hold=self.hold,
             compile=compile,
             report=say,
+            max_gap=self.longest_gap,
         )
 
-    def source(self, report: Callable[[str], None]) -> PeopleSource:
+    @property
+    def longest_gap(self) -> float:
+        """The --max-gap of the command."""
+        return self.max_gap  # pyright: ignore
+
+    def source(self, report: Callable[[str], None], recorded: bool = False) -> PeopleSource:
         """The stream of people; `report` is called about messages that are left out."""
-        return PeopleSource(self.fixed_frame, report, self.robot_frame, self.reach)
+        form = Kind(self.people, self.position, self.id) if self.people else None
+        frames = self.fixed_frame, report, self.robot_frame
+        return PeopleSource(*frames, self.reach, form, recorded=recorded)
 
     def stitcher(self) -> OnlineStitcher | None:
         """The stitcher of ids, if the options ask for it."""
@@ -146,6 +165,9 @@ class NodeOptions(LiveOptions):
     """Seconds between status lines; 0 for none."""
     stale_after: float = STALE_AFTER
     """Age of information in seconds from which on the stream is called stale."""
+    max_gap: float = 1.0
+    """Longest gap in seconds between two observations that is bridged; a tracker slower than 1 Hz
+    needs more."""
 
     def node_options(self, report: Callable[[str], None]) -> dict[str, Any]:
         """The options that a `ForecastingNode` takes."""
@@ -158,12 +180,12 @@ class NodeOptions(LiveOptions):
 
     def forecast(self, node: ForecastingNode) -> None:
         """Run a node until interrupted, with what shows it; print its summary, and close it."""
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, lambda *_: node.stopped.set())
         with contextlib.ExitStack() as stack:
             stack.callback(node.close)
-            shown = self.views(node.predictor, self.name, node.source)
-            views = [stack.enter_context(contextlib.closing(view)) for view in shown]
+            chosen = self.views(node.predictor, self.name, node.source)
+            views = [stack.enter_context(contextlib.closing(view)) for view in chosen]
             if views:
                 node.views.append(stack.enter_context(contextlib.closing(Newest(views))))
             for view in views:

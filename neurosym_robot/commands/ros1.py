@@ -24,14 +24,14 @@ def arguments_of_ros(arguments: Sequence[str]) -> list[str]:
     # Others that begin so, such as `__log`, are for other clients.
     remaps = [text for text in assigned if not text.startswith("_")]
     node = node_name(value_of(rest, "--name", NAME))
-    master, found = master_uri(value_of(rest, "--master", "")), {}
+    master, parameters = master_uri(value_of(rest, "--master", "")), {}
     try:
-        found = call(master, "getParam", node, node)
+        parameters = call(master, "getParam", node, node)
     except CallError as error:
         # An answer that refuses says that the node has no parameters.
         if names and not isinstance(error, Refused):
             raise InputError(f"the master at {master} tells no parameters: {error}") from None
-    return [*as_options(found), *rest, *(["--remap", *remaps] if remaps else [])]
+    return [*as_options(parameters), *rest, *(["--remap", *remaps] if remaps else [])]
 
 
 PREPARE = arguments_of_ros

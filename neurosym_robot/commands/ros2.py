@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import Literal
 
 from neurosym_robot.commands._live_options import NAME, NodeOptions, as_options, value_of
+from neurosym_robot.input.kinds import KINDS
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS
-from neurosym_robot.ros.people import KINDS
 from neurosym_robot.ros.ros2 import ForecastNode, import_rclpy, message_type, node_parameters
 
 Message = Literal["People", "Humans", "TrackedPersons", "Agents", "Detection3DArray", "PoseArray"]
@@ -18,14 +18,20 @@ Message = Literal["People", "Humans", "TrackedPersons", "Agents", "Detection3DAr
 
 def arguments_of_ros(arguments: Sequence[str]) -> list[str]:
     """The part between `--ros-args` and `--` as one option, and its parameters as options."""
-    rest, told = list(arguments), []
+    rest, ros_arguments = list(arguments), []
     while "--ros-args" in rest:
         begin = rest.index("--ros-args")
         end = rest.index("--", begin) if "--" in rest[begin:] else len(rest)
-        told += rest[begin + 1 : end]
+        ros_arguments += rest[begin + 1 : end]
         del rest[begin : end + 1]
-    found = node_parameters(told, value_of(rest, "--name", NAME)) if told else {}
-    return [*as_options(found), *rest, *([f"--ros-args={shlex.join(told)}"] if told else [])]
+    parameters = (
+        node_parameters(ros_arguments, value_of(rest, "--name", NAME)) if ros_arguments else {}
+    )
+    return [
+        *as_options(parameters),
+        *rest,
+        *([f"--ros-args={shlex.join(ros_arguments)}"] if ros_arguments else []),
+    ]
 
 
 PREPARE = arguments_of_ros

@@ -5,7 +5,7 @@ const KEPT = 64e6; // characters of a live stream that the page keeps
 class App {
   constructor(introduction, live) {
     this.recording = new Recording(introduction, live ? KEPT : Infinity);
-    Object.assign(this, { live, following: live, playing: !live, index: 0, pair: ["", ""], heard: 0 });
+    Object.assign(this, { live, following: live, playing: !live, index: 0, pair: ["", ""], fresh: null });
     document.title = this.recording.title || "People and forecasts";
     say(find("title"), document.title);
     this.stage = new Stage(find("scene"), this.recording);
@@ -24,7 +24,7 @@ class App {
     const gone = this.recording.add(line);
     const moment = this.recording.moments.at(-1);
     if (!moment) return;
-    this.heard = performance.now();
+    if (this.fresh) this.note(moment.now.lag ?? 0, moment.now.rate);
     // The view follows those who are forecast: a tracker's ghosts may be anywhere.
     const { stage } = this;
     if (moment.step) stage.include(this.recording.ends(moment.step));
@@ -32,6 +32,12 @@ class App {
     if (moment.robot) stage.include([moment.robot]);
     this.index = this.following ? this.recording.length - 1 : Math.max(0, this.index - gone);
     this.redraw();
+  }
+
+  // How old the newest people are, as the server says; until it has, what comes is history.
+  note(age, rate) {
+    this.fresh = { age: age ?? Infinity, rate, at: performance.now() };
+    this.showStatus();
   }
 
   offerLayers() {
@@ -154,17 +160,23 @@ class App {
 
   // Seconds since the stamp of the newest people, beyond a constant offset of clocks.
   get age() {
-    const now = this.recording.moments.at(-1)?.now;
-    return now ? Math.max(0, (now.age ?? 0) / 1000 - now.offset) + (performance.now() - this.heard) / 1000 : 0;
+    return this.fresh ? this.fresh.age + (performance.now() - this.fresh.at) / 1000 : Infinity;
   }
 
   showStatus() {
-    const limit = this.recording.moments.at(-1)?.now.stale_after ?? Infinity;
-    const old = this.live && this.following && this.age > limit;
-    const state = this.lost ? "lost" : old ? "stale" : this.following ? "live" : this.playing ? "playing" : "paused";
+    const moment = this.recording.moments[this.index];
+    const limit = moment?.now.stale_after ?? Infinity;
+    const now = this.live && this.following;
+    const live = !this.fresh ? "history" : this.age > limit ? "stale" : "live";
+    const state = this.lost ? "lost" : now ? live : this.playing ? "playing" : "paused";
     find("status").className = state;
     const seconds = Math.floor(this.age);
-    const words = { lost: "connection lost, trying again", stale: `stale for ${seconds} s` };
+    const words = {
+      lost: "connection lost, trying again",
+      stale: Number.isFinite(seconds) ? `stale for ${seconds} s` : "no people yet",
+      history: "what was kept so far, not live",
+    };
+    if (moment && now) this.panels.showTiles(moment, this.fresh && { age: this.age, rate: live === "stale" ? 0 : this.fresh.rate });
     const behind = this.live && !this.following && !this.lost ? ", live goes on" : "";
     say(find("status"), (words[state] ?? state) + behind + (this.ended ? ", recording ended" : ""));
     const alarm = {
@@ -259,6 +271,10 @@ function openStream() {
     app = new App(introduction, true);
   });
   source.onmessage = (event) => app.add(event.data);
+  source.addEventListener("beat", (event) => {
+    const { age, rate } = JSON.parse(event.data);
+    app.note(age, rate);
+  });
   source.addEventListener("end", () => {
     source.close();
     app.ended = true;
@@ -267,7 +283,7 @@ function openStream() {
   });
   source.onopen = () => { if (app) app.lost = false; };
   source.onerror = () => {
-    if (app) app.lost = true; else say(find("status"), "no connection, trying again");
+    if (app) [app.lost, app.fresh] = [true, null]; else say(find("status"), "no connection, trying again");
   };
 }
 

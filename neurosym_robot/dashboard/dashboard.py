@@ -7,17 +7,17 @@ name at this address ("DNS rebinding").
 """
 
 import base64
-import collections
 import contextlib
 import functools
 import hashlib
 import ipaddress
-import itertools
+import json
+import math
 import os
 import secrets
 import socket
 import sys
-import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
@@ -28,6 +28,7 @@ from typing import Any
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import new_file
 from neurosym_robot.dashboard.moments import Moments
+from neurosym_robot.dashboard.view import View
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.server import BoundedServer, Ring, deadline
@@ -41,11 +42,10 @@ POLICY = (
 
 ASKING = 3.0  # seconds that a request may take to arrive
 PATIENCE = 10.0  # seconds that an event may take to be taken
-HEARTBEAT = 5.0  # seconds of silence after which a reader is written to, to see whether it is there
+HEARTBEAT = 1.0  # seconds between two statements of how old and how frequent people are
 BUFFER = 2**18  # bytes on the way to a reader; by itself the system would let megabytes pile up
 BATCH = 64  # events that a reader takes at once, and so what it may hold that the stream has let go
 KEPT = 32 * 2**20  # bytes of the newest events
-SHOW = 0.02  # seconds at least between two moments of a live page
 TABS = 16  # connections of one address at once
 HEADERS = {
     "Cache-Control": "no-store",
@@ -88,6 +88,8 @@ class PageServer(BoundedServer):
         self.page, self.introduction, self.stream = page.encode(), introduction.encode(), Ring(KEPT)
         self.session = secrets.token_hex(8)
         """Tells this stream from those of other runs."""
+        self.fresh: tuple[Mapping[str, Any], float] | None = None
+        """`Status.now()` at the newest frame, and when that was."""
         self.names = {"localhost", address[0].lower(), socket.gethostname().lower()}
         super().__init__(place[:2], _Handler)  # pyright: ignore
 
@@ -95,6 +97,15 @@ class PageServer(BoundedServer):
         """Close the port; connected readers get the rest of the stream."""
         self.shutdown()
         self.server_close()
+
+    def beat(self) -> str:
+        """How old the newest people are at this moment [s], and how many frames come a second."""
+        if self.fresh is None:
+            return '{"age":null,"rate":0}'
+        now, shown_at = self.fresh
+        silence, rate = time.monotonic() - shown_at, now["rate"]
+        rate = 1 / silence if silence * rate > 2 else rate
+        return json.dumps({"age": round((now["lag"] or 0) + silence, 3), "rate": round(rate, 2)})
 
     def knows(self, host: str) -> bool:
         """Whether a Host header names us: by address, or by a name that is ours."""
@@ -146,75 +157,27 @@ class _Handler(BaseHTTPRequestHandler):
     def _send_events(self) -> None:
         """What is remembered, then what comes, until the reader is gone or nothing comes."""
         stream, session = self.server.stream, self.server.session
-        said, _, number = self.headers.get("Last-Event-ID", "").partition("-")
-        known = int(number) if said == session and number.isdecimal() else 0
+        last_session, _, number = self.headers.get("Last-Event-ID", "").partition("-")
+        newest = int(number) if last_session == session and number.isdecimal() else 0
         self.wfile.write(b"event: introduction\ndata: %b\n\n" % self.server.introduction)
-        if not known:
+        if not newest:
             self.wfile.write(b"event: anew\ndata:\n\n")
+        beaten_at = -math.inf
         while True:
             ended = stream.ended
-            first, events = stream.after(known, HEARTBEAT, BATCH)
-            for known, event in enumerate(events, first):
-                self.wfile.write(b"id: %b-%d\ndata: %b\n\n" % (session.encode(), known, event))
-            if not events:
-                if ended:
-                    break
-                self.wfile.write(b": still here\n\n")
+            first, events = stream.after(newest, HEARTBEAT, BATCH)
+            for newest, event in enumerate(events, first):
+                self.wfile.write(b"id: %b-%d\ndata: %b\n\n" % (session.encode(), newest, event))
+            # What was kept is history: freshness is stated once a reader has all of it.
+            if newest >= stream.newest and time.monotonic() - beaten_at >= HEARTBEAT / 2:
+                beaten_at = time.monotonic()
+                self.wfile.write(b"event: beat\ndata: %b\n\n" % self.server.beat().encode())
+            if ended and not events:
+                break
         self.wfile.write(b"event: end\ndata:\n\n")
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing."""
-
-
-class View:
-    """Shows a stream frame by frame, until it is closed."""
-
-    title: str
-    where: str
-    """What it is, such as "the page is at", and its address or file."""
-
-    def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
-        """Show a frame; `now` is `Status.now()`."""
-
-    def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
-        """Show the final `Analytics.summary()`, and the last forecasts that were scored."""
-
-    def close(self) -> None:
-        """Stop showing."""
-
-
-class Newest(View):
-    """Shows what is newest in other views, in a thread of its own: they hold nothing up."""
-
-    def __init__(self, views: Sequence[View]):
-        """Begin the thread."""
-        self._views, self._ended = views, threading.Event()
-        self._shown: collections.deque[Any] = collections.deque(maxlen=1)
-        self._thread = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
-
-    def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
-        """Show the frame soon, unless a newer one comes before."""
-        self._shown.append((event, now))
-
-    def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
-        """Show the newest frame, and end the views."""
-        self.close()
-        for view in self._views:
-            view.end(score, scored)
-
-    def close(self) -> None:
-        """End the thread; the views stay open."""
-        self._ended.set()
-        self._thread.join()
-
-    def _work(self) -> None:
-        ended = False
-        while not ended:
-            ended = self._ended.wait(SHOW)
-            newest = [self._shown.pop()] if self._shown else []
-            for view, shown in itertools.product(self._views, newest):
-                view.show(*shown)
 
 
 class Page(View):
@@ -251,9 +214,16 @@ class Dashboard(Page):
             raise InputError(f"cannot serve at {host}, port {port} ({reason})") from None
         super().__init__(moments, lambda line: self._server.stream.append(line.encode()))
         self._server.start()
-        there, free = map(str, self._server.server_address[:2])
-        there = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(there, there)
-        self.where = f"http://[{there}]:{free}/" if ":" in there else f"http://{there}:{free}/"
+        address, free = map(str, self._server.server_address[:2])
+        address = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(address, address)
+        self.where = (
+            f"http://[{address}]:{free}/" if ":" in address else f"http://{address}:{free}/"
+        )
+
+    def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
+        """Show a frame, and note how fresh it is."""
+        self._server.fresh = now, time.monotonic()
+        super().show(event, now)
 
     def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
         """Show the final score; what was shown can still be looked at."""

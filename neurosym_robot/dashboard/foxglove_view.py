@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.dashboard.dashboard import View
+from neurosym_robot.dashboard.view import View
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
@@ -91,11 +91,11 @@ class FoxgloveView(View):
                     kinds.SceneEntity(id=f"{name} {id}", **common, lines=lines)
                     for id, lines in zip(forecast.ids.tolist(), self._lines(forecast, name, colour))
                 ]
-                for each in likely_events(forecast, name, self._period, self._at_least):
+                for likely in likely_events(forecast, name, self._period, self._at_least):
                     log = kinds.Log(
                         timestamp=common["timestamp"],
                         name=name,
-                        message=each.words(forecast.ids),
+                        message=likely.words(forecast.ids),
                         level=kinds.LogLevel.Info,
                     )
                     self._events.log(log, log_time=at)

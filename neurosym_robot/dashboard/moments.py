@@ -43,6 +43,7 @@ from neurosym_jax.symbolic.weightings import Cnd
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
+from neurosym_robot.online.window import RESET
 from neurosym_robot.tracking.following import FAR
 
 MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
@@ -116,11 +117,11 @@ class Moments:
         if not self._accept(float(frame.stamp)):
             return None
         xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
-        kept = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
-        near = kept[:MAX_NAMED]
+        rows = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
+        near = rows[:MAX_NAMED]
         missing = itertools.islice(now["missing"].items(), MAX_NAMED)
-        told = {**now, "missing": {str(id): reason for id, reason in missing}}
-        score, step = told.pop("score"), None
+        status = {**now, "missing": {str(id): reason for id, reason in missing}}
+        score, step = status.pop("score"), None
         if forecast is not None and not 0 <= forecast.stamp - self._told < self._wait:
             self._told = forecast.stamp
             step = {**self._step(forecast), "score": score}
@@ -129,9 +130,9 @@ class Moments:
                 "t": round(self._stamp - self._start, 3),
                 "ids": [str(id) for id in np.asarray(frame.ids)[near].tolist()],
                 "xy": np.round(xy[near], 3).ravel().tolist(),
-                "more": len(kept) - len(near),
+                "more": len(rows) - len(near),
                 "robot": None if event.robot is None else np.round(event.robot, 3).tolist(),
-                "now": told,
+                "now": status,
                 "step": step,
             }
         )
@@ -157,7 +158,8 @@ class Moments:
         if math.isnan(self._start):
             self._start = stamp
         elif stamp <= self._stamp:
-            if self._stamp - stamp < self._window.reset_after or stamp == self._stamp:
+            refused = self._stamp - stamp < RESET and stamp != self._window.stamp
+            if refused or stamp == self._stamp:
                 return False
             self._start += stamp - self._stamp - BREAK
         self._stamp = stamp
@@ -167,11 +169,13 @@ class Moments:
         codes, alpha = self.symbols(forecast.observed)
         last, people = forecast.observed[:, -1:], len(codes)
         events = likely_events(forecast, self._of_events, self._window.period, self._at_least)
-        # The most probable of every kind, then the second, so that frequent kinds hide no other.
-        turns, of_kind = [], collections.Counter()
-        for each in events:
-            turns.append(of_kind[each.name])
-            of_kind[each.name] += 1
+        # The most probable of each pair; then of every kind, so that frequent kinds hide no other.
+        pairs = {frozenset((event.k, event.l)): event for event in reversed(events)}
+        turns, counts = [], collections.Counter()
+        events = [event for event in events if event in pairs.values()]
+        for event in events:
+            turns.append(counts[event.name])
+            counts[event.name] += 1
         likely = [events[n] for n in np.argsort(turns, kind="stable")[:MAX_LIKELY]]
         models = {}
         for name, result in forecast.models.items():
@@ -189,7 +193,7 @@ class Moments:
             "models": models,
             "codes": codes[np.triu_indices(people, 1)].tolist(),
             "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
-            "likely": [(*each[:3], *np.round(each[3:], 3).tolist()) for each in likely],
+            "likely": [(*event[:3], *np.round(event[3:], 3).tolist()) for event in likely],
         }
 
 
@@ -213,21 +217,21 @@ def read_floor_map(path: Path) -> dict[str, Any]:
     from PIL import Image
 
     try:
-        said = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.196}
-        said |= yaml.safe_load(path.read_text())
-        resolution = float(said["resolution"])
-        x, y, yaw = map(float, said["origin"])
+        fields = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.196}
+        fields |= yaml.safe_load(path.read_text())
+        resolution = float(fields["resolution"])
+        x, y, yaw = map(float, fields["origin"])
         if not (resolution > 0 and np.isfinite([resolution, x, y, yaw]).all()):
             raise ValueError("resolution must be positive and the origin finite")
-        with Image.open(path.parent / str(said["image"])) as image:
+        with Image.open(path.parent / str(fields["image"])) as image:
             width, height = image.size
             if width * height > CELLS:
                 raise ValueError(f"{width} x {height} cells are more than {CELLS}")
             grey = image.convert("L")
         level = np.arange(256) / 255
-        chance = level if int(said["negate"]) else 1 - level
-        opacity = np.where(chance < float(said["free_thresh"]), 0, UNKNOWN)
-        opacity[chance > float(said["occupied_thresh"])] = 255
+        chance = level if int(fields["negate"]) else 1 - level
+        opacity = np.where(chance < float(fields["free_thresh"]), 0, UNKNOWN)
+        opacity[chance > float(fields["occupied_thresh"])] = 255
     except (
         OSError,
         ValueError,

@@ -36,11 +36,12 @@ class Panels {
     const moment = this.recording.moments[index];
     [this.shown, this.pair] = [index, pair];
     if (!moment) return;
-    this.showTiles(moment);
+    this.showTiles(moment, null);
     this.showMissing(moment);
     this.showNear(index, moment);
     const wrong = Object.entries(moment.now.wrong).map(([name, count]) => `${name} ${count}`);
     say(find("wrong"), wrong.join(", ") || "Nothing was wrong so far.");
+    say(find("reports"), moment.now.reports.join(". "));
     if (moment.latest !== this.told) this.showLikely(this.told = moment.latest);
     const key = `${moment.latest?.t} ${pair}`;
     if (find("analysis").open && key !== this.analysed) {
@@ -50,12 +51,13 @@ class Panels {
     }
   }
 
-  showTiles({ now, ids, more, latest }) {
+  // `fresh` is how old people are and how many frames come a second now, while what is live is shown.
+  showTiles({ now, ids, more, latest }, fresh) {
     const ms = (value) => (value === null ? "–" : value < 10 ? value.toFixed(1) : value.toFixed(0));
     const tiles = [
-      ["age", `${ms(now.age)} ms`, `From a frame's stamp to its forecast: p50 ${ms(now.p50)}, p99 ${ms(now.p99)} ms`],
+      ["age", `${ms(fresh ? Math.max(1000 * fresh.age, now.age) : now.age)} ms`, `From a frame's stamp to its forecast: p50 ${ms(now.p50)}, p99 ${ms(now.p99)} ms`],
       ["p99", `${ms(now.p99)} ms`, "99 % of forecasts were younger when they were published"],
-      ["input", now.rate === null ? "–" : `${now.rate.toFixed(1)} Hz`, "Frames a second"],
+      ["input", `${(fresh ?? now).rate.toFixed(1)} Hz`, "Frames a second"],
       ["skipped", String(now.skipped), "Frames without a forecast, because a newer one had come"],
       ["people", String(ids.length + more), "Seen in this frame"],
       ["forecast", String(latest?.ids.length ?? 0), "People with a forecast"],
@@ -82,7 +84,7 @@ class Panels {
     const add = (id, text) => groups.set(text, [...(groups.get(text) ?? []), id]);
     for (const [id, reason] of Object.entries(now.missing)) if (at.has(id)) add(id, why(id, reason));
     latest?.ids.forEach((id, n) => latest.extrapolated[n] && !at.has(id) && add(id, "out of sight, and forecast by the last velocity"));
-    const key = JSON.stringify([...groups, more]);
+    const key = JSON.stringify([...groups, more, at.size]);
     if (key === this.missing) return;
     this.missing = key;
     const items = [...groups].map(([text, ids]) => {
@@ -128,20 +130,20 @@ class Panels {
   }
 
   showErrors(score) {
-    const keys = ["joint_ade", "joint_fde", "marginal_ade", "marginal_fde"];
+    const keys = ["published_ade", "published_fde", "joint_ade", "joint_fde", "runtime"];
     const rows = Object.entries(score?.models ?? {}).map(([name, means]) => {
       const row = make("tr");
       const head = make("th", name, { scope: "row", title: `${means.people} people compared` });
       head.style.color = this.style.has(name) ? `var(--model-${this.style.get(name)})` : "";
       row.append(head, ...keys.map((key) => {
-        const cell = make("td", means[key]?.toFixed(2) ?? "–");
+        const cell = make("td", means[key]?.toFixed(key === "runtime" ? 1 : 2) ?? "–");
         cell.dataset.key = key;
         return cell;
       }));
       return row;
     });
     if (!rows.length) rows.push(make("tr"));
-    if (!rows[0].firstChild) rows[0].append(make("td", "No future is known yet.", { colSpan: 5 }));
+    if (!rows[0].firstChild) rows[0].append(make("td", "No future is known yet.", { colSpan: 6 }));
     find("errors").tBodies[0].replaceChildren(...rows);
   }
 

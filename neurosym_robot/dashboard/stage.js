@@ -3,6 +3,8 @@
 // Dashes say which model it is, too. Lengths are in widths of the line.
 const DASHES = [[0.1, 1.9], [5, 2, 0.1, 2], [4, 2], [8, 2, 2, 2]];
 
+const [CROWD, NEAREST] = [12, 8]; // people drawn in full, and those of them for being near
+
 // Which colour and dashes a model has: NeuroSyM and SGAN always theirs.
 function looks(models) {
   const taken = new Map();
@@ -102,7 +104,8 @@ class Stage {
     this.measure();
     const { moment, shown } = what;
     const view = [this.x, this.y, this.scale, [...shown], what.past];
-    const key = JSON.stringify([moment?.latest?.t, what.past && this.recording.length, view]);
+    const robot = moment?.latest?.ids.length > CROWD ? moment.robot : null;
+    const key = JSON.stringify([moment?.latest?.t, what.past && this.recording.length, view, robot]);
     if (key !== this.drawn) {
       this.drawn = key;
       this.begin(this.back);
@@ -178,9 +181,27 @@ class Stage {
     pen.fillText(`${size} m`, x, y - 3);
   }
 
-  drawForecast(step, { shown, past }) {
+  // Rows of the forecasts that are drawn in full: in a crowd, the nearest and the most uncertain.
+  prominent({ ids, seen, models }, robot) {
+    const rows = ids.map((_, n) => n);
+    if (rows.length <= CROWD) return rows;
+    const [x, y] = robot ?? [this.x, this.y];
+    const { samples } = Object.values(models)[0];
+    const far = rows.map((n) => Math.hypot(seen[n].at(-2) - x, seen[n].at(-1) - y));
+    const wide = rows.map((n) => [-2, -1].reduce((sum, c) => {
+      const ends = samples[n].map((flat) => flat.at(c));
+      return sum + Math.max(...ends) - Math.min(...ends);
+    }, 0));
+    const near = rows.toSorted((a, b) => far[a] - far[b]).slice(0, NEAREST);
+    const uncertain = rows.toSorted((a, b) => wide[b] - wide[a]).slice(0, CROWD - NEAREST);
+    return [...new Set([...near, ...uncertain])];
+  }
+
+  drawForecast(step, { moment, shown, past }) {
     const { pen, mark } = this;
     const last = step.seen.map((flat) => flat.slice(-2));
+    const full = this.prominent(step, moment.robot);
+    const faint = last.map((_, n) => n).filter((n) => !full.includes(n));
     if (past && shown.has("what happened")) {
       Object.assign(pen, { strokeStyle: this.colour.truth, lineWidth: 0.6 * mark, globalAlpha: 0.4 });
       this.recording.truth(step).forEach((path) => this.stroke(path));
@@ -191,19 +212,22 @@ class Stage {
       const colour = this.colour[`model-${look}`];
       Object.assign(pen, { strokeStyle: colour, fillStyle: colour, lineWidth: 0.075 * mark });
       pen.globalAlpha = Math.min(0.9, 5 / samples[0].length);
-      samples[0].forEach((_, k) => this.strokeWays(last, samples.map((each) => each[k])));
+      const starts = full.map((n) => last[n]);
+      samples[0].forEach((_, k) => this.strokeWays(starts, full.map((n) => samples[n][k])));
+      pen.globalAlpha = 0.35;
+      this.strokeWays(faint.map((n) => last[n]), faint.map((n) => samples[n][central]));
       Object.assign(pen, { globalAlpha: 1, lineWidth: 0.2 * mark });
       pen.setLineDash(DASHES[look].map((length) => length * pen.lineWidth));
-      const ways = samples.map((each) => each[central]);
-      this.strokeWays(last, ways);
+      const ways = full.map((n) => samples[n][central]);
+      this.strokeWays(starts, ways);
       pen.setLineDash([]);
-      this.dots(last.map(([x, y], n) => [x + ways[n].at(-2) / 100, y + ways[n].at(-1) / 100]), 0.24 * mark);
+      this.dots(starts.map(([x, y], n) => [x + ways[n].at(-2) / 100, y + ways[n].at(-1) / 100]), 0.24 * mark);
     }
     pen.globalAlpha = 1;
     if (!shown.has("observed")) return;
     Object.assign(pen, { strokeStyle: this.colour.ink, lineWidth: 0.1 * mark });
     const [seen, extrapolated] = [[], []];
-    step.seen.forEach((flat, n) => {
+    full.map((n) => [step.seen[n], n]).forEach(([flat, n]) => {
       const points = Array.from({ length: flat.length / 2 }, (_, t) => [flat[2 * t], flat[2 * t + 1]]);
       this.stroke(points);
       const known = points.length - step.extrapolated[n];

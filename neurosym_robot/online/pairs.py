@@ -27,8 +27,8 @@ class LikelyEvent(NamedTuple):
 
     def words(self, ids: np.ndarray) -> str:
         """Such as `3 follows 5: 80 %, in 1.2 s`; `ids` [N] of the people."""
-        what = EVENTS[self.name].in_short(self.name).format(k=ids[self.k], l=ids[self.l])
-        return f"{what}: {100 * self.probability:.0f} %, in {self.seconds:.1f} s"
+        sentence = EVENTS[self.name].in_short(self.name).format(k=ids[self.k], l=ids[self.l])
+        return f"{sentence}: {100 * self.probability:.0f} %, in {self.seconds:.1f} s"
 
 
 def likely_events(
@@ -40,28 +40,28 @@ def likely_events(
     """
     result = forecast.models[model]
     i, j = np.triu_indices(len(result.mean), 1)
-    apart = np.square(result.mean[i] - result.mean[j]).sum(axis=-1).min(axis=-1)
-    nearest = np.argsort(apart, kind="stable")[:PAIRS]
+    distance = np.square(result.mean[i] - result.mean[j]).sum(axis=-1).min(axis=-1)
+    nearest = np.argsort(distance, kind="stable")[:PAIRS]
     if not len(nearest):
         return []
     near = np.stack([i[nearest], j[nearest]], axis=1)
     # Both directions of a pair; always as many, so that one program serves all.
     pairs = np.resize(np.concatenate([near, near[:, ::-1]]), (2 * PAIRS, 2))
     ends = pairs.T.ravel()
-    found = symbolic_events(
+    outcomes = symbolic_events(
         result.samples[:, ends],
         forecast.observed[ends, -1:],
         events=tuple(EVENTS),
         pairs=np.arange(len(ends)).reshape(2, -1).T,
         period=period,
     )
-    share, seconds = np.asarray(found.probability), np.asarray(found.seconds)[..., 1]
+    share, seconds = np.asarray(outcomes.probability), np.asarray(outcomes.seconds)[..., 1]
     names, listed = tuple(EVENTS), []
     for event, row in np.argwhere(share[:, : 2 * len(near)] >= at_least).tolist():
         # A mutual event has the same probability in both directions, and is listed once.
         once = row < len(near) or not EVENTS[names[event]].mutual
         if once and np.isfinite(seconds[event, row]):
-            one, other = pairs[row].tolist()
-            how = float(share[event, row]), float(seconds[event, row])
-            listed.append(LikelyEvent(names[event], one, other, *how))
-    return sorted(listed, key=lambda each: (-each.probability, each.seconds))
+            subject, other = pairs[row].tolist()
+            numbers = float(share[event, row]), float(seconds[event, row])
+            listed.append(LikelyEvent(names[event], subject, other, *numbers))
+    return sorted(listed, key=lambda item: (-item.probability, item.seconds))

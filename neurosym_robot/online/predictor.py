@@ -21,9 +21,11 @@ from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.runtime.process import refuse_beyond_memory
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_robot.online.window import Window, nearest_first
 
+FUTURE_BYTES = 2500.0  # of a person's future in a sample, with the decoder's state
 GRACE = 1.0  # seconds waited for the end of a future, for people lost for a moment there
 
 When = Literal["start", "needed", "meanwhile"]
@@ -42,6 +44,8 @@ class ModelForecast:
     """The most probable sample; where all have the same probability the medoid, whose squared
     distances to all others have the least sum."""
     probability: np.ndarray | None = None  # [k] of the samples; None where all have the same
+    runtime: float = 0.0
+    """Seconds to the samples; models that run side by side share the cores."""
 
     @property
     def weights(self) -> np.ndarray:
@@ -119,6 +123,8 @@ class Predictor:
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
             for name, model in self.models.items()
         }
+        needed = FUTURE_BYTES * max_people * sum(m.samples for m in self._forecasters.values())
+        refuse_beyond_memory(f"samples={samples} for max_people={max_people}", needed, "take fewer")
         sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
         self.programs = Programs(sorted(sizes), compile, report, self._example)
         """What is compiled for these forecasts, and for what is computed of them."""
@@ -143,9 +149,9 @@ class Predictor:
         began, waited = time.perf_counter(), self.waited
         people, observed, extrapolated = self.window.complete()
         self.dropped = self.window.incomplete(people)
-        asked = time.perf_counter()
+        before = time.perf_counter()
         slots = self.programs.fit(len(people)) if len(people) else 0
-        self.waited += time.perf_counter() - asked
+        self.waited += time.perf_counter() - before
         most = min(slots, self.max_people)
         if len(people) > most:
             order = nearest_first(observed[:, -1], focus)
@@ -170,11 +176,13 @@ class Predictor:
         """Forecasts by model; the window of N people, in `slots`, begins at step `frame`."""
         scene = make_scene(observed, recording=self.recording, frame=frame)
         padded = pad_scene(scene, slots)
+        start, models = time.perf_counter(), {}
         # All are begun before the first is waited for.
-        started = {name: each.start(padded) for name, each in self._forecasters.items()}
-        return {
-            name: _summary(*SceneForecaster.finish(each, scene)) for name, each in started.items()
-        }
+        started = {name: model.start(padded) for name, model in self._forecasters.items()}
+        for name, futures in started.items():
+            result = _summary(*SceneForecaster.finish(futures, scene))
+            models[name] = dataclasses.replace(result, runtime=time.perf_counter() - start)
+        return models
 
 
 def _summary(samples: np.ndarray, probability: np.ndarray | None) -> ModelForecast:
@@ -245,13 +253,13 @@ class Programs:
 
     def fit(self, people: int) -> int:
         """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""
-        wanted = next((size for size in self.sizes if size >= people), self.sizes[-1])
-        if self._when == "needed" and self._compile_now(wanted):
+        size_wanted = next((size for size in self.sizes if size >= people), self.sizes[-1])
+        if self._when == "needed" and self._compile_now(size_wanted):
             _settle()
         with self._lock:
-            self._wanted = wanted
+            self._wanted = size_wanted
             largest = max(self._ready, default=0)
-            return min((size for size in self._ready if size >= wanted), default=largest)
+            return min((size for size in self._ready if size >= size_wanted), default=largest)
 
     def _compile_now(self, size: int) -> bool:
         """Compile what is not compiled yet for so many people; whether there was anything."""
@@ -280,7 +288,7 @@ class Programs:
                     self._report("everything is compiled")
                     return
                 first = self._wanted, self._note
-                task = min(self._tasks, key=lambda each: (each != first, each[1] != first[1]))
+                task = min(self._tasks, key=lambda pair: (pair != first, pair[1] != first[1]))
                 self._tasks.remove(task)
             self._compile(*task)
 

@@ -23,6 +23,7 @@ from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
 STRAIGHT = "constant velocity"  # scored beside the models, as a baseline
+PUBLISHED = ("published_ade", "published_fde")  # names in `Analytics.summary`
 LONGEST = 10.0  # seconds waited at most between two frames
 
 
@@ -38,11 +39,14 @@ class Analytics:
         # By model: forecasts and people scored, and [2, ...] total and count of the metrics so far.
         self._scored, self._people = collections.Counter(), collections.Counter()
         self._sums: dict[str, dict[str, Any]] = {}
+        self._runtime: dict[str, tuple[float, int]] = {}  # milliseconds and forecasts so far
         self._window = predictor.window
         self._wait = predictor.seconds_ahead + GRACE
         self._pending: collections.deque[Forecast] = collections.deque()
         predictor.programs.add(
-            lambda forecast: [score(each, each[0]) for each in _with_straight(forecast).values()]
+            lambda forecast: [
+                score(futures, futures[0]) for futures in _with_straight(forecast).values()
+            ]
         )
 
     def add(self, forecast: Forecast | None) -> list[Forecast]:
@@ -57,6 +61,9 @@ class Analytics:
             done.append(self._score(self._pending.popleft()))
         if forecast is not None:
             self.forecasts += 1
+            for name, result in forecast.models.items():
+                total, count = self._runtime.get(name, (0.0, 0))
+                self._runtime[name] = total + 1e3 * result.runtime, count + 1
             self.dropped.update(forecast.dropped.values())
             newest = self._pending[-1].stamp if self._pending else -np.inf
             if forecast.stamp - newest >= self._window.period - SNAP:
@@ -70,7 +77,12 @@ class Analytics:
         return done
 
     def summary(self) -> dict[str, Any]:
-        """JSON-able counts, and means in metres or None before the first."""
+        """JSON-able counts, and means in metres or None before the first.
+
+        Of each model `published_ade` and `published_fde` are errors of the central forecast, which
+        is published; other metrics take the best of its samples by hindsight. `runtime` is the mean
+        of milliseconds that a forecast takes.
+        """
 
         def mean(total: Any, count: Any) -> Any:
             return (total / count).tolist() if count.any() else None
@@ -82,26 +94,34 @@ class Analytics:
             "dropped": dict(+self.dropped),
             "models": {
                 name: {"forecasts": self._scored[name], "people": self._people[name]}
-                | {metric: mean(*sums.get(metric, nothing)) for metric in metric_names()}
+                | {"runtime": mean(*np.array(self._runtime.get(name, nothing)))}
+                | {key: mean(*sums.get(key, nothing)) for key in (*PUBLISHED, *metric_names())}
                 for name, sums in self._sums.items()
             },
         }
 
     def _score(self, forecast: Forecast) -> Forecast:
+        """Compare a forecast with what happened: here truth meets what was forecast."""
         samples = _with_straight(forecast)
         steps = np.arange(1, samples[STRAIGHT].shape[2] + 1)
         future = self._window.resampled(forecast.ids, forecast.stamp + self._window.period * steps)
-        known: Any = np.isfinite(future).all(axis=2)
-        for name, each in samples.items():
-            sums, length = self._sums.setdefault(name, {}), each.shape[2]
-            there = known[:, :length].all(axis=1)
-            if there.any():
-                self._scored[name] += 1
-                self._people[name] += int(there.sum())
-                for metric, one in score(each, future[:, :length], there).items():
-                    both = np.stack(np.broadcast_arrays(one.total[0], one.count[0]))
-                    sums[metric] = sums.get(metric, 0) + both
-        self.dropped["future unknown"] += int((~known.all(axis=1)).sum())
+        is_known: Any = np.isfinite(future).all(axis=2)
+        for name, futures in samples.items():
+            sums, length = self._sums.setdefault(name, {}), futures.shape[2]
+            is_whole = is_known[:, :length].all(axis=1)
+            if not is_whole.any():
+                continue
+            count = int(is_whole.sum())
+            self._scored[name] += 1
+            self._people[name] += count
+            central = forecast.models[name].central if name in forecast.models else 0
+            off = np.linalg.norm(futures[central] - future[:, :length], axis=-1)[is_whole]
+            for metric, total in zip(PUBLISHED, (off.mean(axis=1).sum(), off[:, -1].sum())):
+                sums[metric] = sums.get(metric, 0) + np.array([total, count])
+            for metric, value in score(futures, future[:, :length], is_whole).items():
+                sum_and_count = np.stack(np.broadcast_arrays(value.total[0], value.count[0]))
+                sums[metric] = sums.get(metric, 0) + sum_and_count
+        self.dropped["future unknown"] += int((~is_known.all(axis=1)).sum())
         return dataclasses.replace(forecast, future=future)
 
 
@@ -161,17 +181,17 @@ def replay(
     """
     if not rate > 0:
         raise InputError(f"rate must be positive, not {rate}")
-    due, last = time.monotonic(), math.inf
+    deadline, last = time.monotonic(), math.inf
     for frame in frames:
         if math.isinf(last):  # Opening the recording takes time, too.
-            due = time.monotonic()
+            deadline = time.monotonic()
         if math.isfinite(rate) and math.isfinite(frame.stamp):
-            due += min(max(frame.stamp - last, 0.0), LONGEST) / rate
-            time.sleep(max(0.0, due - time.monotonic()))
+            deadline += min(max(frame.stamp - last, 0.0), LONGEST) / rate
+            time.sleep(max(0.0, deadline - time.monotonic()))
             last = frame.stamp
-        mended = frame if stitcher is None else stitcher.mend(frame)[0]
+        mended = frame if stitcher is None else stitcher.mend(frame)
         waited = predictor.waited
         event = advance([mended], predictor, robot(frame.stamp))
-        due += predictor.waited - waited  # The recording waits for the compiler.
-        age = time.monotonic() - due
+        deadline += predictor.waited - waited  # The recording waits for the compiler.
+        age = time.monotonic() - deadline
         yield event._replace(age=age, scored=analytics.add(event.forecast))

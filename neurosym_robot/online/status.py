@@ -7,7 +7,7 @@ published, by ROS's clock.
 import collections
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,12 +15,14 @@ import numpy as np
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.evaluation.metrics import METRICS, metric_names
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.replay import Analytics
+from neurosym_robot.online.replay import PUBLISHED, Analytics
 
 STALE_AFTER = 2.0  # seconds of age from which on forecasts no longer describe the present
 OFFSET = 0.5  # seconds: a least age beyond it is an offset between two clocks, and reported
 AGES = 4096  # newest ages kept for the percentiles
 ARRIVALS = 30  # newest frames whose rate is told
+EXPLAINED = "published: the central forecast; joint, marginal: the best of the samples by hindsight"
+REPORTS = 4  # newest reports that are shown
 
 
 class Status:
@@ -31,34 +33,48 @@ class Status:
         predictor: Predictor,
         analytics: Analytics,
         report: Callable[[str], None] = print,
-        every: float = 10.0,
+        interval: float = 10.0,
         stale_after: float = STALE_AFTER,
         counts: Callable[[], Mapping[str, int]] = dict,
         clock: Callable[[], float] = time.time,
+        reports: Callable[[], Iterable[str]] = tuple,
     ):
         """Before the first frame.
 
-        `report` is called with one line at a time, the status `every` so many seconds (0: never);
+        `report` is called with one line at a time, the status every `interval` seconds (0: never);
         `counts` returns counts of other problems, `clock` the time [s] that stamps are compared
-        with.
+        with, and `reports` what was said of the stream in words.
         """
         self._predictor, self._analytics, self._counts = predictor, analytics, counts
-        self._report, self._every, self.stale_after = report, every, stale_after
-        self._clock = clock
+        self._report, self._every, self.stale_after = report, interval, stale_after
+        self._clock, self._reports = clock, reports
         self._said = time.monotonic()
         self._newest = math.nan  # stamp of the newest frame
+        self._lag: tuple[float, float] | None = None  # age of the newest frame, and when it had it
         self._least = math.inf  # least age of a frame that arrived
         self._offset_said = self._alarmed = False
         self._ages: collections.deque[float] = collections.deque(maxlen=AGES)
         self._oldest = -math.inf  # greatest age of a forecast
         self._arrivals: collections.deque[float] = collections.deque(maxlen=ARRIVALS)
+        self._steps: collections.deque[float] = collections.deque(maxlen=ARRIVALS)
         self.skipped = 0
         """Frames that were observed but not forecast, because a newer one waited."""
 
     @property
     def age(self) -> float:
         """Seconds since the stamp of the newest frame; NaN before the first."""
+        if self._lag is not None:
+            return self._lag[0] + time.monotonic() - self._lag[1]
         return self._clock() - self._newest
+
+    @property
+    def rate(self) -> float:
+        """Frames a second, of the newest ones; it falls while none come, and is 0 at first."""
+        arrivals, now = self._arrivals, time.monotonic()
+        if len(arrivals) < 2:
+            return 0.0
+        step = (arrivals[-1] - arrivals[0]) / (len(arrivals) - 1)
+        return 1 / max(step, now - arrivals[-1] if now - arrivals[-1] > 2 * step else 0.0, 1e-6)
 
     @property
     def offset(self) -> float:
@@ -70,11 +86,13 @@ class Status:
         """Whether the newest frame is older than `stale_after`, or there was none."""
         return not self.age - self.offset <= self.stale_after
 
-    def heard(self, stamp: float) -> None:
-        """Note that the frame of this stamp came."""
-        if stamp < self._newest - self._predictor.window.reset_after:  # The clock was set back.
+    def heard(self, stamp: float, age: float | None = None) -> None:
+        """Note that the frame of this stamp came, `age` seconds old; by default by the clock."""
+        if stamp < self._newest - OFFSET:  # The clock was set back.
             self._least, self._newest, self._offset_said = math.inf, math.nan, False
+        self._steps.append(stamp - self._newest)
         self._newest = stamp if math.isnan(self._newest) else max(stamp, self._newest)
+        self._lag = None if age is None else (age, time.monotonic())
         self._least = min(self._least, self.age)
         self._arrivals.append(time.monotonic())
         if self.offset and not self._offset_said and len(self._arrivals) == ARRIVALS:
@@ -108,19 +126,23 @@ class Status:
 
     def now(self) -> dict[str, Any]:
         """JSON-able: ages [ms], their constant `offset` [s], `rate` [Hz], counts, `missing` people
-        with reasons by id, and the `score`."""
-        arrivals, ages = self._arrivals, [None] * 3
+        with reasons by id, what was reported, and the `score`.
+
+        `age` is that of the newest forecast, `lag` that of the newest people [s], without offset.
+        """
+        ages, lag = [None] * 3, self.age - self.offset
         if self._ages:
             newest = 1e3 * np.append(self._ages[-1], np.percentile(self._ages, (50, 99)))
             ages = np.round(newest, 1).tolist()
-        seconds = arrivals[-1] - arrivals[0] if arrivals else 0.0
         return {
             **dict(zip(("age", "p50", "p99"), ages)),
+            "lag": None if math.isnan(lag) else round(max(lag, 0.0), 3),
             "offset": round(self.offset, 2),
             "stale_after": self.stale_after,
-            "rate": round((len(arrivals) - 1) / seconds, 1) if seconds else None,
+            "rate": round(self.rate, 2),
             "skipped": self.skipped,
             "wrong": self.wrong(),
+            "reports": list(self._reports())[-REPORTS:],
             "missing": dict(self._predictor.dropped),
             "score": self._analytics.summary(),
         }
@@ -129,7 +151,8 @@ class Status:
         """The status line."""
         now, late = self.now(), f"stale for {self.age - self.offset:.0f} s" if self.stale else ""
         errors = (
-            f"{name} ADE {means['joint_ade']:.2f} m, FDE {means['joint_fde']:.2f} m"
+            f"{name} ADE {means['published_ade']:.2f} m, FDE {means['published_fde']:.2f} m "
+            f"(best of the samples {means['joint_ade']:.2f}, {means['joint_fde']:.2f})"
             for name, means in now["score"]["models"].items()
             if means["people"]
         )
@@ -137,6 +160,7 @@ class Status:
             self._counted(now),
             "no people yet" if math.isnan(self._newest) else late,
             self._ages_in_words(now),
+            self._slowness(),
             *errors,
             _listed(now["wrong"]),
         ]
@@ -153,6 +177,7 @@ class Status:
             f"{self._counted(now)}; metres",
             _table(summary["models"]) or nobody,
             self._ages_in_words(now),
+            self._slowness(),
             _listed(summary["dropped"], "people without a forecast or a score: "),
             _listed(now["wrong"], "wrong with the stream: "),
         ]
@@ -160,6 +185,14 @@ class Status:
 
     def _counted(self, now: Mapping[str, Any]) -> str:
         return f"{self._predictor.health['frames']} frames, {now['score']['forecasts']} forecasts"
+
+    def _slowness(self) -> str:
+        """What to do where most frames come too seldom to be joined; else empty."""
+        step = np.nanmedian([math.nan, *self._steps]) if len(self._steps) > 1 else 0.0
+        if not step > self._predictor.window.max_gap:
+            return ""
+        advice = f"--max-gap {math.ceil(2 * step)} bridges the time between them"
+        return f"frames come every {step:.1f} s: {advice}"
 
     def _ages_in_words(self, now: Mapping[str, Any]) -> str:
         offset = f", of which {self.offset:.1f} s are a constant offset" if self.offset else ""
@@ -175,12 +208,19 @@ def _listed(counts: Mapping[str, int], title: str = "") -> str:
 
 def _table(models: dict[str, dict[str, Any]]) -> str:
     """Models in rows, metrics with a single number in columns; empty where nobody was scored."""
-    scored = {model: of for model, of in models.items() if of["people"]}
-    lists = {name for of in scored.values() for name, value in of.items() if type(value) is list}
+    scored = {model: means for model, means in models.items() if means["people"]}
+    lists = {name for row in scored.values() for name, value in row.items() if type(value) is list}
     names = [name for name in metric_names() if name not in lists]
     rows = [
-        [model, *(METRICS[name].text(of[name]) for name in names), str(of["people"])]
-        for model, of in scored.items()
+        [
+            model,
+            *(f"{row[name]:.3f}" for name in PUBLISHED),
+            *(METRICS[name].text(row[name]) for name in names),
+            "-" if row["runtime"] is None else f"{row['runtime']:.1f} ms",
+            str(row["people"]),
+        ]
+        for model, row in scored.items()
     ]
-    head = ["", *(METRICS[name].title for name in names), "people scored"]
-    return aligned_table([head, *rows]) if rows else ""
+    head = ["", "published ADE", "published FDE", *(METRICS[name].title for name in names)]
+    table = aligned_table([[*head, "runtime", "people scored"], *rows]) if rows else ""
+    return table and f"{table}\n{EXPLAINED}"

@@ -15,12 +15,13 @@ from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import FAR, is_jump
 
+RESET = 5.0  # seconds: a stamp older by more means a clock set back, also if it comes alone
 HEALTH = {
     "frames": "pushed, including those refused",
     "bad_stamps": "frames refused: the stamp is not a usable number",
     "duplicate_stamps": "frames refused: same stamp as the frame before",
-    "backward_stamps": "frames refused: older than the newest by less than `reset_after`",
-    "clock_resets": "times the clock went back by more, and everything was forgotten",
+    "backward_stamps": "frames refused: older than the newest, but not the one before",
+    "clock_resets": "times two frames in a row were older, or one by 5 s: everything was forgotten",
     "pauses": "gaps between frames longer than `max_gap`",
     "duplicate_ids": "people refused: the id is in the frame already",
     "bad_positions": "people refused: a coordinate is not finite",
@@ -42,7 +43,6 @@ class Window:
         *,
         max_gap: float = 1.0,
         timeout: float = 10.0,
-        reset_after: float = 5.0,
         max_tracks: int = 1024,
         hold: float = 0.0,
         memory: float = 0.0,
@@ -50,10 +50,9 @@ class Window:
         """An empty window of `steps`, `period` seconds apart; the last is the newest frame.
 
         In seconds, `max_gap` is the longest gap between two observations that is bridged, `timeout`
-        the absence after which a track is forgotten, `reset_after` the age of a stamp that means a
-        clock set back, `hold` the absence for which a person is extrapolated, and `memory` the past
-        kept at least, beside the window. Beyond `max_tracks`, the newcomers nearest to the
-        focus are followed. InputError for a number that is out of range.
+        the absence after which a track is forgotten, `hold` the absence for which a person is
+        extrapolated, and `memory` the past kept at least, beside the window. Beyond `max_tracks`,
+        those newcomers nearest to the focus are followed. InputError for a number out of range.
         """
         if not 2 * SNAP < period < math.inf:
             raise InputError(f"period must be more than {2 * SNAP} s, not {period}")
@@ -63,7 +62,7 @@ class Window:
                 f"{max_gap}, {hold} and {timeout}"
             )
         self.steps, self.period, self.max_gap = steps, float(period), max_gap
-        self.timeout, self.reset_after, self.max_tracks = timeout, reset_after, max_tracks
+        self.timeout, self.max_tracks = timeout, max_tracks
         self.hold, self.health = hold, collections.Counter(dict.fromkeys(HEALTH, 0))
         self._kept = timeout + max(steps * period + hold, memory) + max_gap
         self._clear()
@@ -73,6 +72,7 @@ class Window:
         self._last = np.zeros(0)  # [P] stamps of their newest observations
         self._stamps = np.full(1, -np.inf)  # [F], ascending
         self._places = np.zeros((1, 0, 2))  # [F, P, 2], NaN where a person was not seen
+        self._behind = False  # whether the frame before was refused as an older one
         self.stamp = -math.inf
         """Stamp of the newest frame."""
 
@@ -97,11 +97,11 @@ class Window:
         self.health["frames"] += 1
         if not self._accept(float(stamp)):
             return False
-        there = self.stamp - self._last <= self.timeout
-        if not there.all():
-            self.health["forgotten"] += int((~there).sum())
-            self._ids, self._last = self._ids[there], self._last[there]
-            self._places = self._places[:, there]
+        recent = self.stamp - self._last <= self.timeout
+        if not recent.all():
+            self.health["forgotten"] += int((~recent).sum())
+            self._ids, self._last = self._ids[recent], self._last[recent]
+            self._places = self._places[:, recent]
         ids, xy = self._clean(ids, xy)
         followed = self._followed(ids, xy, focus)
         self._append(ids[followed], xy[followed])
@@ -126,8 +126,8 @@ class Window:
             positions = np.where(
                 unseen[..., None], now[:, None] + ahead[..., None] * speed, positions
             )
-        whole = np.isfinite(positions).all(axis=(1, 2))
-        return self._ids[people[whole]], positions[whole], unseen[whole].sum(axis=1)
+        complete = np.isfinite(positions).all(axis=(1, 2))
+        return self._ids[people[complete]], positions[complete], unseen[complete].sum(axis=1)
 
     def incomplete(self, ids: np.ndarray) -> dict[int, str]:
         """Why others than `ids` are missing: "unseen" in the newest frame, or "short" windows."""
@@ -138,11 +138,11 @@ class Window:
     def resampled(self, ids: ArrayLike, times: ArrayLike) -> np.ndarray:
         """[N, T, 2] where people were at `times` [T], NaN where that is not known."""
         ids, times = np.asarray(ids), np.asarray(times, np.float64)
-        known = np.isin(ids, self._ids)
-        people = np.searchsorted(self._ids, ids[known])
-        found = np.full((len(ids), len(times), 2), np.nan)
-        found[known] = self._at(people, np.broadcast_to(times, (len(people), len(times))))
-        return found
+        is_known = np.isin(ids, self._ids)
+        people = np.searchsorted(self._ids, ids[is_known])
+        positions = np.full((len(ids), len(times), 2), np.nan)
+        positions[is_known] = self._at(people, np.broadcast_to(times, (len(people), len(times))))
+        return positions
 
     def _at(self, people: np.ndarray, times: np.ndarray) -> np.ndarray:
         """[N, T, 2] positions of the columns `people` [N] at `times` [N, T]."""
@@ -156,25 +156,28 @@ class Window:
         # For each frame, the last before it or itself in which a person was seen, and the next.
         last = np.maximum.accumulate(np.where(seen, frames, -1))
         coming = np.minimum.accumulate(np.where(seen, frames, count)[::-1])[::-1]
-        each = np.arange(len(people))[:, None]
-        begun = np.searchsorted(stamps, times + SNAP, side="right")
-        before = np.where(begun > 0, last[begun - 1, each], -1)
-        after = np.where(begun < count, coming[np.minimum(begun, count - 1), each], count)
+        column = np.arange(len(people))[:, None]
+        count_before = np.searchsorted(stamps, times + SNAP, side="right")
+        before = np.where(count_before > 0, last[count_before - 1, column], -1)
+        after = np.where(
+            count_before < count, coming[np.minimum(count_before, count - 1), column], count
+        )
         after = np.where(after < count, after, before)
         since = times - stamps[before]
         exact = np.abs(since) <= SNAP
         gap = stamps[after] - stamps[before]
-        known = (before >= 0) & (exact | ((gap > 0) & (gap <= self.max_gap + 2 * SNAP)))
-        weight = np.divide(since, gap, out=np.zeros_like(since), where=known & ~exact)[..., None]
-        first = places[before, each]
+        is_known = (before >= 0) & (exact | ((gap > 0) & (gap <= self.max_gap + 2 * SNAP)))
+        weight = np.divide(since, gap, out=np.zeros_like(since), where=is_known & ~exact)[..., None]
+        first = places[before, column]
         # In this form a person who stands still stays exactly still, as in `resample`.
-        found = first + weight * (places[after, each] - first)
-        return np.where(known[..., None], found, np.nan)
+        position = first + weight * (places[after, column] - first)
+        return np.where(is_known[..., None], position, np.nan)
 
     def _accept(self, stamp: float) -> bool:
         """Whether this frame is the next; clears everything if the clock was set back."""
         back = self.stamp - stamp
-        if not abs(stamp) < LATE or 0 <= back < self.reset_after:
+        if not abs(stamp) < LATE or back == 0 or (0 < back < RESET and not self._behind):
+            self._behind |= back > 0
             twice = "backward_stamps" if back else "duplicate_stamps"
             self.health[twice if abs(stamp) < LATE else "bad_stamps"] += 1
             return False
@@ -183,7 +186,7 @@ class Window:
             self._clear()
         elif self.max_gap + 2 * SNAP < -back < math.inf:
             self.health["pauses"] += 1
-        self.stamp = stamp
+        self.stamp, self._behind = stamp, False
         return True
 
     def _clean(self, ids: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -213,18 +216,22 @@ class Window:
         """Add a frame; leave out frames that are too old."""
         begin = np.searchsorted(self._stamps, self.stamp - self._kept, side="right")
         before, everybody = self._stamps[begin:], np.union1d(self._ids, ids)
-        known, here = (np.searchsorted(everybody, some) for some in (self._ids, ids))
+        old_columns, new_columns = (
+            np.searchsorted(everybody, members) for members in (self._ids, ids)
+        )
         places = np.full((len(before) + 1, len(everybody), 2), np.nan)
-        places[:-1, known] = self._places[begin:]
+        places[:-1, old_columns] = self._places[begin:]
         last = np.full(len(everybody), -np.inf)
-        last[known] = self._last
+        last[old_columns] = self._last
         # Of newcomers the gap is infinite, and the distance that to anybody.
-        gap = self.stamp - last[here]
-        moved = np.linalg.norm(xy - places[np.searchsorted(before, last[here]), here], axis=1)
+        gap = self.stamp - last[new_columns]
+        moved = np.linalg.norm(
+            xy - places[np.searchsorted(before, last[new_columns]), new_columns], axis=1
+        )
         jumped = (gap <= self.max_gap + 2 * SNAP) & is_jump(moved, gap)
         self.health["jumps"] += int(jumped.sum())
-        places[:, here[jumped]] = np.nan
-        places[-1, here], last[here] = xy, self.stamp
+        places[:, new_columns[jumped]] = np.nan
+        places[-1, new_columns], last[new_columns] = xy, self.stamp
         self._ids, self._last, self._places = everybody, last, places
         self._stamps = np.append(before, self.stamp)
 

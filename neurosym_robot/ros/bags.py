@@ -6,10 +6,11 @@ the tool that mends it.
 
 import contextlib
 import dataclasses
+import math
 import os
 import sqlite3
 import warnings
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from neurosym_jax.data.formats import format_of, read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
+from neurosym_robot.input.kinds import HRI, KINDS, POSES
+from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.ros.bag_limits import refuse_bombs
 from neurosym_robot.ros.definitions import (
     PEOPLE_TOPICS,
@@ -28,14 +31,15 @@ from neurosym_robot.ros.definitions import (
     is_bag,
     shared_typestore,
 )
-from neurosym_robot.ros.people import KINDS, POSES, PeopleSource
 from neurosym_robot.tracking.following import FAR, Frame, frames_of_tracks, tracks_of_frames
 
 
 def read_frames(
-    path: Path, options: ReadOptions = AS_IT_SAYS, source: PeopleSource | None = None
+    paths: Path | Sequence[Path],
+    options: ReadOptions = AS_IT_SAYS,
+    source: PeopleSource | None = None,
 ) -> Iterator[Frame]:
-    """Frames of a bag, or of a file of tracks that `read_any` reads, in its order.
+    """Frames of a bag, of one split into several, or of a file of tracks, in their order.
 
     `options` say what the file does not say itself, such as `format="bag,topic=/people"`; `source`
     says which messages of a bag belong to the stream.
@@ -43,9 +47,11 @@ def read_frames(
     Raises:
         InputError: naming the file and the reason, possibly after some frames of a damaged bag.
     """
-    path = Path(path)
-    if is_bag(path):
-        return read_people(path, getattr(format_of(path, options), "topic", None), source)
+    path, *others = paths = [paths] if isinstance(paths, Path) else list(paths)
+    if all(map(is_bag, paths)):
+        return read_people(paths, getattr(format_of(path, options), "topic", None), source)
+    if others:
+        raise InputError(f"{path}: with {others[0]}; several files must be parts of one bag")
     if not os.path.isfile(path):
         raise InputError(f"{path}: " + ("not a bag" if os.path.exists(path) else "no such file"))
     recordings = read_any(path, options)
@@ -54,7 +60,7 @@ def read_frames(
     return frames_of_tracks(recordings[0])
 
 
-def read_bag(path: Path, topic: str | None = None) -> list[Tracks]:
+def read_bag(path: Path, topic: str | None = None, fixed_frame: str = "") -> list[Tracks]:
     """Tracks of the people on one topic of a bag; default: the only one there is.
 
     Messages older than the one before, repeated ids in a message, and positions that are not finite
@@ -63,26 +69,33 @@ def read_bag(path: Path, topic: str | None = None) -> list[Tracks]:
     Raises:
         InputError: as `read_people`, or if no position is left.
     """
-    said: list[str] = []
-    frames = list(read_people(path, topic, PeopleSource(report=said.append)))
-    kept: list[Frame] = []
+    reports: list[str] = []
+    source = PeopleSource(fixed_frame, reports.append, recorded=True)
+    try:
+        frames = list(read_people(path, topic, source))
+    except InputError as error:
+        advice = str(error).replace("--fixed-frame ", "--format bag,fixed_frame=")
+        raise InputError(advice) from None
+    ordered: list[Frame] = []
     for stamp, ids, xy in frames:
-        if not kept or stamp > kept[-1].stamp:
+        if not ordered or stamp > ordered[-1].stamp:
             near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
             first = near[np.unique(ids[near], return_index=True)[1]]
-            kept.append(Frame(stamp, ids[first], xy[first]))
-    lost = sum(len(frame.ids) for frame in frames) - sum(len(frame.ids) for frame in kept)
+            ordered.append(Frame(stamp, ids[first], xy[first]))
+    lost = sum(len(frame.ids) for frame in frames) - sum(len(frame.ids) for frame in ordered)
     if lost:
-        said.append(f"{lost} positions are left out: nowhere, far away, twice, or out of order")
-    tracks = tracks_of_frames(iter(kept), printable(path.stem))
-    how = Reading(tracks.recording, printable(str(path)), rows=len(tracks.id), warnings=tuple(said))
-    return [dataclasses.replace(tracks, reading=how)]
+        reports.append(f"{lost} positions are left out: nowhere, far away, twice, or out of order")
+    tracks = tracks_of_frames(iter(ordered), printable(path.stem))
+    reading = Reading(
+        tracks.recording, printable(str(path)), rows=len(tracks.id), warnings=tuple(reports)
+    )
+    return [dataclasses.replace(tracks, reading=reading)]
 
 
 def read_people(
-    path: Path, topic: str | None = None, source: PeopleSource | None = None
+    paths: Path | Sequence[Path], topic: str | None = None, source: PeopleSource | None = None
 ) -> Iterator[Frame]:
-    """Frames of people in a bag, in the order of recording.
+    """Frames of people in a bag, or in the parts of a split one, in the order of recording.
 
     Without `topic`, one of `PEOPLE_TOPICS`, else the only one with people. Without `source`,
     messages of one publisher in one frame, with warnings about others.
@@ -90,18 +103,28 @@ def read_people(
     Raises:
         InputError: naming the file and the reason, for a topic or a damaged bag.
     """
+    path = paths if isinstance(paths, Path) else paths[0]
     source = source or PeopleSource(
-        report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3)
+        report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3), recorded=True
     )
-    more = TF_TOPICS if source.needs_transforms else ()
-    rows = _read(path, lambda topics: [_choose(path, topics, topic), *more])
-    for name, message, publisher, received in rows:
+    kinds = KINDS if source.form is None else None
+
+    def choose(topics: dict[str, str]) -> list[str]:
+        return [_choose(path, topics, topic, kinds), *TF_TOPICS]
+
+    for name, message, publisher, received in _read(paths, choose):
         if name in TF_TOPICS:
-            source.transforms.hear(message, static=name == TF_TOPICS[1])
-        elif message.__msgtype__ in KINDS:  # Two publishers may disagree about a topic's type.
-            frame = source.take(message.__msgtype__, message, publisher, received)
-            if frame is not None:
-                yield frame
+            source.transforms.hear(message, name == TF_TOPICS[1], received)
+            frames = source.release(received) if source.waiting else []
+        elif kinds is None or message.__msgtype__ in kinds:  # Publishers may disagree about it.
+            try:
+                frames = source.take(message.__msgtype__, message, publisher, received)
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from None
+        else:
+            continue
+        yield from frames
+    yield from source.release(math.inf)
 
 
 def read_messages(path: Path) -> Iterator[tuple[str, Any]]:
@@ -110,15 +133,17 @@ def read_messages(path: Path) -> Iterator[tuple[str, Any]]:
 
 
 def _read(
-    path: Path, choose: Callable[[dict[str, str]], Collection[str]]
+    paths: Path | Sequence[Path], choose: Callable[[dict[str, str]], Collection[str]]
 ) -> Iterator[tuple[str, Any, str, float]]:
     """Topic, message, publisher's name (known in ROS 1 only), and time of recording [s]."""
-    path = Path(path)
-    if not os.path.exists(path):
-        raise InputError(f"{path}: no such file or folder")
-    store = shared_typestore(2)  # Recorders before ROS 2 Iron stored no definitions.
-    there = [path] if path.is_file() else sorted(path.iterdir())
-    files = [file for file in there if file.suffix in TOOLS]
+    paths = [paths] if isinstance(paths, Path) else paths
+    files: list[Path] = []
+    for path in paths:
+        if not os.path.exists(path):
+            raise InputError(f"{path}: no such file or folder")
+        inside = [path] if path.is_file() else sorted(path.iterdir())
+        files += [file for file in inside if file.suffix in TOOLS]
+    path, store = paths[0], shared_typestore(2)  # Recorders before ROS 2 Iron stored no types.
     try:
         from rosbags.highlevel import AnyReader
 
@@ -126,25 +151,25 @@ def _read(
             if file.suffix == ".db3":  # rosbags would read a part of a damaged one.
                 uri = f"{file.absolute().as_uri()}?mode=ro"
                 with contextlib.closing(sqlite3.connect(uri, uri=True)) as base:
-                    (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
-                if found != "ok":
-                    raise ValueError(f"its database is damaged: {found}")
-        whole = path.is_file() or (path / "metadata.yaml").is_file()
-        paths = [path] if whole else files
-        refuse_bombs(path, paths)
-        with AnyReader(paths, default_typestore=store) as reader:
-            chosen = choose({each.topic: each.msgtype for each in reader.connections})
-            connections = [each for each in reader.connections if each.topic in chosen]
+                    (state,) = base.execute("PRAGMA quick_check(1)").fetchone()
+                if state != "ok":
+                    raise ValueError(f"its database is damaged: {state}")
+        is_whole = all(path.is_file() or (path / "metadata.yaml").is_file() for path in paths)
+        parts = list(paths) if is_whole else files
+        refuse_bombs(path, parts)
+        with AnyReader(parts, default_typestore=store) as reader:
+            chosen = choose({row.topic: row.msgtype for row in reader.connections})
+            connections = [row for row in reader.connections if row.topic in chosen]
             # In ROS 1 another index finds the messages than counts them.
-            chunks = [info for each in reader.readers for info in getattr(each, "chunk_infos", ())]
-            said = sum(sum(info.connection_counts.values()) for info in chunks)
-            missing = sum(each.msgcount for each in connections)
-            missing += said - reader.message_count if chunks else 0
-            for connection, at, data in reader.messages(connections=connections):
+            chunks = [info for row in reader.readers for info in getattr(row, "chunk_infos", ())]
+            counted = sum(sum(info.connection_counts.values()) for info in chunks)
+            missing = sum(row.msgcount for row in connections)
+            missing += counted - reader.message_count if chunks else 0
+            for connection, stamp, data in reader.messages(connections=connections):
                 missing -= 1
                 message = reader.deserialize(data, connection.msgtype)
                 publisher = getattr(connection.ext, "callerid", None) or ""
-                yield connection.topic, message, publisher, 1e-9 * at
+                yield connection.topic, message, publisher, 1e-9 * stamp
             if missing:
                 raise ValueError(f"{missing} of its messages are missing")
     except InputError:
@@ -156,29 +181,41 @@ def _read(
         raise InputError(f"{path}: cannot be read as a bag: {reason}{advice}") from None
 
 
-def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
-    """The topic of the people."""
-    usable = [name for name, kind in topics.items() if kind in KINDS]
-    there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
-    # Poses may be of anything, such as a robot's hypotheses of its own pose.
-    others = [name for name in usable if topics[name] != POSES] or usable
-    wanted = PEOPLE_TOPICS if asked is None else (asked,)
-    found = [name for name in wanted if name in usable][:1] or (others if asked is None else [])
-    if not found:
-        what = "none" if asked is None else f"{asked} is not there, or none that"
-        raise InputError(f"{path}: {what} carries {' or '.join(KINDS)}; there are: {there}")
-    if len(found) > 1:
+def _choose(
+    path: Path, topics: dict[str, str], name_wanted: str | None, kinds: Collection[str] | None
+) -> str:
+    """The topic of the people, whose type is one of `kinds`; None is any."""
+    usable = [name for name, kind in topics.items() if kinds is None or kind in kinds]
+    usable = [name for name in usable if name not in TF_TOPICS]
+    listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
+    # Poses may be of anything, such as a robot's hypotheses of its own pose; ids of ROS4HRI also of
+    # faces and voices.
+    people = [
+        name
+        for name in usable
+        if topics[name] != POSES and (topics[name] != HRI or "bodies" in name)
+    ]
+    names = PEOPLE_TOPICS if name_wanted is None else (name_wanted,)
+    candidates = [name for name in names if name in usable][:1]
+    if not candidates and name_wanted is None:
+        candidates = people or usable
+    if not candidates:
+        subject = "none" if name_wanted is None else f"{name_wanted} is not there, or none that"
+        types = "people" if kinds is None else " or ".join(kinds)
+        advice = "--people, --position and --id say where messages of another type hold people"
+        raise InputError(f"{path}: {subject} carries {types}; there are: {listed}; {advice}")
+    if len(candidates) > 1:
         raise InputError(
-            f"{path}: which topic has the people? There are: {there}; choose one with "
+            f"{path}: which topic has the people? There are: {listed}; choose one with "
             "--format bag,topic=NAME"
         )
-    return found[0]
+    return candidates[0]
 
 
 class BagWriter(contextlib.AbstractContextManager):
     """Writes a new bag; `with BagWriter(path) as bag` closes it whatever happens."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, compress: bool = False):
         """Open `NAME.bag` of ROS 1, or for `NAME.db3` or `NAME.mcap` a folder `NAME` of ROS 2.
 
         InputError for another ending, a bag that exists, or a folder that cannot be written.
@@ -193,13 +230,19 @@ class BagWriter(contextlib.AbstractContextManager):
         self._store = shared_typestore(self.ros)
         from rosbags import rosbag1, rosbag2
 
-        storage = rosbag2.StoragePlugin
-        plugin = storage.MCAP if path.suffix == ".mcap" else storage.SQLITE3
-        self._writer: Any = (
-            rosbag1.Writer(self.path)
-            if self.ros == 1
-            else rosbag2.Writer(self.path, version=8, storage_plugin=plugin)
-        )
+        if self.ros == 1:
+            self._writer: Any = rosbag1.Writer(self.path)
+            compression: Any = (rosbag1.Writer.CompressionFormat.LZ4,)
+        else:
+            plugin = getattr(rosbag2.StoragePlugin, "MCAP" if path.suffix == ".mcap" else "SQLITE3")
+            mode = "STORAGE" if path.suffix == ".mcap" else "MESSAGE"
+            self._writer = rosbag2.Writer(self.path, version=8, storage_plugin=plugin)
+            compression = (
+                getattr(rosbag2.CompressionMode, mode),
+                rosbag2.CompressionFormat.ZSTD,
+            )
+        if compress:
+            self._writer.set_compression(*compression)
         self._connections: dict[str, Any] = {}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -7,6 +7,7 @@ that catkin and colcon build.
 import collections
 import functools
 import os
+import re
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -32,11 +33,18 @@ TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag re
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a bag, by its name or, for a folder, by the names in it."""
+    """Whether a path is a bag: by its name, or a folder with the parts of one.
+
+    Those are files of ROS 2, or of ROS 1 with the names that `rosbag record --split` gives them.
+    """
     if path.suffix in TOOLS or os.path.isfile(path / "metadata.yaml"):
         return True
-    # Without metadata, a folder with a file of its name is an unfinished bag of ROS 2.
-    return any(os.path.isfile(path / f"{path.name}_0{end}") for end in TOOLS)
+    if not os.path.isdir(path):
+        return False
+    files = [file.name for file in path.iterdir() if os.path.isfile(file)]
+    numbered = [re.fullmatch(r"(.*)_[0-9]+(\.bag|\.mcap|\.db3)", name) for name in files]
+    split = all(numbered) and len({part.groups() for part in numbered if part}) == 1
+    return split or (len(files) == 1 and files[0].endswith((".mcap", ".db3")))
 
 
 @functools.cache
@@ -61,8 +69,8 @@ def typestore(ros: Literal[1, 2]) -> Any:
     except ImportError:
         raise InputError("this needs rosbags: pip install 'neurosym-jax[robot]'") from None
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_JAZZY)
-    ours = (get_types_from_msg(text, name) for name, text in definitions().items())
-    store.register(dict(collections.ChainMap(*ours)))
+    types = (get_types_from_msg(text, name) for name, text in definitions().items())
+    store.register(dict(collections.ChainMap(*types)))
     return store
 
 

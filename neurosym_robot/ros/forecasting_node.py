@@ -7,14 +7,16 @@ skipped and counted, and nothing queues.
 import abc
 import collections
 import functools
-import itertools
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from neurosym_robot.dashboard.dashboard import View
+import numpy as np
+
+from neurosym_robot.dashboard.view import View
+from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import Analytics, ReplayEvent, advance
@@ -24,7 +26,6 @@ from neurosym_robot.ros.definitions import (
     DIAGNOSTICS,
     HUMANS_TRAJS,
     MARKERS,
-    PEOPLE,
     PEOPLE_TOPICS,
     TF_TOPICS,
     TRANSFORMS,
@@ -32,11 +33,11 @@ from neurosym_robot.ros.definitions import (
     blank,
 )
 from neurosym_robot.ros.messages import diagnostics_message, make_people, outputs, truth_message
-from neurosym_robot.ros.people import PeopleSource
 from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
 DIAGNOSE = 1.0  # seconds between messages on /diagnostics
+IDLE, PATIENCE = 0.2, 0.02  # seconds between looks, and while people wait for a transform
 WAITING = 32  # messages of people that wait; of more the oldest are left out
 SPARSE = 0.1  # seconds between messages that wait once there are half as many
 LAST = 2.0**31 - 1000  # seconds: ROS counts in 32 bits, and forecasts lie ahead
@@ -49,7 +50,11 @@ class ForecastBag(View):
 
     def __init__(self, path: Path, predictor: Predictor, source: PeopleSource, at_least: float):
         """Open the bag, as `BagWriter`; `source` knows the frame of the coordinates."""
-        self._bag, self._source, self._period = BagWriter(path), source, predictor.window.period
+        self._bag, self._source, self._period = (
+            BagWriter(path, compress=True),
+            source,
+            predictor.window.period,
+        )
         self.where, self._stamp = str(self._bag.path), 0.0
         self._outputs = {model: outputs(model, at_least) for model in predictor.models}
 
@@ -144,10 +149,17 @@ class ForecastingNode(abc.ABC):
         self.views: list[View] = []
         """Show every forecast before the next; slow ones through `Newest`."""
         self.status = Status(
-            predictor, self.analytics, report, status, stale_after, self._counts, self._now
+            predictor,
+            self.analytics,
+            report,
+            status,
+            stale_after,
+            self._counts,
+            self._now,
+            lambda: self.source.reports,
         )
         self._waiting: collections.deque[Any] = collections.deque(maxlen=WAITING)
-        self._changed = threading.Condition()
+        self._changed, self._moved = threading.Condition(), False
         self._diagnosed = 0.0
         self._forecasts = [
             (model, kind, make, self._advertise(topic, kind))
@@ -157,42 +169,56 @@ class ForecastingNode(abc.ABC):
         self._truth = self._advertise(TRUTH_TOPIC, HUMANS_TRAJS)
         self._diagnostics = self._advertise("/diagnostics", DIAGNOSTICS)
         self._mended = UNHEARD  # people under mended ids
-        for topic, static in zip(TF_TOPICS, (False, True)) if self.source.needs_transforms else ():
-            self._listen(
-                topic, TRANSFORMS, functools.partial(self.source.transforms.hear, static=static)
-            )
+        for topic, static in zip(TF_TOPICS, (False, True)):
+            self._listen(topic, TRANSFORMS, functools.partial(self._move, static))
 
     def put(self, kind: str, message: Any, publisher: str = "") -> None:
         """Let a message of people wait; called in any thread."""
         waiting, now = self._waiting, time.monotonic()
         with self._changed:
-            dense = len(waiting) > WAITING // 2 and now - waiting[-2][-1] < SPARSE
+            dense = len(waiting) > WAITING // 2 and now - waiting[-2][-2] < SPARSE
             if dense:
                 waiting.pop()  # so that what waits spans seconds, without a gap too long to bridge
             if dense or len(waiting) == WAITING:
                 self.source.refused["late"] += 1
-            waiting.append((kind, message, publisher, now))
+            waiting.append((kind, message, publisher, now, self._now()))
             self._changed.notify()
+
+    def _move(self, static: bool, message: Any) -> None:
+        """Take in a message of /tf; called in any thread."""
+        self.source.transforms.hear(message, static, time.monotonic())
+        if self.source.waiting:
+            with self._changed:
+                self._moved = True
+                self._changed.notify()
 
     def run(self) -> None:
         """Forecast until the node is stopped."""
         while not self.stopped.is_set():
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting, 0.2)
+                patience = PATIENCE if self.source.waiting else IDLE
+                self._changed.wait_for(lambda: self._waiting or self._moved, patience)
+                self._moved = False
             self.work()
             self.status.look()
             if time.monotonic() - self._diagnosed >= DIAGNOSE:
-                self._diagnosed, said = time.monotonic(), (self.status, self.name, self._now())
-                self._diagnostics.publish(diagnostics_message, self._new, *said)
+                self._diagnosed, arguments = time.monotonic(), (self.status, self.name, self._now())
+                self._diagnostics.publish(diagnostics_message, self._new, *arguments)
 
     def work(self) -> None:
         """Take in the messages that wait, and publish the forecast of the newest frame."""
         with self._changed:
             heard = list(self._waiting)
             self._waiting.clear()
-        frames = [frame for each in heard if (frame := self._read(*each)) is not None]
+        frames = [frame for message in heard for frame in self.source.take(*message)]
+        frames += self.source.release(time.monotonic())
+        malformed = [frame for frame in frames if not 0 <= frame.stamp < LAST]
+        self.source.refused["malformed"] += len(malformed)
+        frames = [frame for frame in frames if 0 <= frame.stamp < LAST]
         if not frames:
             return
+        if self.stitcher is not None:
+            frames = [self.stitcher.mend(frame) for frame in frames]
         for frame in frames:
             self.status.heard(frame.stamp)
         event = advance(frames, self.predictor, self.source.robot(frames[-1].stamp))
@@ -203,33 +229,19 @@ class ForecastingNode(abc.ABC):
             self.status.published(self._now() - event.frame.stamp, event.skipped)
         for done in self.analytics.add(event.forecast):
             self._truth.publish(truth_message, self._new, done, *common)
+        for frame in frames:
+            self._mended.publish(self._people, frame)
         for view in self.views:
             view.show(event, self.status.now())
 
-    def _read(self, kind: str, message: Any, publisher: str, received: float) -> Frame | None:
-        """The frame of a message, with mended ids; None if it is left out."""
-        frame = self.source.take(kind, message, publisher, received)
-        if frame is not None and not 0 <= frame.stamp < LAST:
-            self.source.refused["malformed"] += 1
-            return None
-        if frame is None or self.stitcher is None:
-            return frame
-        mended, known = self.stitcher.mend(frame)
-        self._mended.publish(self._renamed, kind, message, mended, known)
-        return mended
-
-    def _renamed(self, kind: str, message: Any, frame: Frame, known: Any) -> Any:
-        """People with mended ids: the message received, renamed, if its people are all ours."""
-        if (
-            kind != PEOPLE
-            or message.header.frame_id.removeprefix("/") != self.source.frame_id
-            or len(message.people) != len(known)
-        ):
-            return make_people(self._new, frame, self.source.frame_id or "")
-        message.people = list(itertools.compress(message.people, known))
-        for person, id in zip(message.people, frame.ids.tolist()):
-            person.name = str(id)
-        return message
+    def _people(self, frame: Frame) -> Any:
+        """The message of a frame, with velocities where they are known."""
+        window = self.predictor.window
+        before, now = window.resampled(
+            frame.ids, frame.stamp - np.array([window.period, 0.0])
+        ).swapaxes(0, 1)
+        speed = (now - before) / window.period
+        return make_people(self._new, frame, self.source.frame_id or "", speed)
 
     def _counts(self) -> dict[str, int]:
         """Counts of what was wrong with the stream, beside the predictor's health."""

@@ -32,7 +32,8 @@ New = Callable[..., Any]
 # Red, green and blue of people's lines, after Okabe and Ito.
 COLOURS = [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0)]
 FAINT = 0.35  # opacity of the line of a person who is not seen at the moment
-UNITS = {"age": "ms", "p50": "ms", "p99": "ms", "offset": "s", "rate": "Hz", "skipped": "frames"}
+UNITS = {"age": "ms", "p50": "ms", "p99": "ms", "offset": "s", "rate": "Hz"}
+UNITS |= {"lag": "s", "skipped": "frames"}
 
 
 def outputs(model: str, at_least: float = AT_LEAST) -> dict[str, tuple[str, Callable[..., Any]]]:
@@ -71,13 +72,20 @@ def _header(stamp: float, frame_id: str) -> dict[str, Any]:
     return {"stamp": _time(stamp), "frame_id": frame_id}
 
 
-def make_people(new: New, frame: Frame, frame_id: str = "map") -> Any:
-    """The People message of a frame."""
+def make_people(
+    new: New, frame: Frame, frame_id: str = "map", velocity: np.ndarray | None = None
+) -> Any:
+    """The People message of a frame; of people without a `velocity` [N, 2] (m/s, NaN) it is 0."""
+    speeds = np.zeros_like(frame.xy) if velocity is None else np.nan_to_num(velocity)
     people = [
         filled(
-            new("people_msgs/msg/Person"), name=str(id), reliability=1.0, position={"x": x, "y": y}
+            new("people_msgs/msg/Person"),
+            name=str(id),
+            reliability=1.0,
+            position={"x": x, "y": y},
+            velocity={"x": vx, "y": vy},
         )
-        for id, (x, y) in zip(frame.ids.tolist(), frame.xy.tolist())
+        for id, (x, y), (vx, vy) in zip(frame.ids.tolist(), frame.xy.tolist(), speeds.tolist())
     ]
     return filled(new(PEOPLE), header=_header(frame.stamp, frame_id), people=people)
 
@@ -109,9 +117,9 @@ def make_trajectories(
     place, pose, point = map(type, (centroid, centroid.pose, centroid.pose.position))
 
     def human(n: int, step: int) -> Any:
-        there = place(pose(point(*positions[n, step].tolist(), 0.0), turn), spread[n, step])
+        centre = place(pose(point(*positions[n, step].tolist(), 0.0), turn), spread[n, step])
         id = int(ids[n]) % 2**64
-        return filled(copy.copy(empty), id=id, confidence=sure[n], centroid=there)
+        return filled(copy.copy(empty), id=id, confidence=sure[n], centroid=centre)
 
     def everybody(step: int) -> Any:
         return filled(
@@ -137,9 +145,9 @@ def forecast_message(
     """
     result, seen = forecast.models[model], forecast.observed.shape[1]
     xy = np.concatenate([forecast.observed, result.samples[result.central]], axis=1)
-    around = result.samples - result.mean
+    deviation = result.samples - result.mean
     spread = np.zeros((*xy.shape, 2))
-    spread[:, seen:] = np.einsum("k,knti,kntj->ntij", result.weights, around, around)
+    spread[:, seen:] = np.einsum("k,knti,kntj->ntij", result.weights, deviation, deviation)
     steps, sure = _steps(forecast, xy, period), 1 - forecast.extrapolated / seen
     return make_trajectories(new, steps, forecast.ids, xy, spread, frame_id, sure, seen - 1)
 
@@ -152,11 +160,13 @@ def truth_message(new: New, forecast: Forecast, period: float, frame_id: str = "
     """
     assert forecast.future is not None
     xy = np.concatenate([forecast.observed, forecast.future], axis=1)
-    whole = np.isfinite(xy).all(axis=(1, 2))
-    if not whole.any():
+    is_whole = np.isfinite(xy).all(axis=(1, 2))
+    if not is_whole.any():
         return None
     steps, now = _steps(forecast, xy, period), forecast.observed.shape[1] - 1
-    return make_trajectories(new, steps, forecast.ids[whole], xy[whole], frame_id=frame_id, now=now)
+    return make_trajectories(
+        new, steps, forecast.ids[is_whole], xy[is_whole], frame_id=frame_id, now=now
+    )
 
 
 def _steps(forecast: Forecast, xy: np.ndarray, period: float) -> np.ndarray:
@@ -227,22 +237,23 @@ def events_message(
     events = [
         filled(
             new("neurosym_msgs/msg/Event"),
-            name=each.name,
-            words=each.words(forecast.ids),
-            k=int(forecast.ids[each.k]),
-            l=int(forecast.ids[each.l]),
-            probability=each.probability,
-            seconds=each.seconds,
+            name=event.name,
+            words=event.words(forecast.ids),
+            k=int(forecast.ids[event.k]),
+            l=int(forecast.ids[event.l]),
+            probability=event.probability,
+            seconds=event.seconds,
         )
-        for each in likely_events(forecast, model, period, at_least)
+        for event in likely_events(forecast, model, period, at_least)
     ]
     return filled(new(EVENTS), header=_header(forecast.stamp, frame_id), model=model, events=events)
 
 
 def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:
     """Status of the stream, for /diagnostics at `now` [s]: 0 is well, 3 is stale."""
-    said = status.now()
-    values = {f"{key} [{unit}]": said[key] for key, unit in UNITS.items()} | said["wrong"]
+    state = status.now()
+    values = {f"{key} [{unit}]": state[key] for key, unit in UNITS.items()} | state["wrong"]
+    values |= {f"report {n}": text for n, text in enumerate(state["reports"], 1)}
     row = new("diagnostic_msgs/msg/DiagnosticStatus")
     filled(
         row,

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from neurosym_jax.errors import InputError
+from neurosym_robot.input.kinds import KINDS
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.ros.definitions import (
     PEOPLE,
@@ -20,7 +21,6 @@ from neurosym_robot.ros.definitions import (
     typestore,
 )
 from neurosym_robot.ros.forecasting_node import ForecastingNode, Outlet
-from neurosym_robot.ros.people import KINDS
 from neurosym_robot.ros.tcpros import CallError, Node, Topic, call
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
@@ -32,7 +32,9 @@ class Decoder:
     rosbags is not installed.
     """
 
-    def __init__(self):
+    def __init__(self, any_kind: bool = False):
+        """Of `any_kind` instead, if options say where a message holds its people."""
+        self._any_kind = any_kind
         self._learned: dict[tuple[str, str], Any] = {}
         self.store = typestore(1)
         self.error = importlib.import_module("rosbags.serde").SerdeError
@@ -41,22 +43,22 @@ class Decoder:
     def refuse(self, header: Mapping[str, str]) -> str | None:
         """Why messages of a publisher with this header cannot be read, or None."""
         kind, md5 = header.get("type", "").replace("/", "/msg/"), header.get("md5sum", "")
-        if kind not in KINDS:
+        if kind not in KINDS and not self._any_kind:
             return f"none of {', '.join(map(ros1_name, KINDS))}"
         if kind in definitions():
-            ours = self.store.generate_msgdef(kind, ros_version=1)[1]
-            return None if md5 == ours else f"not {ros1_name(kind)} with md5 {ours}"
+            own_md5 = self.store.generate_msgdef(kind, ros_version=1)[1]
+            return None if md5 == own_md5 else f"not {ros1_name(kind)} with md5 {own_md5}"
         from rosbags.typesys import get_types_from_msg
 
         store = typestore(1)
         try:
             types = get_types_from_msg(header.get("message_definition", ""), kind)
             store.register({name: form for name, form in types.items() if name not in store.types})
-            theirs = store.generate_msgdef(kind, ros_version=1)[1]
+            true_md5 = store.generate_msgdef(kind, ros_version=1)[1]
         except Exception as error:  # The text is not ours and can make the parser raise anything.
             return f"whose definition cannot be read ({type(error).__name__})"
-        if theirs != md5:
-            return f"whose definition has the md5 {theirs}"
+        if true_md5 != md5:
+            return f"whose definition has the md5 {true_md5}"
         self._learned[kind, md5] = store
         return None
 
@@ -91,7 +93,8 @@ class ForecastNode(ForecastingNode):
         filtered, raw = PEOPLE_TOPICS
         if stitcher is not None and topic == filtered:
             raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
-        self._decoder = Decoder()
+        source = options.get("source")
+        self._decoder = Decoder(source is not None and source.form is not None)
         self._clock: float | None = None  # seconds of simulated time
         self.node = Node(name, master, report, remaps)
         options |= {"name": self.node.name, "stitcher": stitcher}

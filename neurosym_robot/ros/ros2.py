@@ -49,13 +49,13 @@ def node_parameters(arguments: Sequence[str], name: str) -> dict[str, Any]:
         node = rclpy.create_node(
             name, context=context, automatically_declare_parameters_from_overrides=True
         )
-        found = {key: value.value for key, value in node.get_parameters_by_prefix("").items()}
+        values = {key: value.value for key, value in node.get_parameters_by_prefix("").items()}
         node.destroy_node()
     except Exception as error:  # rclpy passes on several kinds of errors of its C library.
         raise InputError(f"--ros-args: {' '.join(str(error).split())}") from None
     finally:
         rclpy.try_shutdown(context=context)
-    return {key: value for key, value in found.items() if key.split(".")[0] not in OF_EVERY_NODE}
+    return {key: value for key, value in values.items() if key.split(".")[0] not in OF_EVERY_NODE}
 
 
 class ForecastNode(ForecastingNode):
@@ -143,10 +143,14 @@ class ForecastNode(ForecastingNode):
     def _listen(self, topic: str, kind: str, hear: Callable[[Any], None]) -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile
 
+        try:
+            form = message_type(kind)
+        except InputError as missing:
+            return self.report(f"{missing}: {topic} is not heard, and no frame is checked by it")
         latched = topic == TF_TOPICS[1]
         durable = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         quality = QoSProfile(depth=100, durability=durable)
-        self.node.create_subscription(message_type(kind), topic, hear, quality)
+        self.node.create_subscription(form, topic, hear, quality)
 
     def _advertise(self, topic: str, kind: str) -> Outlet:
         try:
@@ -167,6 +171,6 @@ class ForecastNode(ForecastingNode):
         ends = self.node.get_publishers_info_by_topic(topic)
         own = [end for end in ends if end.node_name == self.node.get_name()]
         # Not every middleware knows them.
-        known = {str(end.topic_type_hash) for end in own} - {"INVALID"}
-        if known and self._store.hash_rihs01(kind) not in known:
+        hashes = {str(end.topic_type_hash) for end in own} - {"INVALID"}
+        if hashes and self._store.hash_rihs01(kind) not in hashes:
             raise InputError(f"this ROS 2 defines {kind} in another way")

@@ -1,11 +1,5 @@
-"""Frames of people, and tracks from frame to frame.
+"""Frames of people, tracks of them, and ids for people who have none."""
 
-The tracker's ids are kept if people can have moved so. Swapped and changed ids are corrected by the
-expected positions. Longer losses are for `stitching`.
-"""
-
-import collections
-import itertools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -22,10 +16,7 @@ MAX_SPEED = 5.0  # metres per second of a person between two observations
 SLACK = 1.0  # metres of error of a tracker, both observations together
 POINTS = 20  # newest points kept of a track: at 10 Hz twice what its velocity needs
 SMOOTH = 0.7  # share of the old velocity kept from frame to frame: noise is as large as a step
-CERTAIN = 0.15  # metres from the expected position within which an id is accepted at once
-OTHER_ID = 0.2  # metres that a track of another id must be nearer to be preferred
-REACH = 0.75  # maximum metres from the expected position of a track of another id
-RECENT = 0.5  # seconds of loss after which only a track of the same id continues
+REACH = 0.75  # maximum metres from the expected position
 FORGET = 1.0  # seconds after which a person without id who was not seen gets a new id
 CROWD = 512  # people without ids followed at once; the others get new ids in every frame
 
@@ -65,14 +56,14 @@ def tracks_of_frames(frames: Iterator[Frame], recording: str = "") -> Tracks:
     Raises:
         InputError: without people, or for frames that `make_tracks` refuses.
     """
-    kept = [frame for frame in frames if len(frame.ids)]
-    if not kept:
+    populated = [frame for frame in frames if len(frame.ids)]
+    if not populated:
         raise InputError(f"{recording}: nobody in it")
     return make_tracks(
         recording,
-        np.repeat([frame.stamp for frame in kept], [len(frame.ids) for frame in kept]),
-        np.concatenate([frame.ids for frame in kept]),
-        np.concatenate([frame.xy for frame in kept]),
+        np.repeat([frame.stamp for frame in populated], [len(frame.ids) for frame in populated]),
+        np.concatenate([frame.ids for frame in populated]),
+        np.concatenate([frame.xy for frame in populated]),
     )
 
 
@@ -89,125 +80,47 @@ def velocity(stamp: np.ndarray, position: np.ndarray) -> np.ndarray:
     return time @ position / (time @ time)
 
 
-class Track:
-    """An unbroken track with its newest points."""
-
-    def __init__(self, id: int, stamp: float, place: np.ndarray):
-        """A new track with the tracker's `id`."""
-        self.born, self.first = stamp, place
-        self.name: int | None = None  # the id that it is published under
-        self.noted = False  # whether it is known to be brief or not
-        self.points: collections.deque[tuple[float, ...]] = collections.deque(maxlen=POINTS)
-        self.add(id, stamp, place)
-
-    @property
-    def age(self) -> float:
-        """Seconds from the first observation to the newest."""
-        return self.stamp - self.born
-
-    def add(self, id: int, stamp: float, place: np.ndarray) -> None:
-        """Add an observation at `place` [2] metres."""
-        self.id, self.stamp, self.place = id, stamp, place
-        self.points.append((stamp, *place.tolist()))
-
-    def velocity(self, memory: float, at_start: bool = False) -> np.ndarray:
-        """[2] m/s, of the points within `memory` seconds of the newest or oldest."""
-        points = np.array(self.points)
-        at = points[0 if at_start else -1, 0]
-        near = points[np.abs(points[:, 0] - at) <= memory + 1e-3]
-        return velocity(near[:, 0], near[:, 1:])
-
-
-class Follower:
-    """Follows up to `max_tracks` people frame by frame; forgets a track after `forget` seconds.
-
-    A track not seen for `recent` seconds is continued by its own id only.
-    """
-
-    def __init__(self, forget: float, max_tracks: int, recent: float = RECENT):
-        self.forget, self.max_tracks, self.recent = forget, max_tracks, recent
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget all tracks."""
-        self.tracks: list[Track] = []
-        # [P, 5] of each track: seconds of its newest point, metres; metres per second, first NaN.
-        self._newest = np.zeros((0, 5))
-        self.stamp = -np.inf
-
-    def push(self, stamp: float, numbers: ArrayLike, xy: np.ndarray) -> list[Track | None]:
-        """Tracks of the people of the next frame, [N] ids at `xy` [N, 2]; None if not followed."""
-        ids, xy, self.stamp = np.asarray(numbers), xy.reshape(-1, 2), stamp
-        kept = stamp - self._newest[:, 0] <= self.forget
-        self.tracks, self._newest = list(itertools.compress(self.tracks, kept)), self._newest[kept]
-        near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
-        rows = np.full(len(ids), -1)  # in `tracks`
-        if self.tracks and len(near):
-            rows[near] = self._rows(ids[near], xy[near])
-        known, new = near[rows[near] >= 0], near[rows[near] < 0]
-        new = new[: max(self.max_tracks - len(self.tracks), 0)]
-        before = self._newest[rows[known]]
-        moved = (xy[known] - before[:, 1:3]) / (stamp - before[:, :1])
-        mixed = SMOOTH * before[:, 3:] + (1 - SMOOTH) * moved
-        now = np.column_stack([np.full(len(xy), stamp), xy, np.full(xy.shape, np.nan)])
-        now[known, 3:] = np.where(np.isnan(before[:, 3:]), moved, mixed)
-        self._newest[rows[known]] = now[known]
-        self._newest = np.append(self._newest, now[new], axis=0)
-        for n in known.tolist():
-            self.tracks[rows[n]].add(int(ids[n]), stamp, xy[n])
-        rows[new] = len(self.tracks) + np.arange(len(new))
-        self.tracks += [Track(int(ids[n]), stamp, xy[n]) for n in new]
-        return [None if row < 0 else self.tracks[row] for row in rows.tolist()]
-
-    def _rows(self, ids: np.ndarray, xy: np.ndarray) -> np.ndarray:
-        """[N] rows of the tracks that people of a frame continue, or -1."""
-        gap, place = self.stamp - self._newest[:, 0], self._newest[:, 1:3]
-        expected = place + gap[:, None] * np.nan_to_num(self._newest[:, 3:])
-        # The newer of two tracks with one id counts, and the first of two people with one id.
-        numbers = [track.id for track in self.tracks]
-        of_id = {id: row for row, id in enumerate(numbers)}
-        own = np.array([of_id.get(id, -1) for id in ids.tolist()])
-        at_once = np.flatnonzero((own >= 0) & (_apart(xy, expected[own]) <= CERTAIN))
-        rows, (taken, first) = np.full(len(ids), -1), np.unique(own[at_once], return_index=True)
-        rows[at_once[first]] = taken
-        waiting = np.flatnonzero(rows < 0)[: self.max_tracks]
-        free = np.flatnonzero((gap <= self.recent) | np.isin(numbers, ids))
-        free = np.setdiff1d(free, taken)
-        off = _apart(xy[waiting], expected[free, None])
-        allowed, cost = (off <= REACH) & (gap[free, None] <= self.recent), off + OTHER_ID
-        same = np.array(numbers)[free, None] == ids[waiting]
-        track, person = np.nonzero(same)
-        moved = _apart(xy[waiting[person]], place[free[track]])
-        allowed[same] = ~is_jump(moved, gap[free[track]])
-        cost[same] = np.minimum(off[same], REACH + OTHER_ID)
-        track, person = linear_sum_assignment(np.where(allowed, cost, 1e6))
-        made = allowed[track, person]
-        rows[waiting[person[made]]] = free[track[made]]
-        return rows
-
-
-def _apart(some: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """[...] metres between places [..., 2]."""
-    x, y = some[..., 0] - others[..., 0], some[..., 1] - others[..., 1]
-    return np.sqrt(x * x + y * y)
-
-
 class NearestIds:
     """Ids, counted from 0, for positions without ids: each continues the nearest expected one."""
 
     def __init__(self):
-        self._next = 0
-        self._follower = Follower(FORGET, CROWD, recent=FORGET)
+        self._next, self._stamp = 0, -np.inf
+        self._ids = np.zeros(0, np.int64)
+        # [P, 5] of each: seconds of the newest point, metres; metres per second, NaN at first.
+        self._newest = np.zeros((0, 5))
 
     def push(self, stamp: float, xy: ArrayLike) -> np.ndarray:
         """[N] int64 ids of positions [N, 2] in metres; a clock set back begins anew."""
         xy = np.asarray(xy, np.float64).reshape(-1, 2)
-        ids = list(range(self._next, self._next + len(xy)))
-        self._next += len(xy)
-        if stamp < self._follower.stamp:
-            self._follower.clear()
-        if np.isfinite(stamp) and stamp > self._follower.stamp:
-            for n, track in enumerate(self._follower.push(stamp, ids, xy)):
-                if track is not None:
-                    track.name = ids[n] = ids[n] if track.name is None else track.name
-        return np.array(ids, np.int64)
+        ids = np.full(len(xy), -1)
+        if np.isfinite(stamp) and stamp != self._stamp:
+            is_recent = (stamp - self._newest[:, 0] <= FORGET) & (stamp > self._stamp)
+            self._ids, self._newest, self._stamp = (
+                self._ids[is_recent],
+                self._newest[is_recent],
+                stamp,
+            )
+            near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
+            self._follow(ids, near[:CROWD], xy)
+        ids[ids < 0] = self._next + np.arange((ids < 0).sum())
+        self._next = max(self._next, int(ids.max(initial=-1)) + 1)
+        return ids
+
+    def _follow(self, ids: np.ndarray, near: np.ndarray, xy: np.ndarray) -> None:
+        """Write the ids of the people `near`, at `xy`, who go on or are new."""
+        gap = self._stamp - self._newest[:, :1]
+        expected = self._newest[:, 1:3] + gap * np.nan_to_num(self._newest[:, 3:])
+        off = np.linalg.norm(xy[near] - expected[:, None], axis=-1)
+        row, person = linear_sum_assignment(np.where(off <= REACH, off, 1e6))
+        row, person = (part[off[row, person] <= REACH] for part in (row, person))
+        moved = (xy[near[person]] - self._newest[row, 1:3]) / gap[row]
+        old = self._newest[row, 3:]
+        speed = np.where(np.isnan(old), moved, SMOOTH * old + (1 - SMOOTH) * moved)
+        ids[near[person]] = self._ids[row]
+        self._newest[row] = np.column_stack([self._stamp + 0 * gap[row], xy[near[person]], speed])
+        new = near[ids[near] < 0][: max(CROWD - len(self._ids), 0)]
+        ids[new] = self._next + np.arange(len(new))
+        fresh = np.column_stack([xy[new], np.full((len(new), 2), np.nan)])
+        self._newest = np.append(self._newest, np.insert(fresh, 0, self._stamp, axis=1), axis=0)
+        self._ids = np.append(self._ids, ids[new])
+        self._next += len(new)

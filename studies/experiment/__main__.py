@@ -23,7 +23,7 @@ from neurosym_robot.ros.bags import BagWriter, read_people
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS
 from neurosym_robot.ros.messages import make_people
 from neurosym_robot.tracking.following import frames_of_tracks
-from neurosym_robot.tracking.stitching import NOBODY, OnlineStitcher
+from neurosym_robot.tracking.stitching import OnlineStitcher
 from studies.experiment.report import write_report
 from studies.experiment.results import FAULTS, MODELS, PEOPLE, SEEDS, Recording, score
 
@@ -86,9 +86,7 @@ def _forecast(
 ) -> Recording:
     """The way of a recording through the whole chain, and once more without stitching."""
     frames, again = list(read_people(bag)), OnlineStitcher()
-    # -1 for a detection that is not confirmed yet.
-    stitched = (again.push(*frame) for frame in frames)
-    mended = [np.where(ids == NOBODY, -1, ids) for ids in stitched]
+    mended = [again.push(*frame) for frame in frames]
     summaries, done = [], []
     for stitcher in (None, OnlineStitcher()):
         predictor = Predictor(models, samples=samples, max_people=MAX_PEOPLE)

@@ -55,7 +55,7 @@ class Recording:
     frames: list[Frame]
     """As the tracker named people."""
     mended: list[np.ndarray]
-    """Stitched ids of each frame, -1 for a detection without one."""
+    """Stitched ids of each frame."""
     people: list[np.ndarray]
     """Who they truly are."""
     forecasts: list[Forecast]

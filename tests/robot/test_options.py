@@ -21,8 +21,7 @@ BASE = {
 }
 BAG = f"{{d}}/a/run.bag {NODE}"
 LINKS = {
-    f"--links.{name}": f"--links.{name} 0.7"
-    for name in ("max-gap", "reach", "drift", "turn", "memory", "least")
+    f"--links.{name}": f"--links.{name} 0.7" for name in ("max-gap", "reach", "drift", "memory")
 }
 PAGE = {"--port": "--port 9", "--host": "--host there", "--map": "--map map.yaml"}
 
@@ -46,6 +45,8 @@ def live(base):
             base, "", {"--fixed-frame": "--fixed-frame map", "--robot-frame": "--robot-frame base"}
         ),
         **with_more(base, "--fixed-frame map", {"--reach": "--reach 3"}),
+        **with_more(base, "", {"--people": "--people tracks"}),
+        **with_more(base, "--people tracks", {"--position": "--position at", "--id": "--id key"}),
         "--dashboard": "--dashboard",
         **with_more(base, "--dashboard", PAGE),
         "--foxglove": "--foxglove 9",
@@ -60,6 +61,7 @@ def node(base):
         "--status": "--status 3",
         "--stale-after": "--stale-after 3",
         "--topic": "--topic /there",
+        "--max-gap": "--max-gap 3",
     }
 
 
@@ -68,6 +70,8 @@ def reading(command):
     for option, (file, said, *error) in READ.items():
         one = base.replace("walk.txt", file)
         cases[option] = (one, f"{one} {said}", *error)
+    if command == "replay":
+        return cases | {"--max-gap": "--max-gap 9"}
     return cases | {"--max-gap": (base, f"{base} --max-gap 9", "--max-gap: has no effect")}
 
 

@@ -113,22 +113,22 @@ class Node:
 
     def _look(self) -> None:
         try:
-            known = call(self.master, "lookupNode", self.name, self.name)
+            address = call(self.master, "lookupNode", self.name, self.name)
         except Refused:
             self._report(f"master at {self.master}: forgot this node, which registers again")
             self._registered.clear()
         else:
-            if known != self.uri:
-                self._report(f"another node is {self.name} now, at {known}")
+            if address != self.uri:
+                self._report(f"another node is {self.name} now, at {address}")
                 self.stopped.set()
 
     def _register(self) -> None:
         ends = [*self._publishers.values(), *self._subscribers.values()]
-        for end in [each for each in ends if each not in self._registered]:
+        for end in [candidate for candidate in ends if candidate not in self._registered]:
             about = self.name, end.topic.name, end.topic.type, self.uri
-            found = call(self.master, f"register{type(end).__name__}", *about)
+            answer = call(self.master, f"register{type(end).__name__}", *about)
             if isinstance(end, Subscriber):
-                end.update(_uris(found), all_of_them=False)
+                end.update(_uris(answer), all_of_them=False)
             self._registered.add(end)
 
     def _accept(self, connection: socket.socket) -> None:
@@ -170,9 +170,11 @@ class Node:
 
     def _bus_info(self) -> list[list[Any]]:
         """[id, other side, direction, transport, topic, connected] of every connection."""
-        ends = [("i", each.topic, each.publishers) for each in self._subscribers.values()]
-        ends += [("o", each.topic, each.subscribers) for each in self._publishers.values()]
-        rows = [(peer, way, "TCPROS", topic.name, True) for way, topic, of in ends for peer in of]
+        ends = [("i", link.topic, link.publishers) for link in self._subscribers.values()]
+        ends += [("o", link.topic, link.subscribers) for link in self._publishers.values()]
+        rows = [
+            (peer, way, "TCPROS", topic.name, True) for way, topic, peers in ends for peer in peers
+        ]
         return [[number, *row] for number, row in enumerate(rows)]
 
 
@@ -208,8 +210,8 @@ def names_of(node: str, remaps: Iterable[str] = ()) -> Callable[[str], str]:
         new[global_name(name, namespace)] = global_name(other, namespace)
 
     def name_of(name: str) -> str:
-        found = global_name(name, namespace)
-        return new.get(found, found)
+        resolved = global_name(name, namespace)
+        return new.get(resolved, resolved)
 
     return name_of
 

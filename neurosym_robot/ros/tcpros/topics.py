@@ -114,12 +114,12 @@ class Subscriber:
         because it may be older than an update: it is not `all_of_them`.
         """
         with self._lock:
-            wanted = dict.fromkeys(uris)
+            current = dict.fromkeys(uris)
             for uri, link in list(self._links.items()):
-                link.wanted = uri in wanted or (link.wanted and not all_of_them)
+                link.wanted = uri in current or (link.wanted and not all_of_them)
                 if not link.is_alive() or not (link.wanted or link.header):
                     self._links.pop(uri).close()
-            for uri in wanted:
+            for uri in current:
                 if uri not in self._links and len(self._links) < MOST:
                     self._links[uri] = _Link(self, uri)
                     self._links[uri].start()
@@ -185,11 +185,11 @@ class _Link(threading.Thread):
         header = shake_hands(connection, fields)
         if "error" in header:
             raise ProtocolError(f"it answers: {header['error']!r:.200}")
-        theirs = f"{header.get('type')!s:.80} with md5 {header.get('md5sum')!s:.40}"
+        type_and_md5 = f"{header.get('type')!s:.80} with md5 {header.get('md5sum')!s:.40}"
         if topic.md5 not in ("*", header.get("md5sum")):
-            raise Mismatch(f"it publishes {theirs}, not {topic.type} with md5 {topic.md5}")
+            raise Mismatch(f"it publishes {type_and_md5}, not {topic.type} with md5 {topic.md5}")
         if reason := self._subscriber.refuse(header):
-            raise Mismatch(f"it publishes {theirs}, {reason}")
+            raise Mismatch(f"it publishes {type_and_md5}, {reason}")
         connection.settimeout(None)
         return header
 

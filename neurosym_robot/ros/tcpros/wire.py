@@ -42,7 +42,7 @@ class Topic:
     md5: str = "*"  # of the type's definition, as ROS computes it
     definition: str = ""  # text of the definition and of those that it uses, for recorders
 
-    def header(self, caller: str, **more: str) -> dict[str, str]:
+    def header(self, caller: str, **fields: str) -> dict[str, str]:
         """Fields of the header that begins a connection of the node `caller`."""
         return {
             "callerid": caller,
@@ -50,7 +50,7 @@ class Topic:
             "type": self.type,
             "md5sum": self.md5,
             "message_definition": self.definition,
-            **more,
+            **fields,
         }
 
 

@@ -1,4 +1,4 @@
-"""ROS 2: tracker -> stitching -> inference -> view.
+"""ROS 2: tracker -> inference -> view.
 
 ros2 launch neurosym_ros forecast.launch.py model:=/path/to/a/model people:=/my_tracker/people
 """
@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 HERE = Path(__file__).resolve().parents[1]
 ARGUMENTS = {
     "model": None,
-    "people": "/people_tracker/people_filtered",
+    "people": "/people_tracker/people",
     "message": "People",
     "parameters": str(HERE / "config" / "forecast.yaml"),
     "name": "neurosym_jax",
@@ -35,7 +35,7 @@ def nodes(context):
             name=asked["name"],
             output="screen",
             parameters=[{**parameters, **own}],
-            remappings=[("/people_tracker/people_filtered", asked["people"])],
+            remappings=[("/people_tracker/people", asked["people"])],
         ),
         Node(
             package="rviz2",

@@ -52,6 +52,7 @@ def shown(seconds: float, people: int = 3, start: float = 1.7e9) -> Iterator[Sho
         ids = np.arange(people) + 2**53  # Beyond what JavaScript counts.
         frame = Frame(start + n / 10, ids, (origin + speed * n / 10)[:, 0])
         fake.window.push(*frame)
+        status.heard(frame.stamp, 0.01)
         forecast = None
         fake.dropped = {7: "short", 9: "<script>", **dict.fromkeys(ids.tolist(), "short")}
         if n >= 28:

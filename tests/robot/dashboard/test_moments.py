@@ -46,9 +46,12 @@ def test_a_forecast_is_told_whole_once_a_period(moments, stream):
 
 def test_the_first_events_of_all_kinds_come_before_the_second_of_any(moments, stream, monkeypatch):
     named = [("meets", 0.9), ("meets", 0.8), ("follows", 0.7), ("meets", 0.6), ("follows", 0.6)]
-    events = [LikelyEvent(name, 0, 1, share, 1.2) for name, share in named]
+    events = [LikelyEvent(name, n, n + 1, share, 1.2) for n, (name, share) in enumerate(named)]
+    events.insert(2, LikelyEvent("follows", 1, 0, 0.75, 1.2))  # of a pair that is told already
     monkeypatch.setattr("neurosym_robot.dashboard.moments.likely_events", lambda *how: events)
-    step = next(step for each in stream(4) if (step := json.loads(moments.moment(*each))["step"]))
+    step = next(
+        step for each in stream(4, people=7) if (step := json.loads(moments.moment(*each))["step"])
+    )
     told = [(name, share) for name, _, _, share, _ in step["likely"]]
     assert told == [named[n] for n in (0, 2, 1, 4, 3)]
 
@@ -72,7 +75,10 @@ def test_symbols_and_weights_are_the_models_own():
 def test_time_never_falls(moments):
     nobody = np.zeros(0, np.int64), np.zeros((0, 2))
     stamps = [100.0, 100.4, 100.4, 100.2, math.nan, math.inf, 101.0, 50.0, 50.4, 1e9]
-    told = [moments.moment(ReplayEvent(Frame(stamp, *nobody), None), NOW) for stamp in stamps]
+    told = []
+    for stamp in stamps:
+        moments._window.push(stamp, *nobody)
+        told.append(moments.moment(ReplayEvent(Frame(stamp, *nobody), None), NOW))
     times = [json.loads(line)["t"] for line in told if line]
     assert times == pytest.approx([0, 0.4, 1.0, 61.0, 61.4, 1e9 - 50 + 61])
 

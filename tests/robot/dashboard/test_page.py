@@ -10,7 +10,7 @@ import pytest
 from neurosym_robot.dashboard.dashboard import Dashboard, ReplayFile
 from neurosym_robot.online.pairs import likely_events
 
-ADE = "#errors tbody tr:has-text('{}') td[data-key=joint_ade]"
+ADE = "#errors tbody tr:has-text('{}') td[data-key=published_ade]"
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_live(page, live, stream):
     assert f"{now['age']:.1f} ms" in page.locator("#tiles").inner_text()
     told = [each[1]["score"] for each in events[: round(10 * clock) + 1 : 4]][-1]["models"]
     for name in ("SGAN", "NeuroSyM"):
-        assert page.locator(ADE.format(name)).inner_text() == f"{told[name]['joint_ade']:.2f}"
+        assert page.locator(ADE.format(name)).inner_text() == f"{told[name]['published_ade']:.2f}"
     # Back in time, forth, and to what is live again.
     press(page, "Shift+ArrowLeft")
     assert seconds(page) == pytest.approx(clock - 4, abs=0.4)
@@ -100,21 +100,50 @@ def test_live(page, live, stream):
     page.wait_for_function("() => clock.innerText.length > 0")
 
 
-def test_what_is_old_is_not_called_live(page, moments, stream):
+STATES = """
+new MutationObserver(() => {
+  const state = document.getElementById("status")?.innerText;
+  if (state) (window.states ??= new Set()).add(state);
+}).observe(document, { subtree: true, childList: true, characterData: true });
+"""
+
+
+def test_a_dead_stream_is_never_called_live(page, moments, stream):
+    """The publisher died 65 s before the page is opened: what was kept is history."""
     dashboard = Dashboard(moments, port=0)
-    *events, last = stream(4)
-    for event in events:
+    for event in stream(4):
         dashboard.show(*event)
+    now, shown = dashboard._server.fresh
+    dashboard._server.fresh = now, shown - 65.0
+    page.add_init_script(STATES)
     page.goto(dashboard.where)
-    page.get_by_text(re.compile(r"^stale for \d+ s")).wait_for()
-    page.get_by_text(re.compile(r"The newest people are \d+ s old: this is not now")).wait_for()
-    event, now = last
-    dashboard.show(event, {**now, "age": 30_000.0})  # New, but of half a minute ago.
-    page.get_by_text("stale for 30 s").wait_for()
-    later = event._replace(frame=event.frame._replace(stamp=event.frame.stamp + 0.1))
-    dashboard.show(later, {**now, "age": 30_000.0, "offset": 30.0})
+    page.get_by_text(re.compile(r"^stale for 6\d s")).wait_for()
+    page.get_by_text(re.compile(r"The newest people are 6\d s old: this is not now")).wait_for()
+    tiles = page.locator("#tiles").inner_text()
+    assert int(re.search(r"age\n(\d+) ms", tiles)[1]) >= 65_000
+    assert "input\n0.0 Hz" in tiles
+    assert page.locator("#missing").inner_text() == "All 3 people have a forecast."
+    page.wait_for_timeout(1500)
+    states = page.evaluate("[...states]")
+    assert states
+    assert not any(state.startswith("live") for state in states)
+    dashboard.close()
+
+
+def test_a_slow_stream_is_live_and_its_age_and_rate_are_those_of_now(page, moments, stream):
+    dashboard = Dashboard(moments, port=0)
+    *events, (event, now) = stream(4)
+    for row in events:
+        dashboard.show(*row)
+    page.goto(dashboard.where)
+    page.get_by_text("live", exact=True).first.wait_for()
+    page.get_by_text(re.compile(r"^stale for \d+ s")).wait_for()  # Nothing more comes.
+    dashboard.show(event, {**now, "lag": 1.2, "rate": 0.5})
     page.wait_for_function("() => document.getElementById('status').innerText === 'live'")
-    assert "clock offset\n30.0 s" in page.locator("#tiles").inner_text()
+    assert "input\n0.5 Hz" in page.locator("#tiles").inner_text()
+    later = event._replace(frame=event.frame._replace(stamp=event.frame.stamp + 0.1))
+    dashboard.show(later, {**now, "lag": 30.0})  # New, but of half a minute ago.
+    page.get_by_text("stale for 30 s").wait_for()
     dashboard.close()
 
 

@@ -39,7 +39,7 @@ class Stream:
         each = None
         if len(people):
             samples = np.random.default_rng(n).normal(size=(K, len(people), PRED, 2))
-            models = {"a": ModelForecast(samples, samples.mean(axis=0), 0)}
+            models = {"a": ModelForecast(samples, samples.mean(axis=0), 0, runtime=0.02)}
             missing = self.window.incomplete(people)
             each = Forecast(self.window.stamp, n, people, observed, models, missing, 1e-3, lost)
         self.done += self.analytics.add(each)
@@ -63,6 +63,13 @@ def test_equals_the_offline_errors_of_one_forecast_a_period():
     for metric in alone[0]:
         expected = np.mean([each[metric].mean for each in alone], axis=0)
         assert result[metric] == pytest.approx(expected, rel=1e-6)
+    # What is published is one forecast, the central one, and not the best by hindsight.
+    errors = [each.models["a"].samples[0] - each.future for each in scored]
+    off = np.linalg.norm(np.concatenate(errors), axis=-1)
+    published = result["published_ade"], result["published_fde"]
+    assert published == pytest.approx((off.mean(), off[:, -1].mean()))
+    assert published[0] > result["joint_ade"]
+    assert result["runtime"] == pytest.approx(20.0)
     # Beside them whoever goes on as before, once and not best of several.
     off = []
     for each in scored:
@@ -109,7 +116,7 @@ class Clocked:
     def __init__(self):
         self.now, self.said = 1000.0, []
         self.predictor: Any = SimpleNamespace(
-            health=Counter(), window=SimpleNamespace(reset_after=5.0), dropped={}
+            health=Counter(), window=SimpleNamespace(max_gap=1.0), dropped={}
         )
         summary = {"forecasts": 0, "dropped": {}, "models": {}}
         analytics: Any = SimpleNamespace(summary=lambda: summary)
@@ -144,7 +151,7 @@ def test_a_stream_is_stale_by_its_age_and_says_when_it_is_back():
 def test_a_growing_backlog_is_stale_though_frames_come():
     stream = Clocked()
     stream.run(5, late=0.02)
-    for late in (0.5, 1.0, 1.5, 2.5):
+    for late in (0.4, 0.8, 1.2, 1.6, 2.0, 2.5):
         stream.run(1, late)
     assert stream.status.stale
     assert stream.status.offset == 0

@@ -12,11 +12,11 @@ from neurosym_jax.data.formats import data_files, files_in, is_folder, read_any
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.simulation.scenarios import simulate
+from neurosym_robot.input.kinds import see
 from neurosym_robot.ros import bag_limits, messages
 from neurosym_robot.ros.bags import BagWriter, read_frames, read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS, seconds_of
 from neurosym_robot.ros.messages import make_trajectories
-from neurosym_robot.ros.people import see
 from neurosym_robot.tracking.following import Frame, frames_of_tracks, tracks_of_frames
 from studies.reliability import BAGS, bag_of_blanks
 

@@ -51,7 +51,7 @@ def test_random_streams_never_crash_the_chain(model, stitch):
     for stamp, ids, xy in random_frames(0, 1000):
         frame = Frame(stamp, ids, xy)
         if stitcher is not None:
-            frame, _ = stitcher.mend(frame)
+            frame = stitcher.mend(frame)
         forecast = advance([frame], predictor).forecast
         scored = analytics.add(forecast)
         if forecast is None:
@@ -88,7 +88,7 @@ def work(node: ForecastNode, *messages: bytes) -> None:
     node.work()
 
 
-def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_node):
+def test_mended_people_are_published_with_their_velocities(forecast_node):
     node, back = forecast_node(stitcher=OnlineStitcher(), topic="raw"), []
     node._mended = Outlet(back.append, lambda: True)
     for n in range(40):
@@ -96,12 +96,12 @@ def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_n
         ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
         xy = np.stack([np.full(len(ids), n / 10), np.where(ids == 2, 5.0, 0.0)], axis=1)
         message = messages.make_people(node._new, Frame(1e9 + n / 10, ids, xy), "odom")
-        for person in message.people:
-            person.tags = ["kept"]
         node.put(PEOPLE, message)
         node.work()
     assert {person.name for message in back for person in message.people} == {"1", "2"}
-    assert all(person.tags == ["kept"] for message in back for person in message.people)
+    assert [len(message.people) for message in back[:20]] == 10 * [1, 2]
+    for person in back[-1].people:  # at 1 m/s along x
+        assert person.velocity.x == pytest.approx(1.0, abs=1e-6)
     assert back[-1].header.frame_id == "odom"
     assert "tracks joined 1" in node.status.line()
     with pytest.raises(InputError, match="--topic must be another"):

@@ -13,6 +13,7 @@ import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_robot.commands.ros1 import Options
+from neurosym_robot.input.kinds import id_of_name, see
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros import messages, ros2
 from neurosym_robot.ros.definitions import (
@@ -24,7 +25,6 @@ from neurosym_robot.ros.definitions import (
     seconds_of,
     typestore,
 )
-from neurosym_robot.ros.people import id_of_name, see
 from neurosym_robot.ros.ros1 import Decoder
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -235,7 +235,7 @@ def test_parameters_are_options_and_the_views_are_of_our_topics():
     parameters = yaml.safe_load((ROS / "neurosym_ros/config/forecast.yaml").read_text())
     flat = {name for name, value in parameters.items() if not isinstance(value, dict)}
     assert flat <= Options.__dataclass_fields__.keys()
-    assert parameters["links"].keys() <= vars(Options(model=()).links).keys()
+    assert parameters["stitch"] is Options(model=()).stitch is False
     for path in (ROS / "neurosym_ros/rviz").iterdir():
         displays = yaml.safe_load(path.read_text())["Visualization Manager"]["Displays"]
         assert sum("/markers" in str(display) for display in displays) == 2

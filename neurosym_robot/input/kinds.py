@@ -1,0 +1,113 @@
+"""Where the messages of trackers hold their people: a table of types, and paths for any other."""
+
+import dataclasses
+import hashlib
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neurosym_robot.ros.definitions import HUMANS, PEOPLE, seconds_of
+
+POSES = "geometry_msgs/msg/PoseArray"
+HRI = "hri_msgs/msg/IdsList"
+UNNAMED = int(np.iinfo(np.int64).min)
+"""Id of a person who has none."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """Paths of fields, with dots between their names; a number is a place in a list."""
+
+    people: str  # field with one entry per person
+    position: str = "position"  # from an entry to x, y, z; empty: entries name frames of /tf
+    id: str = ""
+    """From an entry to a number or name, `|` between alternatives; or a field of the message with
+    as many entries as people. Empty: people have no ids."""
+    occluded: str = ""  # from an entry to whether the tracker guesses the position, unseen
+
+
+_TRACKS = Kind("tracks", "pose.pose.position", "track_id", "is_occluded")
+KINDS = {
+    PEOPLE: Kind("people", id="name"),
+    HUMANS: Kind("humans", "centroid.pose.position", "id"),
+    "spencer_tracking_msgs/msg/TrackedPersons": _TRACKS,
+    "pedsim_msgs/msg/TrackedPersons": _TRACKS,
+    "bayes_people_tracker/msg/PeopleTracker": Kind("poses", id="uuids"),
+    "leg_tracker/msg/PersonArray": Kind("people", "pose.position", "id"),
+    "hunav_msgs/msg/Agents": Kind("agents", "position.position", "id"),
+    # `id` since ROS 2 Humble, `tracking_id` before; on ROS 1 there is none.
+    "vision_msgs/msg/Detection3DArray": Kind(
+        "detections", "bbox.center.position", "id|tracking_id"
+    ),
+    POSES: Kind("poses"),
+    HRI: Kind("ids", ""),
+}
+"""Messages of people by type, as ROS 2 writes it."""
+
+
+class Seen(NamedTuple):
+    """What a message says."""
+
+    stamp: float  # seconds, of its header
+    frame_id: str  # of the coordinates, without the slash of ROS's early names
+    ids: np.ndarray  # [N] int64, `UNNAMED` without an id
+    xyz: np.ndarray  # [N, 3] metres; zeros where `frames` are
+    occluded: np.ndarray  # [N] bool: the tracker guesses the position
+    frames: Sequence[str] = ()  # [N] frame of /tf at whose origin each person is, for ROS4HRI
+
+
+def id_of_name(name: str) -> int:
+    """The id of a person's name: the number it is, or else a hash of it; `UNNAMED` if empty.
+
+    Hashes lie between 2**52 and 2**53, where floats and JavaScript still represent every integer.
+    """
+    if re.fullmatch("0|-?[1-9][0-9]{0,17}", name):  # "007" is another name than "7".
+        return int(name)
+    digest = hashlib.blake2b(name.encode(), digest_size=6).digest()
+    return 2**52 | int.from_bytes(digest) if name else UNNAMED
+
+
+def _id_of(value: Any) -> int:
+    # A uint64 becomes the int64 with the same bits, as which negative ids are written.
+    return id_of_name(value) if isinstance(value, str) else (int(value) + 2**63) % 2**64 - 2**63
+
+
+def _follow(entry: Any, path: str) -> Any:
+    for name in path.split(".") if path else ():
+        entry = entry[int(name)] if name.isdecimal() else getattr(entry, name)
+    return entry
+
+
+def _ids(message: Any, entries: Sequence[Any], path: str) -> list[int]:
+    for name in path.split("|") if path else ():
+        values = getattr(message, name, None)
+        if values is not None and len(values) == len(entries):
+            return [_id_of(value) for value in values]
+        if not entries or hasattr(entries[0], name.partition(".")[0]):
+            return [_id_of(_follow(entry, name)) for entry in entries]
+    if "|" not in path and path and entries:
+        raise AttributeError(f"people have no {path}")
+    return [UNNAMED] * len(entries)
+
+
+def see(kind: str | Kind, message: Any) -> Seen:
+    """What a message says, of a type in `KINDS` or with fields as a `Kind` says.
+
+    Raises:
+        AttributeError, LookupError, TypeError, ValueError: if the message has no such fields.
+    """
+    form = KINDS[kind] if isinstance(kind, str) else kind
+    entries = list(_follow(message, form.people))
+    ids = _ids(message, entries, form.id) if form.position else [id_of_name(e) for e in entries]
+    points = [_follow(entry, form.position) for entry in entries] if form.position else []
+    occluded = [bool(form.occluded) and _follow(entry, form.occluded) for entry in entries]
+    return Seen(
+        seconds_of(message.header.stamp),
+        message.header.frame_id.strip("/"),
+        np.array(ids, np.int64),
+        np.array([(p.x, p.y, p.z) for p in points] or np.zeros((len(ids), 3)), np.float64),
+        np.array(occluded, bool),
+        [] if form.position else [f"body_{entry}" for entry in entries],
+    )

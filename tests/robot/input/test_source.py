@@ -1,0 +1,324 @@
+"""One publisher, one frame of coordinates: nothing else is mixed into a stream of people."""
+
+from types import SimpleNamespace as Fields
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.errors import InputError
+from neurosym_robot.input.kinds import HRI, KINDS, POSES, UNNAMED, Kind, id_of_name, see
+from neurosym_robot.input.source import WAIT, PeopleSource
+from neurosym_robot.ros.definitions import PEOPLE
+
+
+def stamp(seconds: float) -> Fields:
+    sec, nanosec = divmod(round(seconds * 1e9), 10**9)
+    return Fields(sec=sec, nanosec=nanosec)
+
+
+def point(x: float, y: float, z: float = 0.0) -> Fields:
+    return Fields(x=x, y=y, z=z)
+
+
+def people(at: float, frame: str = "map", x: float = 1.0, names: str = "7") -> Fields:
+    """People with these names, a metre apart; "-" has none."""
+    header = Fields(stamp=stamp(at), frame_id=frame)
+    rows = [
+        Fields(name=name.strip("-"), position=point(x + n, 2.0))
+        for n, name in enumerate(names.split())
+    ]
+    return Fields(header=header, people=rows)
+
+
+def transform(at: float, parent: str, child: str, x: float, turn: float = 0.0) -> Fields:
+    """`child` lies at `x` in `parent`, turned by `turn` radians about z."""
+    rotation = Fields(x=0.0, y=0.0, z=np.sin(turn / 2), w=np.cos(turn / 2))
+    header = Fields(stamp=stamp(at), frame_id=parent)
+    there = Fields(translation=point(x, 0.0), rotation=rotation)
+    return Fields(transforms=[Fields(header=header, child_frame_id=child, transform=there)])
+
+
+def test_another_frame_is_left_out_and_said_once():
+    said = []
+    source = PeopleSource(report=said.append)
+    taken = [
+        len(source.take(PEOPLE, people(1 + n / 10, "odom" if n % 2 else "/map"))) == 1
+        for n in range(20)
+    ]
+    assert taken == [n % 2 == 0 for n in range(20)]
+    assert source.refused == {"other frame": 10}
+    (line,) = said
+    assert "'odom'" in line
+    assert "'map'" in line
+    assert "--fixed-frame map" in line
+
+
+def test_a_second_publisher_waits_until_the_first_is_silent():
+    said = []
+    source = PeopleSource(report=said.append)
+    turns = ((0.0, "/a", 1), (0.1, "/b", 0), (0.2, "/a", 1), (2.0, "/b", 0), (2.3, "/b", 1))
+    for at, publisher, count in (*turns, (2.4, "/a", 0)):
+        assert len(source.take(PEOPLE, people(1 + at), publisher, at)) == count
+    assert source.refused == {"other publisher": 3}
+    assert "/b, are left out beside those of /a; remap one" in said[0]
+    assert "now, not from" in said[1]
+
+
+def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_them():
+    said = []
+    source = PeopleSource("map", report=said.append)
+    source.transforms.hear(transform(0.0, "base", "camera", 0.5), static=True)
+    source.transforms.hear(transform(10.0, "map", "base", 0.0))
+    source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
+    # The camera is half a metre before a robot that is at x = 2 then and looks along y.
+    (frame,) = source.take(PEOPLE, people(10.2, "camera"))
+    assert_allclose(frame.xy, [[2 - 2.0, 1.5]], atol=1e-12)
+    # The newest pose does not hold: people wait, and those after them, in order.
+    assert source.take(PEOPLE, people(10.3, "camera"), received=10.3) == []
+    assert source.take(PEOPLE, people(10.35, "map"), received=10.35) == []
+    source.transforms.hear(transform(10.4, "map", "base", 2.0, np.pi / 2))
+    first, second = source.release(10.4)
+    assert (first.stamp, second.stamp) == (10.3, 10.35)
+    assert_allclose(first.xy, [[0.0, 1.5]], atol=1e-12)
+    assert said == []
+    # They wait for a bounded time, and what is older than /tf does not wait at all.
+    assert source.take(PEOPLE, people(10.5, "camera"), received=10.5) == []
+    assert source.release(10.5 + WAIT) == []
+    assert source.waiting
+    assert source.release(10.6 + WAIT) == []
+    assert not source.waiting
+    assert source.refused == {"no transform": 1}
+    (line,) = said
+    assert "cannot be taken to 'map': where base lies is known from 10.00 to 10.40 s, not" in line
+    late = PeopleSource("map", report=said.append)
+    late.transforms.hear(transform(10.0, "map", "camera", 0.0))
+    assert late.take(PEOPLE, people(9.0, "camera")) == []
+    assert late.refused == {"no transform": 1}
+
+
+def test_lost_and_distant_people_are_left_out_in_the_sensors_frame():
+    """(-3000, -3000) is no place in the map, whatever the transform makes of it."""
+    said = []
+    source = PeopleSource("map", report=said.append)
+    source.transforms.hear(transform(0.0, "map", "camera", 2.0), static=True)
+    for at, x, kept in ((1.0, 1.0, 1), (1.1, -3000.0, 0), (1.2, 61.0, 0), (1.3, np.nan, 1)):
+        (frame,) = source.take(PEOPLE, people(at, "camera", x))
+        assert len(frame.ids) == len(frame.xy) == kept
+    assert source.refused == {"far people": 2}
+    assert said == [
+        "people more than 60 m from the sensor or robot are left out; --reach sets the limit"
+    ]
+    # Of people who are in the map already, the robot's place counts, if it is known.
+    for robot_frame, kept in (("", 1), ("base", 0)):
+        source = PeopleSource(report=said.append, robot_frame=robot_frame)
+        source.transforms.hear(transform(0.0, "map", "base", 500.0), static=True)
+        for x, wanted in ((1.0, kept), (501.0, 1), (3000.0, 0)):
+            assert len(source.take(PEOPLE, people(x, x=x))[0].ids) == wanted
+
+
+def test_where_the_robot_is_among_the_people():
+    said = []
+    source = PeopleSource(report=said.append, robot_frame="base")
+    assert source.robot(10.0) is None  # Nothing is known of the stream yet.
+    assert len(source.take(PEOPLE, people(10.0))) == 1
+    assert source.refused == {"robot's place unknown": 1}
+    source.transforms.hear(transform(10.0, "map", "base", 0.0))
+    source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
+    for at, place in ((10.2, [2, 0, np.pi / 2]), (10.1, [1, 0, np.pi / 4])):
+        assert_allclose(np.asarray(source.robot(at)), place)
+    assert_allclose(np.asarray(source.robot(10.05))[:2], [0.5, 0.0])
+
+
+def test_every_kind_says_who_is_where():
+    at, header = point(1.0, 2.0, 3.0), Fields(stamp=stamp(5.5), frame_id="/odom")
+    pose = Fields(position=at)
+    track = Fields(track_id=4, pose=Fields(pose=pose), is_occluded=True)
+    entries = {
+        "People": Fields(name="4", position=at),
+        "Humans": Fields(id=4, centroid=Fields(pose=pose)),
+        "TrackedPersons": track,
+        "PeopleTracker": pose,
+        "PersonArray": Fields(id=4, pose=pose),
+        "Agents": Fields(id=4, position=pose),
+        "Detection3DArray": Fields(id="4", bbox=Fields(center=pose)),
+        "PoseArray": pose,
+    }
+    for kind, form in KINDS.items():
+        if kind == HRI:
+            continue
+        message = Fields(header=header, **{form.people: [entries[kind.split("/")[2]]]}, uuids=["4"])
+        seen = see(kind, message)
+        assert (seen.stamp, seen.frame_id, seen.xyz.tolist()) == (5.5, "odom", [[1, 2, 3]])
+        assert seen.ids.tolist() == [UNNAMED if kind == POSES else 4]
+        assert seen.occluded.tolist() == ["TrackedPersons" in kind]
+
+
+def test_people_of_any_message_by_paths():
+    entry = Fields(where=[Fields(), Fields(p=point(1, 2))], who=Fields(number=9))
+    message = Fields(header=Fields(stamp=stamp(1.0), frame_id="map"), crowd=Fields(all=[entry]))
+    for path, wanted in (("who.number", 9), ("", UNNAMED)):
+        seen = see(Kind("crowd.all", "where.1.p", path), message)
+        assert (seen.ids.tolist(), seen.xyz.tolist()) == ([wanted], [[1, 2, 0]])
+    said = []
+    source = PeopleSource(report=said.append, form=Kind("crowd.all", "where.1.p", "name"))
+    assert source.take("any/msg/Type", message) == []
+    assert source.refused == {"malformed": 1}
+    assert "people cannot be read: people have no name" in said[0]
+
+
+def test_names_are_numbers_only_as_numbers_are_written():
+    ids = [id_of_name(name) for name in ("7", "007", "-7", "0", "-0", "person_7")]
+    assert [ids[n] for n in (0, 2, 3)] == [7, -7, 0]
+    assert len(set(ids)) == 6
+    assert all(2**52 <= ids[n] < 2**53 for n in (1, 4, 5))
+
+
+def test_people_without_names_are_told_apart_by_where_they_are():
+    source = PeopleSource()
+    for n in range(20):
+        (frame,) = source.take(PEOPLE, people(n / 10, x=n / 10, names="- - -"))
+        assert frame.ids.tolist() == [0, 1, 2]
+    # Beside those with names, numbers stay apart.
+    (frame,) = source.take(PEOPLE, people(2.0, x=2.0, names="0 - -"))
+    assert frame.ids[0] == 0
+    assert (frame.ids[1:] >= 2**51).all()
+
+
+def test_a_stamp_of_0_is_the_time_of_arrival():
+    said = []
+    source = PeopleSource(report=said.append)
+    for n in range(3):
+        (frame,) = source.take(PEOPLE, people(0.0), received=n, clock=1.7e9 + n)
+        assert frame.stamp == 1.7e9 + n
+    assert said == ["stamps are 0: the time of arrival is taken"]
+    assert source.refused == {"stamped on arrival": 3}
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.003])
+@pytest.mark.parametrize("recorded", [True, False])
+def test_messages_of_one_moment_are_joined(apart, recorded):
+    source, frames = PeopleSource(recorded=recorded), []
+    for n in range(20):
+        for m in range(3):
+            at = n / 10 + m * apart
+            frames += source.take(PEOPLE, people(at, x=3.0 * m, names=str(m)), received=at)
+        frames += source.release(n / 10 + 0.09) if not recorded else []
+    frames += source.release(np.inf)
+    assert [frame.ids.tolist() for frame in frames[-19:]] == 19 * [[0, 1, 2]]
+    assert len(frames) == 20 if recorded else 20 <= len(frames) <= 22
+    # A person who is there again is of another moment, however close.
+    close = PeopleSource(recorded=True)
+    frames = [f for n in range(50) for f in close.take(PEOPLE, people(n / 200), received=n / 200)]
+    assert len(frames) == 49
+
+
+def test_guessed_positions_are_no_observations():
+    pose = Fields(pose=Fields(position=point(1.0, 2.0)))
+    tracks = [Fields(track_id=n, is_occluded=n == 1, pose=pose) for n in range(3)]
+    message = Fields(header=Fields(stamp=stamp(1.0), frame_id="map"), tracks=tracks)
+    source = PeopleSource()
+    (frame,) = source.take("pedsim_msgs/msg/TrackedPersons", message)
+    assert frame.ids.tolist() == [0, 2]
+    assert source.refused == {"occluded people": 1}
+
+
+def test_bodies_of_ros4hri_are_frames_of_tf():
+    source = PeopleSource()
+    ids = Fields(header=Fields(stamp=stamp(1.0), frame_id=""), ids=["a", "b"])
+    for at in (0.9, 1.1):
+        for name, x in (("a", at), ("b", 5.0)):
+            source.transforms.hear(transform(at, "map", f"body_{name}", x))
+    (frame,) = source.take(HRI, ids)
+    assert_allclose(frame.xy, [[1, 0], [5, 0]])
+    assert frame.ids.tolist() == [id_of_name("a"), id_of_name("b")]
+    assert source.frame_id == "map"
+
+
+@pytest.mark.parametrize(
+    ("frame", "turn", "step", "cause", "advice"),
+    [
+        ("base_link", 0.0, 0.08, "moving", "--fixed-frame odom"),
+        ("camera", 0.05, 0.0, "moving", "--fixed-frame odom"),
+        ("odom", 0.0, 0.08, "", ""),
+        ("camera_color_optical_frame", 0.0, 0.0, "optical", "--fixed-frame odom"),
+        ("tilted", 0.0, 0.0, "tilted", "--fixed-frame odom"),
+        ("wall", 0.0, 0.0, "", ""),
+    ],
+)
+def test_frames_that_would_be_misread_are_refused_with_the_option(frame, turn, step, cause, advice):
+    said: list[str] = []
+    live, recorded = PeopleSource(report=said.append), PeopleSource(recorded=True)
+    meant = PeopleSource(frame, report=lambda text: None)
+    kept, named, error = 0, 0, ""
+    for n in range(20):
+        at = 1 + n / 10
+        move = transform(at, "map" if frame == "odom" else "odom", frame, step * n, turn * n)
+        if frame == "tilted":
+            move.transforms[0].transform.rotation = Fields(x=0.5, y=-0.5, z=0.5, w=-0.5)
+        for source in (live, recorded, meant):
+            source.transforms.hear(move, received=at)
+        kept += len(live.take(PEOPLE, people(at, frame), received=at))
+        named += len(meant.take(PEOPLE, people(at, frame), received=at))
+        try:
+            recorded.take(PEOPLE, people(at, frame), received=at)
+        except InputError as refused:
+            error = str(refused)
+    assert named == 20  # A frame that is named is meant.
+    if not cause:
+        assert (kept, error, said) == (20, "", [])
+        return
+    assert kept <= 2
+    assert live.refused == {f"{cause} frame": 20 - kept}
+    (line,) = said
+    for text in (line, error):
+        assert f"coordinates are in '{frame}'" in text
+        assert advice in text
+
+
+def test_without_tf_a_robots_own_frame_is_questioned():
+    for frame, lines in (("base_link", 1), ("map", 0), ("room", 0)):
+        said = []
+        source = PeopleSource(report=said.append)
+        assert len(source.take(PEOPLE, people(1.0, frame))) == 1
+        assert len(said) == lines
+    said = []
+    source = PeopleSource(report=said.append)
+    assert source.take(PEOPLE, people(1.0, "camera_color_optical_frame")) == []
+    assert "--fixed-frame map" in said[0]
+
+
+def test_an_unnamed_frame_is_not_joined_with_another():
+    said = []
+    source = PeopleSource(report=said.append)
+    counts = [
+        len(source.take(PEOPLE, people(1 + n / 10, "" if n < 5 else "map"))) for n in range(10)
+    ]
+    assert counts == 5 * [1] + 5 * [0]
+    assert "'map' are left out, the stream's are in ''; --fixed-frame map" in said[0]
+
+
+@pytest.mark.parametrize("back", [0.3, 3.0, 30.0])
+def test_a_clock_set_back_forgets_the_former_run(back):
+    """The robot stood at 0 m before, and stands at 3 m after, when /tf of it is silent at first."""
+    source = PeopleSource("map")
+    for n in range(100):
+        source.transforms.hear(transform(n / 10, "map", "base", 0.0), received=n / 10)
+        source.take(PEOPLE, people(n / 10 - 0.05, "base"), received=n / 10)
+    for n in range(100, 200):
+        at = n / 10 - back
+        if n >= 110:
+            source.transforms.hear(transform(at, "map", "base", 3.0), received=n / 10)
+        for frame in source.take(PEOPLE, people(at - 0.05, "base"), received=n / 10):
+            assert n >= 110
+            assert_allclose(frame.xy, [[4.0, 2.0]], atol=1e-9)
+    assert source.refused["clock set back"] == 1
+    assert not source.waiting
+
+
+def test_one_message_out_of_order_is_left_out():
+    source = PeopleSource()
+    stamps = [1.0, 1.1, 1.05, 1.2, 1.15, 1.5]
+    frames = [frame.stamp for at in stamps for frame in source.take(PEOPLE, people(at))]
+    assert frames == [1.0, 1.1, 1.2, 1.5]
+    assert source.refused == {"out of order": 2}
