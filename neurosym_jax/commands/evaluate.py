@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -13,7 +14,8 @@ from neurosym_jax.data.sources import EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import metrics, plan, report, saved_forecasts, tables
-from neurosym_jax.evaluation.comparison import with_tests
+from neurosym_jax.evaluation.comparison import add_forecasts, test_of_file, with_tests
+from neurosym_jax.evaluation.forecasts import ForecastFile, read_named
 from neurosym_jax.evaluation.results import Row, Settings, evaluate_tests
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model import Model
@@ -65,6 +67,13 @@ class Options:
     checkpoint: tuple[str, ...] = ()
     """Models to evaluate: folder, .pt file or name (see `neurosym models`); of a folder of models,
     those that match. Default: `recommended` for recordings, SGAN and NeuroSyM for simulations."""
+    forecasts: tuple[Path, ...] = ()
+    """Files of forecasts to evaluate, .npz or TrajNet++'s .ndjson, see docs/forecasts.md; without
+    --data on the windows that the first of them holds."""
+    partial: bool = False
+    """Test on the windows that all files of --forecasts have, and leave out what does not match."""
+    label: tuple[str, ...] = ()
+    """Names for tables, NAME=PATH, of models and files of forecasts."""
     all: bool = False
     """Evaluate every shipped model that matches the data set and horizon."""
     data: Path | None = None
@@ -126,8 +135,14 @@ class Options:
 def run(options: Options) -> list[Row]:
     """Evaluate, print and write as `options` say; returns the rows of the report."""
     _validate(options)
-    chosen = bool(options.checkpoint) or options.all
-    source, models, tests = _read(options)
+    chosen = bool(options.checkpoint or options.forecasts) or options.all
+    files = read_named(options.forecasts)
+    if files and not (options.data or options.checkpoint or options.dataset or options.all):
+        tests = [test_of_file(*next(iter(files.items())), options.baselines)]
+        source, models = None, []
+    else:
+        source, models, tests = _read(options, [file.steps for file in files.values()])
+    tests = add_forecasts(tests, files, partial=options.partial)
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
     settings = Settings(
         options.samples,
@@ -135,16 +150,18 @@ def run(options: Options) -> list[Row]:
         metrics.metric_names(further, collisions=options.collisions),
         options.seeds,
         PROTOCOLS[options.protocol].by_scene,
+        _labels(options, files, tests),
     )
     text = options.table == "text"
     parallel = cluster_map(options.cluster) if options.cluster else contextlib.nullcontext()
     with parallel as run_on_cluster:
-        if text and not chosen and source.about:
+        if text and not chosen and source and source.about:
             print(f"{source.about}\n")
         results = list(report.logged(options.json, evaluate_tests(tests, settings, run_on_cluster)))
     rows = with_tests(results)
     readings = {how.recording: how for test in tests for how in test.windows.reading}
     paths = [find_model(path) for test in tests for path, _ in test.entries if path]
+    paths += options.forecasts
     facts = {
         "protocol": options.protocol,
         "provenance": provenance([how.file for how in readings.values() if how.file], paths),
@@ -178,8 +195,28 @@ def run(options: Options) -> list[Row]:
     return rows
 
 
-def _read(options: Options) -> tuple[Source, list[tuple[str, Model]], list[plan.Test]]:
-    """The source of recordings, the models (as given, all that ship, or one or two), the tests."""
+def _labels(
+    options: Options, files: Mapping[str, ForecastFile], tests: Sequence[plan.Test]
+) -> dict[str, str]:
+    """Names by path: those of files of forecasts, and the ones that --label says."""
+    labels = {str(file.path): name for name, file in files.items()}
+    known = {path for test in tests for path, _ in test.entries if path} | labels.keys()
+    for label in options.label:
+        name, _, path = label.partition("=")
+        if not name or path not in known:
+            there = ", ".join(sorted(known)[:12]) or "none"
+            raise InputError(f"--label {label}: NAME=PATH, of one of these paths: {there}")
+        labels[path] = name
+    return labels
+
+
+def _read(
+    options: Options, steps: Sequence[int]
+) -> tuple[Source, list[tuple[str, Model]], list[plan.Test]]:
+    """The source of recordings, the models (as given, all that ship, or one or two), the tests.
+
+    `steps` are those of files of forecasts, which need no model beside them.
+    """
     protocol, baselines, least = PROTOCOLS[options.protocol], options.baselines, options.min_agents
     lengths = {"obs_len": options.obs_len, "pred_len": options.pred_len}
     for name, has in protocol.lengths.items():
@@ -193,7 +230,9 @@ def _read(options: Options) -> tuple[Source, list[tuple[str, Model]], list[plan.
         # Baselines are tested beside every model.
         shipped = (path.name for path in shipped_models())
         names = [name for name in shipped if not name.startswith(plan.TABLE)]
-    names = names or default_models(source, options.dataset, lengths["pred_len"])
+    if steps and not names:
+        lengths["pred_len"] = lengths["pred_len"] or steps[0]
+    names = names or default_models(source, options.dataset, lengths["pred_len"]) * (not steps)
     # On ETH/UCY, `recommended` is the model of each data set.
     several = options.dataset is None and isinstance(source, EthUcy)
     datasets = source.scenes if several else (options.dataset,)
@@ -239,8 +278,10 @@ def _validate(options: Options) -> None:
     refuse(Count, numbers, optional=True)
     for seed, of in ((0, "--seed"), (options.seeds - 1, "--seed and --seeds: the last seed")):
         refuse(Seed, {of: options.seed + seed})
-    if not (options.checkpoint or options.baselines or options.baselines is None):
+    if not (options.checkpoint or options.forecasts or options.baselines != ()):
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
+    if not options.forecasts:
+        refuse_unused(options, ["partial"], "without --forecasts")
     if options.all:
         refuse_unused(options, ["checkpoint"], "with --all")
     if options.table != "latex":

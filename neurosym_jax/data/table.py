@@ -151,14 +151,19 @@ class Table:
         row: np.ndarray | None = None,
         parts: tuple[Sequence[str], np.ndarray] | None = None,
         said: Sequence[str] = (),
+        clock: int | None = None,
     ) -> list[Tracks]:
         """The recordings in the lines `row` [R'] of the file (default: all), in any order.
 
         `stamp`, `id` [R'], `position` [R', 2] and `extras` name: [R'] are those of the lines;
         `parts` has the names of the recordings and [R'] the index of each line's (default: one).
-        Warnings are those `said`, and one where time runs backward.
+        Warnings are those `said`, and one where time runs backward. `clock` is the column of frame
+        numbers, where there is one.
         """
-        row = self.row if row is None else row
+        row, last = self.row if row is None else row, int(np.argmax(np.abs(stamp)))
+        rate = None
+        if clock is not None and stamp[last]:
+            rate = round(float(self.whole_numbers(clock)[last] / stamp[last]), 6)
         names, part = parts or ([printable(self.path.stem)], np.zeros(len(row), int))
         found = []
         for number, name in enumerate(names):
@@ -169,7 +174,9 @@ class Table:
             if len(back):
                 first = f"row {row[back[0]]}: time runs backward for agent {id[back[0]]}"
                 lines.append(f"{first} ({len(back)} times in all); the rows are sorted")
-            how = Reading(name, printable(str(self.path)), rows=len(at), warnings=tuple(lines))
+            how = Reading(
+                name, printable(str(self.path)), rows=len(at), warnings=tuple(lines), rate=rate
+            )
             columns = stamp[at], id[at], position[at], {key: extras[key][at] for key in extras}
             found.append(make_tracks(name, *columns, reading=how, row=row[at]))
         return found

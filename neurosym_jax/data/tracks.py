@@ -36,6 +36,7 @@ class Reading:
     interpolated: int = 0  # points of windows, once cut, that lie between two points of the file
     gaps: int = 0  # gaps in time, once windows are cut; windows do not cross them
     warnings: tuple[str, ...] = ()  # what looks wrong, a line each
+    rate: float | None = None  # frame numbers a second, where the file numbers frames
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -34,6 +34,8 @@ class Windows:
     reading: tuple[Reading, ...] = ()  # how each recording was read
     extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     """name: [A, ...] further numbers of each agent window, at the last observed step."""
+    stamp: np.ndarray | None = None
+    """[S] float64 seconds of the last observed step, on the recording's clock, where it has one."""
 
     @property
     def scenes(self) -> int:
@@ -66,6 +68,7 @@ class Windows:
             agent=self.agent[rows],
             bounds=np.concatenate([[0], np.cumsum(self.sizes[chosen])]),
             identity=self.identity[chosen],
+            stamp=None if self.stamp is None else self.stamp[chosen],
             extras={name: values[rows] for name, values in self.extras.items()},
         )
 
@@ -109,6 +112,7 @@ def cut_windows(
         extras={
             name: np.concatenate([part.extras[name] for part in parts]) for name in parts[0].extras
         },
+        stamp=np.concatenate([part.stamp for part in parts if part.stamp is not None]),
     )
 
 
@@ -158,6 +162,7 @@ def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int
         obs_len=obs_len,
         reading=(dataclasses.replace(reading, gaps=gaps, interpolated=interpolated),),
         extras={name: values[first + obs_len - 1] for name, values in tracks.extras.items()},
+        stamp=tracks.stamp[first + obs_len - 1][np.cumsum(sizes[enough]) - sizes[enough]],
     )
 
 

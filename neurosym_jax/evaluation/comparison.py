@@ -1,8 +1,11 @@
-"""Compare models on recordings: in one call, and by paired tests of results."""
+"""Compare models, functions and saved forecasts on recordings, and test their differences."""
 
+import dataclasses
 import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,25 +15,47 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.tracks import PERIOD
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.forecasts import (
+    ForecastFile,
+    match,
+    matched,
+    read_named,
+    windows_of,
+)
+from neurosym_jax.evaluation.functions import Predictor, predict_windows
 from neurosym_jax.evaluation.intervals import Difference, against_best, paired_difference
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.evaluation.plan import Entries, TestSet, baselines_of, make_test
+from neurosym_jax.evaluation.plan import (
+    LENGTH,
+    Entries,
+    Test,
+    TestSet,
+    baselines_of,
+    make_test,
+)
 from neurosym_jax.evaluation.results import Result, Row, Settings, evaluate_tests
 from neurosym_jax.evaluation.summary import SEED, rows_frame
 from neurosym_jax.forecasting.model import Model
 
-__all__ = ["evaluate", "with_tests"]
+__all__ = ["add_forecasts", "evaluate", "test_of_file", "with_tests"]
 
 
 def evaluate(
-    models: Model | Sequence[Model],
-    recordings: Any,
+    models: Model | Predictor | Sequence[Model | Predictor] | Mapping[str, Model | Predictor] = (),
+    recordings: Any = None,
     *,
+    forecasts: Path | str | Sequence[Path | str] | Mapping[str, Path | str] = (),
     samples: int = 20,
     seed: int = 0,
     min_agents: int = 2,
     metrics: Sequence[str] | None = None,
     baselines: Sequence[str] | None = None,
+    obs_len: int | None = None,
+    pred_len: int | None = None,
+    period: float = PERIOD,
+    partial: bool = False,
     **read: Any,
 ) -> pl.DataFrame:
     """Test models on recordings: a row for each model, beside the baselines; see `format_table`.
@@ -38,41 +63,157 @@ def evaluate(
     Recordings are resampled to the steps that a model was trained on.
 
     Args:
-        models: one or several, see `load_model`.
-        recordings: a file, folder, dataframe of pandas or polars, `Tracks`, or several of these.
+        models: one or several, see `load_model`; also functions of numpy or torch, see
+            `functions.Predictor`: `lambda observed: ...`. A mapping has their names in tables.
+        recordings: a file, folder, dataframe of pandas or polars, `Tracks`, or several of these;
+            None for those that the first file of forecasts holds.
+        forecasts: files of forecasts, see `read_forecasts`, one or several or by name.
         samples: number of forecasts of each scene, k.
         seed: random seed of the noise.
         min_agents: scenes with fewer people are left out.
         metrics: names; default: those of every table, see `metric_names`.
         baselines: forecasters by name, see `baselines_of`.
+        obs_len: steps observed where no model says how many; default: 8.
+        pred_len: steps to forecast where no model says; default: those of the files, else 8.
+        period: seconds between steps where no model says.
+        partial: test on the windows that all files of forecasts have, and leave out the rest.
         read: how files and dataframes are read, by the fields of `ReadOptions`: `unit="cm"`, ...
 
     Returns:
         Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under its name, and the
         bounds of its 95 % interval under `NAME_low` and `NAME_high`; under `NAME_p` the p value of
         the paired test against the best model, see `with_tests`.
+
+    Raises:
+        InputError: for what cannot be read or does not match, and where nothing is to be tested.
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
-    models = [models] if isinstance(models, Model) else models
-    options = ReadOptions(**read)
-    recordings = recordings_in(recordings, options)
-    name = "+".join(dict.fromkeys(tracks.recording for tracks in recordings))
-    tested: dict[tuple[int, int, float], Entries] = {}
-    for model in models:
-        config = model.config
-        key = (config.obs_len, config.pred_len, config.period)
-        tested.setdefault(key, []).append((None, model))
-    tests = [
-        make_test(
-            TestSet(name, obs_len, pred_len),
-            [*baselines_of(baselines, obs_len, pred_len, samples=samples), *entries],
-            [on_grid(tracks, period, options.max_gap) for tracks in recordings],
-            min_agents,
-        )
-        for (obs_len, pred_len, period), entries in tested.items()
-    ]
-    settings = Settings(samples, seed, None if metrics is None else tuple(metrics))
+    known, functions = _apart(models)
+    files = read_named(forecasts)
+    if recordings is None:
+        if known or not files:
+            raise InputError("recordings: there are none to test on")
+        tests = [test_of_file(*next(iter(files.items())), baselines)]
+    else:
+        options = ReadOptions(**read)
+        tracks = recordings_in(recordings, options)
+        tested: dict[tuple[int, int, float], Entries] = {}
+        for name, model in known.items():
+            config = model.config
+            key = (config.obs_len, config.pred_len, config.period)
+            path = name if isinstance(models, Mapping) else None
+            tested.setdefault(key, []).append((path, model))
+        if not tested:
+            steps = pred_len or next((file.steps for file in files.values()), LENGTH)
+            tested[obs_len or LENGTH, steps, period] = []
+        dataset = "+".join(dict.fromkeys(recording.recording for recording in tracks))
+        tests = [
+            make_test(
+                TestSet(dataset, seen, ahead),
+                [*baselines_of(baselines, seen, ahead, samples=samples), *entries],
+                [on_grid(recording, step, options.max_gap) for recording in tracks],
+                min_agents,
+            )
+            for (seen, ahead, step), entries in tested.items()
+        ]
+    tests = add_forecasts(tests, files, functions, partial=partial)
+    labels = {name: name for name in known} | {str(file.path): name for name, file in files.items()}
+    settings = Settings(samples, seed, None if metrics is None else tuple(metrics), labels=labels)
     return rows_frame(with_tests(list(evaluate_tests(tests, settings))))
+
+
+def _apart(models: Any) -> tuple[dict[str, Model], dict[str, Predictor]]:
+    """Models and functions by name or, where they have none, their number."""
+    if isinstance(models, Model) or callable(models):
+        models = [models]
+    if not isinstance(models, Mapping):
+        names = (getattr(model, "__name__", "").strip("<>") for model in models)
+        models = {
+            f"{name} {number}" if number and name else name or str(number): model
+            for number, (name, model) in enumerate(zip(names, models))
+        }
+    for name, model in models.items():
+        if not (isinstance(model, Model) or callable(model)):
+            raise InputError(f"{name}: is no model or function: {type(model).__name__}")
+    known = {name: model for name, model in models.items() if isinstance(model, Model)}
+    return known, {name: model for name, model in models.items() if name not in known}
+
+
+def test_of_file(name: str, file: ForecastFile, baselines: Sequence[str] | None) -> Test:
+    """The test set that a file holds itself, with what happened, and its baselines."""
+    windows = windows_of(file)
+    obs_len, pred_len = windows.obs_len, windows.position.shape[1] - windows.obs_len
+    recordings = {how.recording for how in windows.reading} - {""}
+    test_set = TestSet("+".join(recordings) or name, obs_len, pred_len)
+    return Test(test_set, baselines_of(baselines, obs_len, pred_len), windows)
+
+
+def add_forecasts(
+    tests: Sequence[Test],
+    files: Mapping[str, ForecastFile],
+    predictors: Mapping[str, Predictor] = MappingProxyType({}),
+    *,
+    partial: bool = False,
+) -> list[Test]:
+    """Add forecasts of files and functions, by name, to the test sets that they are of.
+
+    Args:
+        tests: see `make_test`.
+        files: see `read_forecasts`; each is of the test sets of its recordings and length.
+        predictors: functions, which forecast all test sets.
+        partial: test on the windows that all files have, see `match`; else all must match.
+
+    Raises:
+        InputError: for a file that is of no test set, or that could be of several.
+    """
+    chosen: dict[int, dict[str, ForecastFile]] = {number: {} for number in range(len(tests))}
+    for name, file in files.items():
+        steps, own = file.steps, set(map(str, [] if file.recordings is None else file.recordings))
+        likely = [at for at, test in enumerate(tests) if test.test_set.pred_len == steps]
+        numbers = [at for at in likely if not own or own & _recordings(tests[at])]
+        foreign = own - {recording for at in numbers for recording in _recordings(tests[at])}
+        if not numbers or (foreign and not partial) or (not own and len(numbers) > 1):
+            sets = ", ".join(dict.fromkeys(test.test_set.dataset for test in tests))
+            lengths = ", ".join(map(str, sorted({test.test_set.pred_len for test in tests})))
+            of = f"recordings {', '.join(sorted(foreign)[:6])}" if foreign else "one recording"
+            raise InputError(
+                f"{file.path}: forecasts of {steps} steps of {of}; tested are {sets}, {lengths} "
+                "steps: choose the data set and the steps that were forecast"
+            )
+        for number in numbers:
+            chosen[number][name] = file
+    return [
+        _with_forecasts(test, chosen[number], predictors, partial)
+        for number, test in enumerate(tests)
+    ]
+
+
+def _recordings(test: Test) -> set[str]:
+    return {how.recording for how in test.windows.reading}
+
+
+def _with_forecasts(
+    test: Test,
+    files: Mapping[str, ForecastFile],
+    predictors: Mapping[str, Predictor],
+    partial: bool,
+) -> Test:
+    windows, rows = test.windows, {}
+    whole = np.ones(windows.scenes, bool)
+    for name, file in files.items():
+        covered, rows[name] = match(file, windows, partial=partial)
+        whole &= covered
+    if not whole.any():
+        raise InputError(f"{', '.join(files)}: no window is in all of these files")
+    people, windows = np.repeat(whole, windows.sizes), windows.take(whole)
+    forecasts = [
+        (str(file.path), matched(file, name, windows, rows[name][people]))
+        for name, file in files.items()
+    ]
+    forecasts += [
+        (None, predict_windows(function, name, windows)) for name, function in predictors.items()
+    ]
+    return dataclasses.replace(test, windows=windows, forecasts=forecasts)
 
 
 def with_tests(results: Sequence[Result]) -> list[Row]:

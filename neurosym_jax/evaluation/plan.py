@@ -11,6 +11,7 @@ from neurosym_jax.data.sources import GENERAL, EthUcy, Source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
 from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.evaluation.forecasts import Forecasts
 from neurosym_jax.forecasting.forecaster import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
@@ -48,6 +49,8 @@ class Test:
     test_set: TestSet
     entries: Entries
     windows: Windows
+    forecasts: Sequence[tuple[str | None, Forecasts]] = ()
+    """(file, forecasts) to test beside the models; those of a function have no file."""
 
     @functools.cached_property
     def batches(self) -> list[Batch]:

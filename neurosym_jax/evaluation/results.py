@@ -16,6 +16,7 @@ import numpy as np
 
 from neurosym_jax.data.windows import single_scene
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.forecasts import Forecasts
 from neurosym_jax.evaluation.intervals import ErrorsByScene
 from neurosym_jax.evaluation.plan import Test, TestSet
 from neurosym_jax.evaluation.scoring import (
@@ -25,7 +26,9 @@ from neurosym_jax.evaluation.scoring import (
     chosen,
     score_batch,
     score_forecaster,
+    score_samples,
 )
+from neurosym_jax.forecasting.batched import unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.runtime.process import cpu_cores, progress_of
@@ -58,6 +61,8 @@ class Settings:
     """Number of noise seeds, starting at `seed`; metrics are averaged over them."""
     by_scene: bool = False
     """Whether means weigh each scene the same, instead of each person."""
+    labels: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Names for tables, by the path of a model or of forecasts."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,7 +95,7 @@ def evaluate_tests(
 
     Each test set is a task of `run`, see `cluster_map`; default: all here, in threads.
     """
-    step = progress_of(sum(len(test.entries) for test in tests))
+    step = progress_of(sum(len(test.entries) + len(test.forecasts) for test in tests))
     results: Iterable[Result] = _results(settings, tests)
     if run is not None:
         results = itertools.chain.from_iterable(run(functools.partial(_task, settings), tests))
@@ -137,59 +142,77 @@ def _compile(model: Model, scenes: Iterable[Scene], settings: Settings) -> None:
 def _evaluate_test(
     programs: Mapping[Forecaster, Future], test: Test, settings: Settings
 ) -> Iterator[Result]:
-    test_set, windows = test.test_set, test.windows
-    example = None
-    for path, model in test.entries:
-        start = time.perf_counter()
-        programs[model.forecaster].result()
-        compiling = time.perf_counter() - start
-        found, spread = _score(model, test, settings)
+    windows, example, number = test.windows, None, 0
+    for path, entry in [*test.entries, *test.forecasts]:
+        compiling = 0.0
+        if isinstance(entry, Forecasts):
+            whole = entry.samples, entry.probability, windows, test.batches, settings.metrics
+            runs = [score_samples(*whole)]
+        else:
+            start = time.perf_counter()
+            programs[entry.forecaster].result()
+            compiling = time.perf_counter() - start
+            runs = _runs(entry, test, settings)
+        found, spread = _averaged(runs, settings)
         if example is None:
-            example = single_scene(windows, _telling(test, found))
+            number = _telling(test, found)
+            example = single_scene(windows, number)
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))
-        latency, forecast = _latency(model, example, settings)
-        steps = test_set.obs_len + test_set.pred_len
-        single = {name: of for name, of in found.scores.items() if of.total.ndim == 1}
-        errors = ErrorsByScene(single, windows.identity, steps)
+        speed: dict[str, float | None] = dict.fromkeys(("latency", "forecasts_per_second"))
+        if isinstance(entry, Forecasts):
+            rows = windows.rows(np.array([number]))
+            futures = unpacked(entry.samples[:, rows], np.asarray(example.valid)[None])[:, 0]
+            speed["latency"] = entry.latency
+        else:
+            speed["latency"], futures = _latency(entry, example, settings)
+            speed["forecasts_per_second"] = found.agents * found.samples / found.seconds
+        single = {name: score for name, score in found.scores.items() if score.total.ndim == 1}
+        errors = ErrorsByScene(single, windows.identity, windows.position.shape[1])
+        name = settings.labels.get(path or "", entry.name)
         row = {
             "checkpoint": path,
-            "model": model.name,
-            **dataclasses.asdict(test_set),
+            "model": name,
+            **dataclasses.asdict(test.test_set),
             "samples": found.samples,
             "seed": settings.seed,
             "seeds": settings.seeds,
             "scenes": windows.scenes,
             "agents": found.agents,
             "blocks": len(errors.block_sums[0]),
-            **_columns(errors, spread, f"{model.name} on {test_set.dataset}"),
+            **_columns(errors, spread, f"{name} on {test.test_set.dataset}"),
             "seconds_compiling": compiling,
             "seconds_evaluating": found.seconds,
-            "latency": latency,
-            "forecasts_per_second": found.agents * found.samples / found.seconds,
+            **speed,
         }
         horizons = {
-            name: _band(of, errors) for name, of in found.scores.items() if name not in single
+            name: _band(score, errors) for name, score in found.scores.items() if name not in single
         }
-        yield Result(test_set, row, errors, example, forecast, horizons, windows.period)
+        yield Result(test.test_set, row, errors, example, futures, horizons, windows.period)
 
 
-def _score(model: Model, test: Test, settings: Settings) -> tuple[Evaluation, dict[str, float]]:
-    """Mean scores over noise seeds, and the standard deviation between the seeds' means."""
+def _runs(model: Model, test: Test, settings: Settings) -> list[Evaluation]:
+    """Scores of a model by each seed of the noise."""
     seeds = range(settings.seed, settings.seed + settings.seeds)
     how: Any = {"samples": settings.samples, "metrics": settings.metrics}
-    runs = [
+    return [
         score_forecaster(model.forecaster, model.params, test.batches, seed=seed, **how)
         for seed in (seeds if model.forecaster.noise.dim else seeds[:1])
     ]
+
+
+def _averaged(
+    runs: Sequence[Evaluation], settings: Settings
+) -> tuple[Evaluation, dict[str, float]]:
+    """Mean scores over noise seeds, and the standard deviation between the seeds' means."""
     scores: Scores = {}
     spread = {}
     for name, first in runs[0].scores.items():
-        of_runs = [run.scores[name] for run in runs]
+        seeds = [run.scores[name] for run in runs]
         if settings.by_scene:
-            of_runs = [each.of_each_scene() for each in of_runs]
-        scores[name] = Score(*(np.mean(parts, axis=0) for parts in zip(*of_runs)))
-        means = [each.mean for each in of_runs]
+            seeds = [score.of_each_scene() for score in seeds]
+        scores[name] = Score(*(np.mean(parts, axis=0) for parts in zip(*seeds)))
+        means = [score.mean for score in seeds]
         if len(runs) > 1 and first.total.ndim == 1 and np.isfinite(means).all():
             spread[name] = float(np.std(means, ddof=1))
     seconds = float(np.mean([run.seconds for run in runs]))

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.data.windows import Batch, bucket_of
+from neurosym_jax.data.windows import Batch, Windows, bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
 from neurosym_jax.forecasting.batched import PART, batch_noise, forecast_batch, unpacked
@@ -27,7 +27,8 @@ from neurosym_jax.scene import (
 )
 
 __all__ = ["Evaluation", "Metrics", "Score", "Scores", "chosen"]
-__all__ += ["score", "score_batch", "score_forecaster", "score_scenes", "without_neighbours"]
+__all__ += ["score", "score_batch", "score_forecaster", "score_samples", "score_scenes"]
+__all__ += ["without_neighbours"]
 
 
 class Score(NamedTuple):
@@ -94,6 +95,46 @@ def score_forecaster(
     of_batch = functools.partial(score_batch, forecaster, params, **how)
     with ThreadPoolExecutor(cores) as pool:
         parts = list(pool.map(of_batch, [batch.scene for batch in batches]))
+    return _evaluation(parts, batches, samples, start)
+
+
+def score_samples(
+    samples: np.ndarray,
+    probability: np.ndarray | None,
+    windows: Windows,
+    batches: Sequence[Batch],
+    metrics: Sequence[str] | None = None,
+) -> Evaluation:
+    """Scores of forecasts that are there: `samples [k, A, T, 2]` world metres of all agents of
+    `windows`, and `probability [k, S]` of its scenes, None where all are the same.
+
+    Metrics of what neighbours change count nothing, for nobody was forecast without them.
+    """
+    start, k = time.perf_counter(), len(samples)
+    known = chosen(metrics)
+    computed = tuple((name, metric) for name, metric in known if not metric.moves)
+
+    def score_part(batch: Batch) -> Scores:
+        scenes = batch.index[batch.index >= 0]
+        origin = np.repeat(np.asarray(batch.scene.origin)[: len(scenes)], windows.sizes[scenes], 0)
+        offsets = relative_positions(samples[:, windows.rows(scenes)], origin[:, None])
+        places = unpacked(offsets.astype(model_dtype()), np.asarray(batch.scene.valid))
+        likely = None
+        if probability is not None:
+            likely = np.full((k, len(batch.index)), 1 / k, model_dtype())
+            likely[:, : len(scenes)] = probability[:, scenes]
+        return score_scenes(computed, places, batch.scene, likely)
+
+    with ThreadPoolExecutor(cpu_cores()) as pool:
+        found = _evaluation(list(pool.map(score_part, batches)), batches, k, start)
+    nothing = Score(*np.zeros((2, windows.scenes)))
+    return found._replace(scores={name: found.scores.get(name, nothing) for name, _ in known})
+
+
+def _evaluation(
+    parts: Sequence[Scores], batches: Sequence[Batch], samples: int, start: float
+) -> Evaluation:
+    """The scores of all batches, in the order of the windows; `start` is of `time.perf_counter`."""
     index = np.concatenate([batch.index for batch in batches])
     order = np.argsort(index, kind="stable")[(index < 0).sum() :]
     scores = {

@@ -22,7 +22,7 @@ import polars as pl
 from neurosym_jax.evaluation.intervals import against_best, student_half, student_p
 from neurosym_jax.evaluation.metrics import known_metric
 
-__all__ = ["labels", "rows_frame", "short_names", "summarise"]
+__all__ = ["labels", "rows_frame", "short_names", "summarise", "unique_suffixes"]
 
 SEED = r"[_\-.]?seed[_\-=]?(\d+)"
 """In a checkpoint's path, the seed of one of several trainings."""
@@ -60,16 +60,26 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
-    """Names of models on one test set, given (name, checkpoint); of equal ones, with the last part
-    of the checkpoint in which all differ."""
+    """Names of models on one test set, given (name, checkpoint); of equal ones, with the shortest
+    unique end of the checkpoint."""
     paths = list(dict.fromkeys(path for _, path in models if path))
-    # The parts of all paths, the last ones first.
-    parts = zip(*(reversed(PurePath(path).parts) for path in paths))
-    short = dict(zip(paths, next((of for of in parts if len({*of}) == len(paths)), paths)))
+    short = dict(zip(paths, unique_suffixes([PurePath(path) for path in paths])))
     names = [name for name, _ in models]
     return [
         f"{name} {short[path]}" if path and names.count(name) > 1 else name for name, path in models
     ]
+
+
+def unique_suffixes(paths: Sequence[PurePath]) -> list[str]:
+    """The shortest ends of all paths that tell them apart, without the parts that all end with."""
+    parts = [path.parts for path in dict.fromkeys(paths)]
+    while len(parts) > 1 and len({path[-1:] for path in parts}) == 1 and min(map(len, parts)) > 1:
+        parts = [path[:-1] for path in parts]
+    longest = max(map(len, parts), default=0)
+    ends = (["/".join(path[-size:]) for path in parts] for size in range(1, longest + 1))
+    found = next((end for end in ends if len({*end}) == len(parts)), list(map(str, paths)))
+    by_path = dict(zip(dict.fromkeys(paths), found))
+    return [by_path[path] for path in paths]
 
 
 def short_names(names: Iterable[str]) -> dict[str, str]:

@@ -107,13 +107,22 @@ def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[lis
         columns.append([first, rest, *cells] if rest else ["", first, *cells])
     heads = (("", "k"), ("forecasts", "a second"), ("latency", "in ms"))
     facts = [
-        (of["samples"], f"{of['forecasts_per_second']:.0f}", f"{1000 * of['latency']:.1f}")
-        for of in (line.facts for line in members)
+        (
+            line.facts["samples"],
+            _rounded(line.facts["forecasts_per_second"], 0),
+            _rounded(line.facts["latency"], 1, 1000),
+        )
+        for line in members
     ]
     columns += [[*head, *map(str, cells)] for head, cells in zip(heads, zip(*facts))]
     right = [[cell.rjust(max(map(len, column))) for cell in column] for column in columns]
     models = ["", "model", *(line.label for line in members)]
     return [[cell.ljust(max(map(len, models))) for cell in models], *right]
+
+
+def _rounded(value: float | None, decimals: int, scale: float = 1) -> str:
+    """`value` in other units; `-` for none."""
+    return "-" if value is None else f"{scale * value:.{decimals}f}"
 
 
 def _csv_table(lines: pl.DataFrame) -> str:

@@ -43,14 +43,14 @@ def test_set():
 def test_saved_forecasts_are_those_that_were_scored(test_set, tmp_path):
     model = test_set.entries[1][1]
     found = forecasts_of(model, test_set, 3, 7)
-    assert found["forecast"].shape == (3, test_set.windows.agents, 6, 2)
+    assert found["samples"].shape == (3, test_set.windows.agents, 6, 2)
     evaluated = score_forecaster(model.forecaster, {}, test_set.batches, samples=3, seed=7)
     for scene in range(test_set.windows.scenes):
         of = found["scene"] == scene
-        own = score(found["forecast"][:, of], found["truth"][of])["joint_ade"]
+        own = score(found["samples"][:, of], found["truth"][of])["joint_ade"]
         assert own.total[0] == pytest.approx(evaluated.scores["joint_ade"].total[scene], abs=1e-4)
-    assert set(found["recording"]) == {"a", "b"}
-    assert np.abs(found["forecast"][:, found["recording"] == "a"] - ORIGIN).max() < 100
+    assert set(found["recordings"]) == {"a", "b"}
+    assert np.abs(found["samples"][:, found["recordings"] == "a"] - ORIGIN).max() < 100
     paths = save_forecasts(tmp_path / "out.npz", [test_set], 3, 7)
     assert [path.name for path in paths] == [
         "out_walk_4_6_constant_velocity.npz",
@@ -58,7 +58,7 @@ def test_saved_forecasts_are_those_that_were_scored(test_set, tmp_path):
     ]
     saved = np.load(paths[1])
     assert set(saved) == set(found)
-    np.testing.assert_allclose(saved["forecast"], found["forecast"], atol=1e-4)
+    np.testing.assert_allclose(saved["samples"], found["samples"], atol=1e-4)
 
 
 def test_forecasts_that_memory_cannot_hold_are_refused(test_set, monkeypatch):
@@ -78,16 +78,16 @@ def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
     path = save_forecasts(tmp_path / "out.nc", [test_set], 3, 0)[1]
     with xarray.open_dataset(path, engine="scipy") as found:
         people = found.isel(agent=np.flatnonzero(wanted["scene"] == 4)).sel(time=0.8, xy="y")
-        moved = wanted["forecast"][:, wanted["scene"] == 4, 1, 1]
-        np.testing.assert_allclose(people.forecast, moved, atol=1e-4)
-        assert people.forecast.dims == ("sample", "agent")
-        assert found.person.values.tolist() == wanted["person"].tolist()
+        moved = wanted["samples"][:, wanted["scene"] == 4, 1, 1]
+        np.testing.assert_allclose(people.samples, moved, atol=1e-4)
+        assert people.samples.dims == ("sample", "agent")
+        assert found.ids.values.tolist() == wanted["ids"].tolist()
         np.testing.assert_allclose(found.past, [-1.2, -0.8, -0.4, 0])
         np.testing.assert_allclose(found.observed, wanted["observed"], atol=1e-4)
-        assert set(found.recording.values.astype(str)) == {"a", "b"}
-    own = to_xarray(wanted["forecast"], probability=[0.5, 0.3, 0.2], period=0.5)
-    assert float(own.weighted(own.probability).mean("sample").forecast[0, 0, 0]) == pytest.approx(
-        np.average(wanted["forecast"][:, 0, 0, 0], weights=[0.5, 0.3, 0.2])
+        assert set(found.recordings.values.astype(str)) == {"a", "b"}
+    own = to_xarray(wanted["samples"], probabilities=[0.5, 0.3, 0.2], period=0.5)
+    assert float(own.weighted(own.probabilities).mean("sample").samples[0, 0, 0]) == pytest.approx(
+        np.average(wanted["samples"][:, 0, 0, 0], weights=[0.5, 0.3, 0.2])
     )
     assert own.time.values[0] == 0.5
     monkeypatch.setitem(sys.modules, "xarray", None)
@@ -95,9 +95,9 @@ def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
         check_forecasts_file(tmp_path / "other.nc")
 
 
-def test_trajnet_reads_what_happened_and_skips_forecasts(test_set, tmp_path):
-    (_, sampled) = save_forecasts(tmp_path / "out.ndjson", [test_set], 3, 0)
-    (tracks,) = read_any(sampled, ReadOptions(yes_really=True))
+def test_trajnet_has_what_happened_and_what_was_forecast(test_set, tmp_path):
+    _, _, sampled, truth = save_forecasts(tmp_path / "out.ndjson", [test_set], 3, 0)
+    (tracks,) = read_any(truth, ReadOptions(yes_really=True))
     assert len(np.unique(tracks.id)) == 7
     assert len(tracks.id) == 7 * 14
     rows = [json.loads(line) for line in sampled.read_text().splitlines()]
@@ -114,12 +114,12 @@ def test_trajnet_has_the_most_probable_forecast_first(tmp_path):
     model = random_model(AnchorConfig(obs_len=4, pred_len=6, samples=4, hidden=8))
     test = make_test(Case("walk", 4, 6), [("m", model)], [walk("a", 3)])
     found = forecasts_of(model, test, 4, 0)
-    best = found["probability"].argmax(axis=0)
+    best = found["probabilities"].argmax(axis=0)
     assert best.all()  # Not the first.
     path = save_forecasts(tmp_path / "out.ndjson", [test], 4, 0)[0]
     tracks = (json.loads(line).get("track", {}) for line in path.read_text().splitlines())
     first = [[track["x"], track["y"]] for track in tracks if track.get("prediction_number") == 0]
-    wanted = found["forecast"][best, np.arange(len(best))]
+    wanted = found["samples"][best, np.arange(len(best))]
     np.testing.assert_allclose(np.reshape(first, wanted.shape), wanted, atol=1e-4)
 
 

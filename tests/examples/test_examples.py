@@ -17,6 +17,7 @@ FOLDER = ROOT / "examples"
 TESTED = {
     *("which_pair_matters", "own_loop", "own_weighting", "closest"),
     *("costmap", "evaluate_tracks", "forecast_frames", "train_model", "weighting_gradient"),
+    "peer_forecasts",  # by tests/examples/test_peer_forecasts.py
     "run_exported",  # by tests/interop/test_export.py
     "run_onnx",  # by tests/interop/test_onnx.py
 }

@@ -95,6 +95,7 @@ class Columns(Format):
             raise InputError(f"{table.path}: --time-unit is of no use: the column counts frames")
         else:
             stamp = table.times(place[clock], table.ids(place["id"]), options, period)
+        frames = place[clock] if clock == "frame" else None
         position = table.numbers(place["x"], place["y"]) * options.metres
         extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
         ids = table.ids(place["id"])
@@ -105,7 +106,9 @@ class Columns(Format):
         if len(moves) and np.median(moves) < 1:
             went = f"{len(moves)} times a person goes on in another recording: is it one that a"
             said.append(f"{went} column splits (--columns camera=camera does not split)?")
-        return table.tracks(stamp, ids, position, extras, parts=(names, part), said=said)
+        return table.tracks(
+            stamp, ids, position, extras, parts=(names, part), said=said, clock=frames
+        )
 
 
 def names_tracks(names: Sequence[str]) -> bool:

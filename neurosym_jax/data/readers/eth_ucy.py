@@ -43,7 +43,7 @@ class Text(Format):
         table.whole_numbers(1)
         ids = table.ids(1)
         stamp = table.times(0, ids, options, period)
-        return table.tracks(stamp, ids, np.round(metres, 4))
+        return table.tracks(stamp, ids, np.round(metres, 4), clock=0)
 
 
 class Obsmat(Text):

@@ -1,13 +1,15 @@
 """TrajNet++ files: a JSON object a line, `{"track": ...}` points and `{"scene": ...}` rows.
 
 A track row has `f` (frame), `p` (pedestrian), `x`, `y` (metres); one with `prediction_number` is a
-forecast and is skipped. Only `fps` is read of a scene row. The format is that of P. Kothari et al.,
+forecast of the scene `scene_id`, which `Trajnet` skips and `read_predictions` reads. A scene row
+names an official scene: its primary person `p`, first and last frame `s` and `e`, `fps` and `tag`.
+The format is that of P. Kothari et al.,
 "Human Trajectory Forecasting in Crowds", IEEE T-ITS 2021 (trajnetplusplustools).
 """
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -17,7 +19,7 @@ from neurosym_jax.data.table import Table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["Trajnet"]
+__all__ = ["OfficialScene", "Trajnet", "read_predictions", "read_scenes"]
 
 FPS = 2.5  # steps a second where no scene row says
 _KEYS = ("f", "p", "x", "y")
@@ -39,12 +41,11 @@ class Trajnet(Format):
         Raises:
             InputError: naming file, row and reason.
         """
-        lines = enumerate(read_text_file(path).split("\n"), 1)
-        found = [(at, *_content(path, at, line)) for at, line in lines if line.strip()]
-        rates = [float(fields.get("fps", FPS)) for _, kind, fields in found if kind == "scene"]
+        rows = _rows(path)
+        rates = [float(fields.get("fps", FPS)) for _, kind, fields in rows if kind == "scene"]
         points = {
             at: [str(fields.get(key)) for key in _KEYS]
-            for at, kind, fields in found
+            for at, kind, fields in rows
             if kind == "track" and fields.get("prediction_number") is None
         }
         if not points or len({*rates}) > 1:
@@ -54,7 +55,97 @@ class Trajnet(Format):
         table = Table(path, _KEYS, texts, np.array(list(points)))
         ids = table.ids(1)
         stamp = table.times(0, ids, options, 1 / (rates or [FPS])[-1], any_step=True)
-        return table.tracks(stamp, ids, table.numbers(2, 3))
+        return table.tracks(stamp, ids, table.numbers(2, 3), clock=0)
+
+
+class OfficialScene(NamedTuple):
+    """A scene that a file lists: from frame `start` to `end`, of whom `person` is the primary."""
+
+    id: int
+    person: int
+    start: int
+    end: int
+    fps: float
+    tag: Any
+
+
+def read_scenes(path: Path) -> list[OfficialScene]:
+    """The scene rows of a file, in its order.
+
+    Raises:
+        InputError: naming file, row and reason.
+    """
+    scenes = []
+    for at, kind, fields in _rows(path):
+        if kind == "scene":
+            number, person, start, end = (
+                int(_number(path, at, fields, key)) for key in ("id", "p", "s", "e")
+            )
+            rate, tag = float(fields.get("fps", FPS)), _numeric(fields.get("tag"))
+            scenes.append(OfficialScene(number, person, start, end, rate, tag))
+    return scenes
+
+
+def read_predictions(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The forecasts of a file as samples [k, A, T, 2], ids [A] and last observed frames [A].
+
+    Scenes that begin together forecast the same people more than once; the first one counts.
+
+    Raises:
+        InputError: naming file and row, for forecasts that are not of one number and length.
+    """
+    paths: dict[tuple[int, int], dict[tuple[int, int], list[float]]] = {}
+    for at, kind, fields in _rows(path):
+        if kind == "track" and fields.get("prediction_number") is not None:
+            scene, person, frame, sample = (
+                int(_number(path, at, fields, key))
+                for key in ("scene_id", "p", "f", "prediction_number")
+            )
+            point = [_number(path, at, fields, key) for key in ("x", "y")]
+            points = paths.setdefault((scene, person), {})
+            if points.setdefault((sample, frame), point) is not point:
+                raise InputError(f"{path}: row {at}: repeats sample {sample} of person {person}")
+    if not paths:
+        raise InputError(f"{path}: the file has no forecasts (rows with prediction_number)")
+    rows: dict[tuple[int, int], list[Any]] = {}
+    for (scene, person), points in paths.items():
+        samples = sorted({sample for sample, _ in points})
+        frames = sorted({frame for _, frame in points})
+        step = frames[1] - frames[0] if len(frames) > 1 else 1
+        whole = len(samples) * len(frames) == len(points)
+        if not whole or (np.diff(frames) != step).any():
+            raise InputError(f"{path}: scene {scene}, person {person}: steps are missing")
+        forecast = [[points[sample, frame] for frame in frames] for sample in samples]
+        rows.setdefault((person, frames[0] - step), forecast)
+    shapes = sorted({(len(forecast), len(forecast[0])) for forecast in rows.values()})
+    if len(shapes) > 1:
+        kinds = " and ".join(f"{k} x {steps}" for k, steps in shapes[:2])
+        raise InputError(f"{path}: forecasts of {kinds} samples and steps in one file")
+    ids, frames = np.array(list(rows)).T
+    return np.array(list(rows.values())).swapaxes(0, 1), ids, frames
+
+
+def _numeric(tag: Any) -> Any:
+    """A tag, whose numbers are text, with numbers."""
+    if isinstance(tag, list):
+        return [_numeric(part) for part in tag]
+    return int(tag) if isinstance(tag, str) and tag.lstrip("-").isdigit() else tag
+
+
+def _number(path: Path, at: int, fields: dict[str, Any], key: str) -> float:
+    """A finite number of a row."""
+    try:
+        if np.isfinite(number := float(fields[key])):
+            return number
+    except (KeyError, TypeError, ValueError):
+        pass
+    raise InputError(f"{path}: row {at}: {key} is not a number: {fields.get(key)!r}"[:300])
+
+
+def _rows(path: Path) -> list[tuple[int, str, dict[str, Any]]]:
+    """Line, kind and fields of each row; numbers stay the text that they are."""
+    lines = enumerate(read_text_file(path).split("\n"), 1)
+    return [(at, *_content(path, at, line)) for at, line in lines if line.strip()]
 
 
 def _content(path: Path, at: int, line: str) -> tuple[str, dict[str, Any]]:

@@ -1,0 +1,265 @@
+"""Forecasts of a test set in files: read, and matched to its windows.
+
+A file has a row for each person of each window: the forecast, the person's id and the frame of the
+last observed position. Rows are matched to the test set's windows by recording, frame and id.
+"""
+
+import dataclasses
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neurosym_jax.data.readers.trajnet import read_predictions
+from neurosym_jax.data.tracks import Reading
+from neurosym_jax.data.windows import Windows
+from neurosym_jax.errors import InputError, InputWarning, printable
+from neurosym_jax.evaluation.summary import unique_suffixes
+from neurosym_jax.scene import scene_identity
+
+__all__ = ["ForecastFile", "Forecasts", "last_frames", "match", "matched"]
+__all__ += ["read_forecasts", "read_named", "recording_names"]
+__all__ += ["windows_of"]
+
+JUMP = 5.0
+"""Speed to the first forecast position, m/s, that no test set's median reaches."""
+SHIFT = 0.05
+"""Metres of error at the first step above which a shift by one step can be told."""
+PLURAL = {"samples": 4, "ids": 1, "frames": 1}
+"""Arrays that a file must have, and their dimensions."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Forecasts:
+    """Samples for all A agents of a test set's S windows, in their order."""
+
+    name: str
+    """Of the predictor, in tables."""
+    samples: np.ndarray
+    """[k, A, T, 2] float64 world metres."""
+    probability: np.ndarray | None = None
+    """[k, S]; None where all are the same."""
+    latency: float | None = None
+    """Median seconds to forecast a scene, where it was forecast here."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ForecastFile:
+    """Forecasts as a file has them: A rows in any order."""
+
+    path: Path
+    samples: np.ndarray
+    """[k, A, T, 2] float64 metres, in the recording's frame."""
+    ids: np.ndarray
+    """[A] person."""
+    frames: np.ndarray
+    """[A] number of the last observed frame; its time in seconds where frames have no number."""
+    recordings: np.ndarray | None = None
+    """[A] names; None where the file is of one recording."""
+    probabilities: np.ndarray | None = None
+    """[k, A]; None where all samples are equally probable."""
+    truth: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    """What happened, where the file has it: `observed` [A, obs_len, 2], `truth` [A, T, 2], `scene`
+    [A], `start` [A] and `period`, as `save_forecasts` writes them."""
+
+    @property
+    def steps(self) -> int:
+        """T, the steps of each forecast."""
+        return self.samples.shape[2]
+
+
+def read_named(files: Any) -> dict[str, ForecastFile]:
+    """Read a file, several, or files by name; others are called by their shortest unique end."""
+    if isinstance(files, str | Path):
+        files = [files]
+    if not isinstance(files, Mapping):
+        paths = [Path(path) for path in files]
+        files = dict(zip(unique_suffixes([path.with_suffix("") for path in paths]), paths))
+    return {name: read_forecasts(Path(path)) for name, path in files.items()}
+
+
+def read_forecasts(path: Path) -> ForecastFile:
+    """Read forecasts from `.npz` (see docs/forecasts.md) or TrajNet++'s `.ndjson`.
+
+    Raises:
+        InputError: naming the file and what is wrong.
+    """
+    if path.suffix.lower() == ".ndjson":
+        return ForecastFile(path, *read_predictions(path))
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError) as error:
+        what = printable(str(error))[:200]
+        raise InputError(f"{path}: cannot be read as .npz or .ndjson ({what})") from None
+    if missing := [name for name in PLURAL if name not in arrays]:
+        names = ", ".join(sorted(arrays)[:12]) or "none"
+        raise InputError(f"{path}: array {missing[0]!r} is missing (its arrays: {names})")
+    samples = arrays["samples"]
+    agents = samples.shape[1] if samples.ndim == 4 else 0
+    shapes = {"samples": (*samples.shape[:3], 2), "ids": (agents,), "frames": (agents,)}
+    if "recordings" in arrays:
+        shapes["recordings"] = (agents,)
+    likely = arrays.get("probabilities")
+    if likely is not None:
+        arrays["probabilities"] = likely = np.broadcast_to(
+            likely[:, None] if likely.ndim == 1 else likely, (len(likely), agents)
+        )
+        shapes["probabilities"] = (len(samples), agents)
+    for name, shape in shapes.items():
+        kinds = "US" if name == "recordings" else "iuf"
+        if arrays[name].shape != shape or arrays[name].dtype.kind not in kinds or not agents:
+            layout = "[k, A, T, 2]" if name == "samples" else list(shape)
+            said = f"{list(arrays[name].shape)} {arrays[name].dtype}"
+            raise InputError(f"{path}: {name} must be {layout}, not {said}")
+    if wrong := int(np.sum(~np.isfinite(samples).all(axis=(0, 2, 3)))):
+        raise InputError(f"{path}: samples of {wrong} of {agents} rows are not finite")
+    if likely is not None and not (
+        (likely >= 0).all() and np.allclose(likely.sum(axis=0), 1, atol=1e-3)
+    ):
+        raise InputError(f"{path}: probabilities must not be negative and have a sum of 1")
+    names = ("samples", "ids", "frames", "recordings", "probabilities")
+    others = {name: arrays[name] for name in arrays if name not in names}
+    return ForecastFile(path, *(arrays.get(name) for name in names), truth=others)  # pyright: ignore[reportArgumentType]
+
+
+def windows_of(file: ForecastFile) -> Windows:
+    """The windows that a file itself holds, with what happened in them.
+
+    Raises:
+        InputError: for a file without them.
+    """
+    names = ("observed", "truth", "scene", "start", "period")
+    if missing := [name for name in names if name not in file.truth]:
+        raise InputError(
+            f"{file.path}: does not hold what happened ({missing[0]!r}): name the recordings that "
+            "were forecast"
+        )
+    observed, truth, scene, start, period = (np.asarray(file.truth[name]) for name in names)
+    order = np.lexsort((np.arange(len(scene)), scene))
+    first = np.unique(scene[order], return_index=True)[1]
+    recordings = np.array(_recordings(file))[order]
+    digests = [scene_identity(name, 0)[0] for name in recordings[first]]
+    return Windows(
+        position=np.concatenate([observed, truth], axis=1).astype(np.float64)[order],
+        agent=file.ids[order].astype(np.int64),
+        bounds=np.append(first, len(scene)),
+        identity=np.stack([digests, start[order][first]], axis=-1).astype(np.uint32),
+        obs_len=observed.shape[1],
+        period=float(period),
+        reading=tuple(Reading(name) for name in dict.fromkeys(recordings.tolist())),
+        stamp=file.frames[order][first].astype(np.float64),
+    )
+
+
+def _recordings(file: ForecastFile, windows: Windows | None = None) -> list[str]:
+    """[A] names of recordings; that of `windows` where the file has none."""
+    if file.recordings is not None:
+        return np.asarray(file.recordings).astype(str).tolist()
+    return [recording_names(windows)[0] if windows else ""] * len(file.ids)
+
+
+def recording_names(windows: Windows) -> np.ndarray:
+    """[S] names of the recordings of scenes."""
+    return np.array([reading.recording for reading in _readings(windows)])
+
+
+def last_frames(windows: Windows) -> np.ndarray:
+    """[S] numbers of the last observed frames, or seconds where the file does not number frames."""
+    stamps = np.zeros(windows.scenes) if windows.stamp is None else windows.stamp
+    return np.round(stamps * [reading.rate or 1.0 for reading in _readings(windows)], 3)
+
+
+def _readings(windows: Windows) -> list[Reading]:
+    """[S] how the recordings of scenes were read."""
+    by_digest = {int(scene_identity(how.recording, 0)[0]): how for how in windows.reading}
+    return [by_digest[int(digest)] for digest in windows.identity[:, 0]]
+
+
+def match(
+    file: ForecastFile, windows: Windows, *, partial: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Match the rows of a file to windows by recording, frame and id.
+
+    Args:
+        file: see `read_forecasts`.
+        windows: of the test set.
+        partial: leave out windows of which not all people have a forecast, and forecasts without
+            a window; else both are refused.
+
+    Returns:
+        [S] bool, windows that have forecasts, and [A] the row of each agent window, -1 for none.
+
+    Raises:
+        InputError: with counts, for what does not match.
+    """
+    names, own = _recordings(file, windows), recording_names(windows)
+    if file.recordings is None and len(set(own)) > 1:
+        raise InputError(f"{file.path}: has no `recordings`, and the test set has {len(set(own))}")
+    keys = list(zip(names, np.round(file.frames, 3).tolist(), file.ids.tolist()))
+    rows = {key: row for row, key in enumerate(keys)}
+    if twice := len(keys) - len(rows):
+        raise InputError(f"{file.path}: {twice} rows repeat a recording, frame and id")
+    scene = np.repeat(np.arange(windows.scenes), windows.sizes)
+    frames = last_frames(windows)
+    people = zip(own[scene], np.round(frames, 3)[scene].tolist(), windows.agent.tolist())
+    found = np.array([rows.get(person, -1) for person in people])
+    whole = np.ones(windows.scenes, bool)
+    whole[scene[found < 0]] = False
+    used = np.unique(found[found >= 0])
+    missing, unused = int(np.sum(found < 0)), int(np.isin(names, own).sum()) - len(used)
+    if not whole.any() or ((missing or unused) and not partial):
+        raise InputError(
+            f"{file.path}: {missing} of {windows.agents} people in windows have no forecast, and "
+            f"{unused} of {len(file.ids)} forecasts are of none of these (matched by frame and id; "
+            f"the windows begin with frame {frames[0]:g}, id {windows.agent[0]}, the file with "
+            f"{file.frames[0]:g}, {file.ids[0]})"
+        )
+    _check_fit(file, windows, found)
+    return whole, found
+
+
+def _check_fit(file: ForecastFile, windows: Windows, rows: np.ndarray) -> None:
+    """Refuse forecasts that begin elsewhere; warn of another step. `rows [A]` as in `match`."""
+
+    def median(step: int, position: int) -> float:
+        """Metres from a forecast step to an observed or true one; of people, of the best sample."""
+        offset = file.samples[:, rows[rows >= 0], step] - windows.position[rows >= 0, position]
+        return float(np.median(np.linalg.norm(offset, axis=-1).min(axis=0)))
+
+    present = windows.obs_len - 1
+    if (jump := median(0, present)) > JUMP * windows.period + 1:
+        raise InputError(
+            f"{file.path}: forecasts begin {jump:.1f} m from people's last positions in the "
+            "median: another recording, unit or frame of reference"
+        )
+    if file.steps > 1:
+        aligned = median(0, present + 1)
+        for words, other in (("later", (0, present + 2)), ("earlier", (1, present + 1))):
+            if (shifted := median(*other)) < 0.7 * aligned and aligned > SHIFT:
+                line = (
+                    f"{file.path}: forecasts fit what happened a step {words}, {shifted:.2f} m off "
+                    f"and not {aligned:.2f} m: are `frames` those of the last observed positions?"
+                )
+                warnings.warn(line, InputWarning, stacklevel=2)
+
+
+def matched(file: ForecastFile, name: str, windows: Windows, rows: np.ndarray) -> Forecasts:
+    """The rows [A] of a file as forecasts of `windows`.
+
+    Raises:
+        InputError: where people of one scene have other probabilities.
+    """
+    samples = np.asarray(file.samples, np.float64)[:, rows]
+    if file.probabilities is None:
+        return Forecasts(name, samples)
+    likely, first = np.asarray(file.probabilities, np.float64)[:, rows], windows.bounds[:-1]
+    shared = np.repeat(likely[:, first], windows.sizes, axis=1)
+    if wrong := int(np.sum(np.abs(likely - shared).max(axis=0) > 1e-6)):
+        raise InputError(
+            f"{file.path}: probabilities of {wrong} people are not those of others in their scene: "
+            "a sample is one future of all of them (leave `probabilities` out)"
+        )
+    return Forecasts(name, samples, likely[:, first])
