@@ -53,6 +53,8 @@ register()
 CONTROLS = {"control_20": 0.2, "control_10": 0.1, "control_05": 0.05}
 """Simulations, and the strength of the reaction to others, of `control`'s full one."""
 REAL = ("corridors", "zara2")
+PLACES = ("eth", "hotel", "univ", "zara1")
+"""Those of the protocol's fourth part, which a command has to name."""
 TENTHS = ("corridors_tenth", "zara2_tenth")
 SETS = (*CONTROLS, *REAL, *TENTHS)
 
@@ -68,7 +70,8 @@ def _generator(pooling: str, weighting: str | None, recipe: Recipe, **seeds: int
 
 
 def _papers(weighting: str | None, seeds: int, pooling: str = "as_described") -> Arm:
-    return _generator(pooling, weighting, WHOLE, corridors=seeds, zara2=seeds)
+    further = dict.fromkeys(PLACES, 4 if seeds == 24 else 0)
+    return _generator(pooling, weighting, WHOLE, corridors=seeds, zara2=seeds, **further)
 
 
 def _anchors(geometry: bool, symbols: bool, tenths: int = 0) -> Arm:
