@@ -20,6 +20,7 @@ from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.plugins import loaded
 from neurosym_jax.training.catalogue import (
     make_config,
     make_recipe,
@@ -112,7 +113,8 @@ def run(options: Options) -> None:
     _print_errors(run, model)
     data = "" if options.data is None else f" --data {shlex.quote(str(options.data))}"
     place = shlex.quote(str(folder / "model"))
-    print(f"model: {place}\ntest it: neurosym evaluate --checkpoint {place}{data}")
+    plugins = "".join(f" --plugin {shlex.quote(plugin)}" for plugin in loaded())
+    print(f"model: {place}\ntest it: neurosym evaluate --checkpoint {place}{data}{plugins}")
 
 
 def _tensorboard(folder: Path, stack: contextlib.ExitStack) -> Callable[[dict[str, Any]], None]:
