@@ -40,6 +40,23 @@ def test_the_format_of_the_page_reads_a_file(tmp_path):
     assert tracks.position.tolist() == [[11, 2], [11.5, 2]]
 
 
+@pytest.mark.slow
+def test_the_network_of_the_page_learns(capsys):
+    page = (ROOT / "docs/own_network.md").read_text()
+    code = re.search(r"```python\n(.*?)```", page, re.S)
+    assert code
+    exec(code[1], names := {"__name__": "page"})
+    error, straight = (
+        float(names["loss"](names[name], names["test"])) for name in ("params", "straight")
+    )
+    assert error < 0.6 * straight
+    speed = float(names["speed"])
+    assert abs(speed - 0.125) > 0.005
+    # The numbers below the code are those that it prints, up to what rounding makes of training.
+    assert f"constant velocity {straight:.3f} m" in page
+    assert f"constant velocity {straight:.3f} m" in capsys.readouterr().out
+
+
 def test_targets_of_the_readme_exist():
     for name in ("README.md", "CONTRIBUTING.md"):
         targets = re.findall(r"\]\(([^)#]+)", (ROOT / name).read_text())

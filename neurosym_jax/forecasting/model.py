@@ -256,6 +256,8 @@ def forecast(
         [k, N, pred_len, 2] metres, in the frame of `observed`.
     """
     observed = jnp.asarray(observed)
+    if observed.dtype.itemsize < 4:  # A loop over steps keeps its type: that of the parameters.
+        observed = observed.astype(jnp.float32)
     last = observed[:, -1]
     present = jnp.ones(last.shape[0], bool) if valid is None else jnp.asarray(valid)
     # For precision only: a network sees differences of positions.

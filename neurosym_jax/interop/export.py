@@ -16,7 +16,7 @@ from jax import Array
 
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model import Model, forecast_scene
 from neurosym_jax.interop.onnx import to_onnx
 from neurosym_jax.scene import make_scene
 
@@ -74,7 +74,7 @@ def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Ar
     def program(observed: Array, noise: Array | None = None) -> tuple[Array, Array]:
         scene = make_scene(observed, period=model.config.period)
         noise = jnp.zeros((count, 0)) if noise is None else noise
-        forecasts, probabilities = forecaster.distribution(params, scene.bare(), noise)
+        forecasts, probabilities = forecast_scene(forecaster, params, scene.bare(), noise)
         if probabilities is None:
             equal = jnp.ones(forecasts.shape[0])
             probabilities = equal / equal.sum()
