@@ -68,6 +68,7 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("run")
 
 
+@pytest.hookimpl(trylast=True)  # After `-m`, which may have left out that file.
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the tests that hang on rounding to `test_optimised.py`, where that is run."""
     if any(item.path.name == "test_optimised.py" for item in items) and os.environ["XLA_FLAGS"]:

@@ -86,9 +86,10 @@ def forecast_windows(
     Returns:
         [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the same.
     """
-    forecaster, params = model.forecaster, jax.device_put(model.params)
+    forecaster = model.forecaster
     samples = forecaster.count(samples)
     refuse_many(forecaster, samples, windows.agents, min(windows.agents, PART))
+    params = jax.device_put(model.params)
     places = np.empty((samples, windows.agents, forecaster.pred_len, 2))
     likely = np.empty((samples, windows.scenes))
 

@@ -20,7 +20,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.forecasting.tracking_errors import repair_scene
 from neurosym_jax.plugins import Registry
-from neurosym_jax.runtime.process import refuse_beyond_memory
+from neurosym_jax.runtime.process import refuse_beyond_memory, refuse_forked
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
@@ -242,11 +242,14 @@ def refuse_many(
 ) -> None:
     """Refuse a forecast of `agents` people that would not fit into memory: XLA ends the process.
 
+    So is one in a process that was forked after another forecast, which would not end.
+
     `decoded` is the number of them that are decoded at the same time; default: all.
 
     Raises:
         InputError: with both sizes.
     """
+    refuse_forked()
     # Futures, a copy in their places, offsets from the truth; and the noise.
     future = 6 * forecaster.pred_len + 2 * forecaster.noise.dim
     numbers = agents * future + (agents if decoded is None else decoded) * forecaster.state_size

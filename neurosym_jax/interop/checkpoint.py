@@ -27,6 +27,7 @@ __all__ = [
     "discriminator",
     "export_torch_checkpoint",
     "generator",
+    "left_out",
     "load_torch_checkpoint",
     "model_from_torch",
     "released_config",
@@ -171,6 +172,17 @@ def torch_contents(model: Model) -> dict[str, Any]:
         # No argument of the released code's, whose weighting is the data's; it passes over it.
         arguments["weighting"] = weighting.name
     return {"g_state": params_to_torch(model.params["params"], config), "args": arguments}
+
+
+def left_out(contents: Mapping[str, Any], model: Model) -> list[str]:
+    """Names of what a checkpoint holds and `model`, which was read from it, does not give back."""
+    back = torch_contents(model)
+    names = [str(part) for part in contents if part not in back]
+    for part, values in back.items():
+        for name, value in contents[part].items():
+            kept = name in values and np.array_equal(value, values[name])
+            names += [] if kept else [f"{part} {name}"]
+    return names
 
 
 def released_config(model: Model) -> GeneratorConfig:

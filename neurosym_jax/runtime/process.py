@@ -26,6 +26,7 @@ from neurosym_jax.runtime.compiled import keep_programs
 
 __all__ = ["COMPILED_QUICKLY", "available_memory", "cache_folder", "code_version", "cpu_cores"]
 __all__ += ["enable_compilation_cache", "progress_of", "provenance", "refuse_beyond_memory"]
+__all__ += ["refuse_forked"]
 __all__ += ["run_environment", "tune"]
 
 _LEVEL = "xla_backend_optimization_level"
@@ -36,6 +37,8 @@ compiled sooner, with the same bits. Empty where `XLA_FLAGS` sets the optimisati
 _VECTORS = "--xla_cpu_prefer_vector_width"
 _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
 """Parameters of mallopt in glibc's malloc.h."""
+_computing: set[int] = set()
+"""Processes that have computed with this module's state, of which a forked child has a copy."""
 SURE = 50e6
 """Bytes that are free wherever JAX runs."""
 _PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
@@ -172,6 +175,20 @@ def available_memory() -> float:
         return float("inf")
     fields = dict(line.split(":") for line in info.read_text().splitlines())
     return 1024.0 * int(fields["MemAvailable"].split()[0])
+
+
+def refuse_forked() -> None:
+    """Refuse to compute in a child that was forked after its parent had: JAX would wait for ever.
+
+    Raises:
+        InputError: with how to start such a process.
+    """
+    _computing.add(os.getpid())
+    if len(_computing) > 1:
+        raise InputError(
+            "forked after its parent had used JAX, this process would wait for ever: start it with "
+            "multiprocessing's 'spawn' or 'forkserver'"
+        )
 
 
 def refuse_beyond_memory(what: str, needed: float, remedy: str) -> None:

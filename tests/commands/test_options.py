@@ -187,7 +187,7 @@ def inner(data):
             f"{C}.convert.{name}": SimpleNamespace(name="model")
             for name in ("load_model", "load_torch_checkpoint", "save_model")
         }
-        | {f"{C}.convert.export_torch_checkpoint": None},
+        | {f"{C}.convert.export_torch_checkpoint": None, f"{C}.convert.left_out": []},
         "export": {
             f"{C}.export.load_model": SimpleNamespace(name="model"),
             f"{C}.export.export_model": b"",

@@ -32,7 +32,7 @@ CONFIGS = [
     SMALL,
     GeneratorConfig(),
     GeneratorConfig(pool_every_timestep=True, decoder_h_dim=40, embedding_dim=8),
-    GeneratorConfig(pooling="social,grid_size=4", noise_type="uniform"),
+    GeneratorConfig(pooling="social,grid_size=4,neighborhood_size=3.5", noise_type="uniform"),
     GeneratorConfig(pooling="none", noise_dim=0, noise_mix_type="ped", pred_len=12, mlp_dim=64),
     ROS,
     IJCNN,
@@ -208,7 +208,7 @@ def test_published_checkpoints_equal_torch_load(shared, torch):
 
 
 @pytest.mark.parametrize("zip_form", [False, True])
-def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form):
+def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form, capsys):
     model = model_of(SMALL)
     state = params_to_torch(model.params["params"], SMALL)
     # As cuDNN leaves them: weights that are slices of one storage, at an offset.
@@ -236,3 +236,6 @@ def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form):
     loaded = load_torch_checkpoint(tmp_path / "a.pt")
     assert loaded.config == SMALL
     assert_same(loaded.params, model.params)
+    convert.run(tmp_path / "a.pt", tmp_path / "a")
+    said = "not kept: G_losses, counters, norm_g, g_best_state, g_optim_state, d_state, empty, "
+    assert f"{said}args d_type, args encoder_h_dim_d\n" in capsys.readouterr().out

@@ -31,6 +31,7 @@ from neurosym_jax.runtime.process import (
     run_environment,
     tune,
 )
+from tests.repository import SMALL, run_python
 
 
 def test_a_file_is_replaced_whole(tmp_path):
@@ -102,6 +103,39 @@ def test_the_environment_is_json_and_knows_the_threads(monkeypatch):
     assert (environment["threads"], environment["jax"]) == (3, jax.__version__)
     commit = code_version()
     assert commit is None or commit == commit.strip() != ""
+
+
+FORKED = """
+import os, sys
+import numpy as np
+import neurosym_jax as nj
+model, observed = nj.load_model(sys.argv[1]), np.zeros((1, 8, 2))
+before = os.fork()
+for forecast, scene in ((nj.predict, observed), (nj.predict_scenes, [observed])):
+    if before:
+        forecast(model, scene, samples=2)
+    elif forecast(model, scene, samples=2) is not None:
+        continue
+if not before:
+    os._exit(0)
+assert os.waitpid(before, 0)[1] == 0
+child = os.fork()
+if not child:
+    for forecast, scene in ((nj.predict, observed), (nj.predict_scenes, [observed])):
+        try:
+            forecast(model, scene, samples=2)
+        except nj.InputError as error:
+            print(error, flush=True)
+    os._exit(0)
+os.waitpid(child, 0)
+"""
+
+
+@pytest.mark.slow
+def test_a_child_forked_after_a_forecast_is_told_how_to_start_instead():
+    """Forked before the first one it forecasts."""
+    done = run_python("-W", "ignore", "-c", FORKED, SMALL)
+    assert done.stdout.count("'spawn' or 'forkserver'") == 2, done.stdout + done.stderr
 
 
 def test_an_evaluation_of_too_many_samples_names_what_to_lower():
