@@ -209,27 +209,27 @@ def generator(
         InputError: naming an argument that is missing or that our networks lack, or a tensor.
     """
     state = without_dropout(state, arguments)
-    known = _required(arguments, (*SAME, "pooling_type")) | _widths(state)
+    fields = _required(arguments, (*SAME, "pooling_type")) | _widths(state)
     if normed := [name for name in state if name.endswith("running_mean")]:
         raise InputError(f"{normed[0]}: our networks have no batch norm")
-    noise = known["noise_dim"] or 0
-    known["noise_dim"] = noise[0] if isinstance(noise, tuple | list) and len(noise) == 1 else noise
-    known["pool_every_timestep"] = bool(known["pool_every_timestep"])
-    kinds = {theirs: ours for ours, theirs in TORCH_POOLING.items()}
+    noise = fields["noise_dim"] or 0
+    fields["noise_dim"] = noise[0] if isinstance(noise, tuple | list) and len(noise) == 1 else noise
+    fields["pool_every_timestep"] = bool(fields["pool_every_timestep"])
+    kinds = {torch_name: name for name, torch_name in TORCH_POOLING.items()}
     history = state.get("pool_net_g.spatial_embedding.weight")
     if history is not None:
         kinds = {"pool_net": "neurosym_ijcnn" if history.shape[-1] == 2 else "neurosym_ros"}
     if "neurosym_ros" in kinds.values():
-        known["weighting"] = arguments.get("weighting", "cnd_shipped")
-    theirs = "none" if known["pooling_type"] is None else known["pooling_type"]
-    kind = kinds.get(theirs.lower()) if isinstance(theirs, str) else None
+        fields["weighting"] = arguments.get("weighting", "cnd_shipped")
+    pooling = "none" if fields["pooling_type"] is None else fields["pooling_type"]
+    kind = kinds.get(pooling.lower()) if isinstance(pooling, str) else None
     if kind is None:
         names = str([*kinds])[1:-1]
-        raise InputError(f"args: pooling_type is one of {names}, not {brief(theirs)}")
+        raise InputError(f"args: pooling_type is one of {names}, not {brief(pooling)}")
     if kind == "social":
-        known |= _required(arguments, ("neighborhood_size", "grid_size"))
-    known["pooling"] = {"kind": kind, **_fields_of(POOLINGS[kind], known)}
-    config = from_json(GeneratorConfig, _fields_of(GeneratorConfig, known), "args")
+        fields |= _required(arguments, ("neighborhood_size", "grid_size"))
+    fields["pooling"] = {"kind": kind, **_fields_of(POOLINGS[kind], fields)}
+    config = from_json(GeneratorConfig, _fields_of(GeneratorConfig, fields), "args")
     return config, params_from_torch(state, config)
 
 
@@ -247,9 +247,9 @@ def discriminator(
 
 def _required(arguments: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     for name, value in FIXED.items():
-        if (given := arguments.get(name, value)) != value:
+        if (argument := arguments.get(name, value)) != value:
             raise InputError(
-                f"args: {name} is {brief(given)}, and our networks have {value!r} only"
+                f"args: {name} is {brief(argument)}, and our networks have {value!r} only"
             )
     if missing := set(names) - set(arguments):
         raise InputError(f"args: {min(missing)} is missing")

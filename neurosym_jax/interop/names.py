@@ -61,8 +61,8 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
     """
     words = dict(WORDS)
     if isinstance(config, DiscriminatorConfig):
-        given = jax.random.key(0), np.zeros((1, 2, 2)), np.zeros((1, 2, 2)), np.ones(1, bool)
-        shapes = jax.eval_shape(Discriminator(config).init, *given)
+        inputs = jax.random.key(0), np.zeros((1, 2, 2)), np.zeros((1, 2, 2)), np.ones(1, bool)
+        shapes = jax.eval_shape(Discriminator(config).init, *inputs)
     else:
         pooling, forecaster = config.pooling, GeneratorForecaster(config)
         shapes = forecaster.shapes()
@@ -81,8 +81,8 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
     names = {}
     for path, shape in shapes_of(shapes["params"]).items():
         name = path
-        for ours, theirs in words.items():
-            name = name.replace(ours, theirs)
+        for part, torch_part in words.items():
+            name = name.replace(part, torch_part)
         names[name] = path, shape
     return names
 

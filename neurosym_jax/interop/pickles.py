@@ -50,9 +50,9 @@ class Tensor(np.ndarray):
     # `__new__`, because a pickle can make an object without calling `__init__`.
     def __new__(cls, storage, offset, shape, strides, *_requires_grad_and_hooks):
         """Check that the tensor lies in its storage, whose values are read after the pickle."""
-        whole = all(type(n) is int and 0 <= n < 2**48 for n in (offset, *shape, *strides))
+        sizes_fit = all(type(n) is int and 0 <= n < 2**48 for n in (offset, *shape, *strides))
         stored = isinstance(storage, Tensor) and storage.base is None
-        if not stored or not whole or not len(shape) == len(strides) <= 32:
+        if not stored or not sizes_fit or not len(shape) == len(strides) <= 32:
             raise InputError("a tensor is described in a way torch does not")
         elements = math.prod(shape)
         last = offset + sum((n - 1) * step for n, step in zip(shape, strides))
@@ -199,10 +199,10 @@ def _read_zip(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
         names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
         if len(names) != 1:
             raise InputError("a zip archive, but not one of torch.save: it has no data.pkl")
-        if any(each.compress_type != zipfile.ZIP_STORED for each in archive.infolist()):
+        if any(entry.compress_type != zipfile.ZIP_STORED for entry in archive.infolist()):
             raise InputError("its content is compressed, and may be of any size; torch's never is")
         # Entries may lie on top of each other.
-        if sum(each.file_size for each in archive.infolist()) > stream.getbuffer().nbytes:
+        if sum(entry.file_size for entry in archive.infolist()) > stream.getbuffer().nbytes:
             raise InputError("its entries are larger than itself")
         contents = _load(io.BytesIO(archive.read(names[0])), storages)
         for key, storage in storages.items():

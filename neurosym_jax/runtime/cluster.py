@@ -37,7 +37,9 @@ def cluster_map(address: str) -> Iterator[Callable[..., Iterable[Any]]]:
     with client:
         workers: Any = client.nthreads()
         print(f"cluster: {len(workers)} workers", file=sys.stderr)
-        plugins = [os.path.abspath(each) if each.endswith(".py") else each for each in loaded()]
+        plugins = [
+            os.path.abspath(plugin) if plugin.endswith(".py") else plugin for plugin in loaded()
+        ]
 
         def run(function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
             # As bytes: objects of a plugin's classes can be unpickled once it is loaded only.

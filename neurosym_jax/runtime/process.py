@@ -96,9 +96,9 @@ def progress_of(total: int) -> Callable[[str], None]:
     """A function to call after each of `total` steps; it prints a line on the standard error."""
     since, count = time.perf_counter(), itertools.count(1)
 
-    def step(what: str) -> None:
+    def step(task: str) -> None:
         seconds = time.perf_counter() - since
-        print(f"[{next(count)}/{total}] {what} ({seconds:.1f} s)", file=sys.stderr)
+        print(f"[{next(count)}/{total}] {task} ({seconds:.1f} s)", file=sys.stderr)
 
     return step
 
@@ -106,8 +106,8 @@ def progress_of(total: int) -> Callable[[str], None]:
 def run_environment() -> dict[str, Any]:
     """Versions, threads, instruction set, device and precision; JSON-able. Starts JAX's backend."""
     device, info = jax.devices()[0], Path("/proc/cpuinfo")
-    known = info.read_text().split() if info.exists() else []
-    vectors = [name for name in _INSTRUCTIONS if name in known][:1]  # the widest
+    words = info.read_text().split() if info.exists() else []
+    vectors = [name for name in _INSTRUCTIONS if name in words][:1]  # the widest
     return {
         "python": platform.python_version(),
         **{name: importlib.metadata.version(name) for name in _PACKAGES},
@@ -159,13 +159,13 @@ def cpu_cores() -> int:
 
 def _digests(paths: Iterable[Path | str]) -> dict[str, str]:
     """SHA-256 in hexadecimal, as `sha256sum` prints it, of each file that is there."""
-    found = {}
+    digests = {}
     for path in dict.fromkeys(map(Path, paths)):
         for file in sorted(path.iterdir()) if path.is_dir() else [path]:
             if file.is_file():
                 with file.open("rb") as content:
-                    found[str(file)] = hashlib.file_digest(content, "sha256").hexdigest()
-    return found
+                    digests[str(file)] = hashlib.file_digest(content, "sha256").hexdigest()
+    return digests
 
 
 def available_memory() -> float:
@@ -191,15 +191,15 @@ def refuse_forked() -> None:
         )
 
 
-def refuse_beyond_memory(what: str, needed: float, remedy: str) -> None:
+def refuse_beyond_memory(work: str, needed: float, remedy: str) -> None:
     """Refuse work that needs more bytes than are available.
 
     Raises:
         InputError: naming the work, both sizes and the remedy.
     """
     # What is certainly there is not looked up: a robot asks before each forecast.
-    if needed > SURE and needed > (there := available_memory()):
+    if needed > SURE and needed > (free := available_memory()):
         raise InputError(
-            f"{what} needs some {needed / 1e9:.1f} GB of memory, and {there / 1e9:.1f} GB are "
+            f"{work} needs some {needed / 1e9:.1f} GB of memory, and {free / 1e9:.1f} GB are "
             f"free: {remedy}"
         )
