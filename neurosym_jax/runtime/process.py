@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+from jax._src import xla_bridge
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.compiled import keep_programs
@@ -37,8 +38,8 @@ compiled sooner, with the same bits. Empty where `XLA_FLAGS` sets the optimisati
 _VECTORS = "--xla_cpu_prefer_vector_width"
 _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
 """Parameters of mallopt in glibc's malloc.h."""
-_computing: set[int] = set()
-"""Processes that have computed with this module's state, of which a forked child has a copy."""
+_forked: list[int] = []
+"""This process, if it was forked once JAX ran in its parent, whose threads it lacks."""
 SURE = 50e6
 """Bytes that are free wherever JAX runs."""
 _PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
@@ -177,14 +178,22 @@ def available_memory() -> float:
     return 1024.0 * int(fields["MemAvailable"].split()[0])
 
 
+def _note_fork() -> None:
+    if xla_bridge.backends_are_initialized():
+        _forked[:] = [os.getpid()]
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_note_fork)
+
+
 def refuse_forked() -> None:
-    """Refuse to compute in a child that was forked after its parent had: JAX would wait for ever.
+    """Refuse to compute in a child that was forked once JAX ran in its parent: it would not end.
 
     Raises:
         InputError: with how to start such a process.
     """
-    _computing.add(os.getpid())
-    if len(_computing) > 1:
+    if _forked:
         raise InputError(
             "forked after its parent had used JAX, this process would wait for ever: start it with "
             "multiprocessing's 'spawn' or 'forkserver'"
