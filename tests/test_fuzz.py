@@ -11,9 +11,9 @@ import time
 import pytest
 
 import neurosym_jax as nj
+from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.interop.pickles import OPCODES, read_torch_file
-from neurosym_jax.models.config import GeneratorConfig, Lengths
 from tests.forecasting.test_model_folder import sign
 from tests.interop.test_pickles import legacy_file, zip_file
 
@@ -69,7 +69,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-FIELDS = [*GeneratorConfig.__dataclass_fields__, "kind", "hidden_dim"]
+FIELDS = [*nj.GeneratorConfig.__dataclass_fields__, "kind", "hidden_dim"]
 
 
 @SLOW
