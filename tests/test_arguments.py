@@ -116,7 +116,8 @@ CALLS = {
         lambda folder: {
             "models": [SAMPLED, SLOWER], "recordings": folder / "other.csv", "samples": 4,
             "seed": 1, "min_agents": 4, "metrics": ["joint_fde"],
-            "baselines": ["constant_velocity"], **READING,
+            "baselines": ["constant_velocity"], "forecasts": folder / "walk.csv", "obs_len": 5,
+            "pred_len": 5, "period": 0.8, "partial": True, **READING,
         },
     ),
     "save_model": (

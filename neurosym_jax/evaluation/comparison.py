@@ -54,7 +54,7 @@ def evaluate(
     baselines: Sequence[str] | None = None,
     obs_len: int | None = None,
     pred_len: int | None = None,
-    period: float = PERIOD,
+    period: float | None = None,
     partial: bool = False,
     **read: Any,
 ) -> pl.DataFrame:
@@ -75,7 +75,7 @@ def evaluate(
         baselines: forecasters by name, see `baselines_of`.
         obs_len: steps observed where no model says how many; default: 8.
         pred_len: steps to forecast where no model says; default: those of the files, else 8.
-        period: seconds between steps where no model says.
+        period: seconds between steps where no model says; default: 0.4.
         partial: test on the windows that all files of forecasts have, and leave out the rest.
         read: how files and dataframes are read, by the fields of `ReadOptions`: `unit="cm"`, ...
 
@@ -90,6 +90,13 @@ def evaluate(
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     known, functions = _apart(models)
     files = read_named(forecasts)
+    asked = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
+    for name, value in asked.items():
+        for model in known.values():
+            if value not in (None, own := getattr(model.config, name)):
+                raise InputError(f"{name} {value}: {model.name} has {own}")
+    if partial and not files:
+        raise InputError("partial: there are no files of forecasts")
     if recordings is None:
         if known or not files:
             raise InputError("recordings: there are none to test on")
@@ -105,7 +112,7 @@ def evaluate(
             tested.setdefault(key, []).append((path, model))
         if not tested:
             steps = pred_len or next((file.steps for file in files.values()), LENGTH)
-            tested[obs_len or LENGTH, steps, period] = []
+            tested[obs_len or LENGTH, steps, period or PERIOD] = []
         dataset = "+".join(dict.fromkeys(recording.recording for recording in tracks))
         tests = [
             make_test(
@@ -228,7 +235,8 @@ def with_tests(results: Sequence[Result]) -> list[Row]:
     for number, result in enumerate(results):
         path = result.row["checkpoint"] or ""
         training = re.sub(SEED, "", path) if re.search(SEED, path) else number
-        members = lines.setdefault(result.test_set, {})
+        # Of another period the windows are others.
+        members = lines.setdefault((result.test_set, result.period), {})
         members.setdefault((result.name, training), []).append(number)
     for members in lines.values():
         runs = [[results[number] for number in numbers] for numbers in members.values()]

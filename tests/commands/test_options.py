@@ -95,6 +95,20 @@ CASES: dict[str, dict[str, Case]] = {
         **added("--dataset walk", TWO),
         **added("--test-on walk", TWO),
         **added("--intervals", LATEX),
+        **added(
+            "--label mine=sgan_simulations_8", f"--data {WALK} --checkpoint sgan_simulations_8"
+        ),
+        # Their effects are tested by tests/evaluation/test_forecasts.py.
+        "--forecasts": (
+            BASE["evaluate"],
+            f"{BASE['evaluate']} --forecasts {WALK}",
+            "walk.txt: cannot be read as .npz or .ndjson",
+        ),
+        "--partial": (
+            BASE["evaluate"],
+            f"{BASE['evaluate']} --partial",
+            "--partial: has no effect without --forecasts",
+        ),
         **added("--plots here.png --style talk", f"--data {WALK}"),
     },
     "symbols": {
