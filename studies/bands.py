@@ -20,6 +20,7 @@ import numpy as np
 
 from neurosym_jax.data import ReadOptions, Tracks, read_any
 from neurosym_jax.data.evidence import APART, DOUBTED, REFUSED, apart_of, judge, pace_of
+from neurosym_jax.data.reading import GUARDS
 from neurosym_jax.errors import InputError
 
 FORMATS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -40,7 +41,7 @@ FORMATS: dict[str, tuple[str, dict[str, Any]]] = {
 def recordings_of(folder: Path) -> Iterator[tuple[ReadOptions, Tracks]]:
     """The recordings of a collection, and how they were read."""
     pattern, how = FORMATS[folder.name]
-    options = ReadOptions(**how, yes_really=True)
+    options = ReadOptions(**how, allow=tuple(GUARDS))
     for path in sorted(folder.glob(pattern)):
         try:
             yield from ((options, tracks) for tracks in read_any(path, options))
@@ -71,7 +72,7 @@ def outcomes(tracks: Tracks, options: ReadOptions) -> Iterator[str]:
         wrong = dataclasses.replace(
             tracks, position=position * length(position), stamp=tracks.stamp * time
         )
-        judgements = [refused for refused, _ in judge(wrong, options)]
+        judgements = [refused for _, refused, _ in judge(wrong, options)]
         yield "refused" if any(judgements) else "doubted" if judgements else "silent"
 
 
@@ -89,7 +90,10 @@ def main(places: list[str]) -> None:
         ranges = [f"{np.nanmin(column):.2f} to {np.nanmax(column):.2f}" for column in values]
         named = [
             [tracks.recording for options, tracks in recordings if outcome(judge(tracks, options))]
-            for outcome in (lambda judgements: any(refused for refused, _ in judgements), _of_scale)
+            for outcome in (
+                lambda judgements: any(refused for _, refused, _ in judgements),
+                _of_scale,
+            )
         ]
         cells = [*ranges, *(f"{len(names)} {' '.join(names)}".strip() for names in named)]
         print(f"| {folder.name} | {len(recordings)} | {' | '.join(cells)} |")
@@ -100,8 +104,8 @@ def main(places: list[str]) -> None:
         print(f"| {name} | {' | '.join(str(judgements.count(kind)) for kind in kinds)} |")
 
 
-def _of_scale(judgements: Iterable[tuple[bool, str]]) -> bool:
-    return any(line.startswith(("one step in twenty", "a quarter of")) for _, line in judgements)
+def _of_scale(judgements: Iterable[tuple[str, bool, str]]) -> bool:
+    return any(guard in ("slow", "fast", "near") for guard, *_ in judgements)
 
 
 if __name__ == "__main__":

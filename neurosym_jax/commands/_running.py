@@ -54,6 +54,8 @@ def run_command(
                 sys.exit(128 + signal.SIGINT)
             if isinstance(error, InputError) or getattr(error, "errno", None) in OF_THE_DISK:
                 print(f"error: {printable(str(error))}", file=sys.stderr)
+                for line in "\n".join(getattr(error, "__notes__", ())).splitlines():
+                    print(printable(line), file=sys.stderr)
                 sys.exit(2)
             raise
     if signals:  # The action has ended by itself.

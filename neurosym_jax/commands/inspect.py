@@ -11,6 +11,7 @@ from neurosym_jax.commands._options import Positional, Reading, refuse_given
 from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.evidence import pace_of, steps_of
 from neurosym_jax.data.formats import FORMATS, files_in, is_folder, read_any
+from neurosym_jax.data.geometry import SWAP, outside
 from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.tracks import GAP, Tracks
 from neurosym_jax.data.windows import cut_windows
@@ -32,7 +33,8 @@ def run(
         path: A file, or a folder, which is searched with its subfolders.
         figure: File for a figure of all tracks: .png, .pdf or .svg.
         underlay: Image of the floor under the tracks, a map or a frame of a video, and a text file
-            of 3 x 3 numbers that turn its pixels (column, row, 1) into metres.
+            of 3 x 3 numbers that turn its pixels (column, row, 1) into metres; with
+            FILE,row-column those of (row, column, 1), as EWAP's.
         style: Look of the figure; a talk's has larger letters and lines.
         read: How files are read.
 
@@ -70,6 +72,8 @@ def run(
 
         use_style(style)
         floor = underlay and read_underlay(*underlay)
+        if underlay and floor:
+            print(_coverage(recordings, underlay[0], floor[1], floor[0].shape[:2]), end="")
         print(f"wrote {save_figure(plot_tracks(recordings, floor), figure)}")
     return 0 if recordings else 2
 
@@ -96,8 +100,23 @@ def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
         *([] if np.isnan(pace) else [f"    one step in twenty is faster than {pace:.2f} m/s"]),
         f"    scenes 8+8: {_scenes(tracks, 8, max_gap)}, 8+12: {_scenes(tracks, 12, max_gap)}",
     ]
-    warned = tracks.reading.warnings if tracks.reading else ()
-    return "\n".join([*lines, *(f"    warning: {printable(line)}" for line in warned)])
+    if tracks.reading:
+        lines += [f"    {printable(note)}" for note in tracks.reading.notes]
+        lines += [f"    warning: {printable(line)}" for line in tracks.reading.warnings]
+    return "\n".join(lines)
+
+
+def _coverage(
+    recordings: list[Tracks], image: Path, homography: np.ndarray, shape: tuple[int, int]
+) -> str:
+    """A warning where tracks lie outside a picture of `shape` (height, width), else nothing."""
+    position = np.concatenate([tracks.position for tracks in recordings])
+    missed, other = (
+        outside(matrix, position, shape[1], shape[0]) for matrix in (homography, homography @ SWAP)
+    )
+    hint = f" (HOMOGRAPHY,row-column: {other:.0%})" if other < missed / 2 else ""
+    line = f"warning: {missed:.0%} of the points lie outside {image.name}{hint}\n"
+    return printable(line.strip()) + "\n" if missed > 0.05 else ""
 
 
 def _scenes(tracks: Tracks, pred_len: int, max_gap: float) -> str:

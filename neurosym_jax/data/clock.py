@@ -131,11 +131,14 @@ def phases(stamp: np.ndarray, joined: np.ndarray, period: float) -> tuple[np.nda
 
 
 def _jumps(stamp: np.ndarray, joined: np.ndarray, moment: float, period: float) -> bool:
-    """Whether most of the tracks that go on at a moment change their phase there."""
+    """Whether most of the tracks that go on at a moment change phase there, and not before."""
     over = np.flatnonzero(joined & (stamp < moment))
     over = over[stamp[over + 1] >= moment]
-    share = np.mod((stamp[over + 1] - stamp[over]) / period, 1)
-    return bool(np.mean(np.minimum(share, 1 - share) > SHIFT) > 0.5) if len(over) else False
+    change, earlier = (
+        np.mod((stamp[over + lag] - stamp[over + lag - 1]) / period + SHIFT, 1) > 2 * SHIFT
+        for lag in (1, 0)
+    )
+    return bool(np.mean(change & ~earlier) > 0.5) if len(over) else False
 
 
 def _residues(stamp: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
@@ -160,11 +163,11 @@ def _is_majority(stamp: np.ndarray, label: np.ndarray, period: float) -> np.ndar
     total = np.searchsorted(tick, tick + reach, "right") - np.searchsorted(tick, tick - reach)
     key = label * (tick[-1] + 4 * reach) + tick
     ordered = np.sort(key)
-    alike, now = (
+    same_phase, now = (
         np.searchsorted(ordered, key + width, "right") - np.searchsorted(ordered, key - width)
         for width in (reach, 1)
     )
-    return (2 * alike > total) & (alike > now)
+    return (2 * same_phase > total) & (same_phase > now)
 
 
 def _grid_points(

@@ -8,9 +8,10 @@ from typing import Any
 
 from neurosym_jax.configuration import component
 from neurosym_jax.data.evidence import judge
-from neurosym_jax.data.readers import columns, eth_ucy, thor, trajnet
+from neurosym_jax.data.objects import FRAME, is_frame, table_of
+from neurosym_jax.data.readers import columns, layouts, storage, thor, trajnet
 from neurosym_jax.data.reading import AS_IT_SAYS, Format, ReadOptions, read_head
-from neurosym_jax.data.table import FRAME, is_frame
+from neurosym_jax.data.schema import names_in_comments, names_tracks
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.plugins import Registry, load_entry_points
@@ -18,17 +19,24 @@ from neurosym_jax.plugins import Registry, load_entry_points
 __all__ = ["FORMATS", "data_files", "files_in", "format_of", "is_folder", "read_any"]
 __all__ += ["recordings_in", "register_format"]
 
-SUFFIXES = (".txt", ".csv", ".tsv", ".ndjson")  # of the files that are taken from a folder
+# Endings of the files that are taken from a folder.
+SUFFIXES = (".txt", ".csv", ".tsv", ".ndjson", ".json", ".gz", ".parquet", ".feather")
+SUFFIXES += (".arrow", ".sqlite", ".db", ".h5", ".hdf5")
 
 FORMATS: Registry[type[Format]] = Registry(
     "format",
     {
-        "text": eth_ucy.Text,
+        "text": layouts.Text,
         "columns": columns.Columns,
-        "obsmat": eth_ucy.Obsmat,
+        "obsmat": layouts.Obsmat,
+        "stanford": layouts.Stanford,
+        "mot": layouts.Mot,
+        "mot_results": layouts.MotResults,
         "qtm": thor.Qtm,
         "tracklets": thor.Tracklets,
-        "cliff": thor.Cliff,
+        "cliff": layouts.Cliff,
+        "storage": storage.Storage,
+        "json": storage.Json,
         "trajnet": trajnet.Trajnet,
     },
 )
@@ -43,12 +51,13 @@ def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
     if options.format is not None:
         load_entry_points()
         return component(options.format, FORMATS, str(path))
-    if options.columns:
-        return columns.Columns()
     if owner := _owner(path):
         return owner
     head = read_head(path)
-    return next(found for form in reversed(FORMATS.values()) if (found := form()).knows(head))
+    if options.columns:
+        forms = (storage.Storage(), storage.Json())
+        return next((form for form in forms if form.knows(head)), columns.Columns())
+    return next(form for kind in reversed(FORMATS.values()) if (form := kind()).knows(head))
 
 
 def is_folder(path: Path) -> bool:
@@ -59,7 +68,7 @@ def is_folder(path: Path) -> bool:
 def _owner(path: Path) -> Format | None:
     """The format that a path is of by its name."""
     load_entry_points()
-    return next((own for form in reversed(FORMATS.values()) if (own := form()).owns(path)), None)
+    return next((form for kind in reversed(FORMATS.values()) if (form := kind()).owns(path)), None)
 
 
 def read_any(
@@ -67,13 +76,13 @@ def read_any(
 ) -> list[Tracks]:
     """The recordings in a file or dataframe, on their own clocks; each has a `reading`.
 
-    `data` is the path of a file of any known format, or a dataframe of pandas or polars, which is
-    read as a table with named columns. The most common step of frame numbers is `frame_period`
-    seconds where nothing else is said.
+    `data` is the path of a file of any known format, or a table of pandas, polars, pyarrow,
+    GeoPandas, PedPy or MovingPandas, which is read as a table with named columns. The most common
+    step of frame numbers is `frame_period` seconds where nothing else is said.
 
     Raises:
         InputError: naming file, row and reason; for an option that the format does not use, and
-            for people who move as none do (see `evidence`), unless `options.yes_really`.
+            for people who move as none do (see `evidence`), unless `options.allow` names the guard.
 
     Warns:
         InputWarning: of what looks wrong, which is in `reading` too.
@@ -82,26 +91,30 @@ def read_any(
     form = columns.Columns() if is_frame(data) else format_of(path, options)
     if is_frame(data) and options.format not in (None, "columns"):
         raise InputError(f"{path}: it is a {form.title}, not --format {options.format}")
-    for option in {"columns", "fps", "keep", "time_unit", "unit"} - form.uses:
+    for option in columns.Columns.uses - form.uses:
         if getattr(options, option):
-            shown = option.replace("_", "-")
-            raise InputError(f"{path}: --{shown} is of no use for {form.title}, which fixes it")
-    found = []
-    for tracks in form.read(data if is_frame(data) else path, options, frame_period):
-        how = tracks.reading or Reading(tracks.recording, printable(str(path)), rows=len(tracks.id))
-        lines = how.warnings
-        for refused, line in judge(tracks, options):
-            if refused and not options.yes_really:
-                raise InputError(
-                    f"{path}: {line} (where it is true all the same, --yes-really accepts it)"
-                )
-            lines = (*lines, line)
+            flag = option.replace("_", "-")
+            raise InputError(f"{path}: --{flag} is of no use for {form.title}, which fixes it")
+    if isinstance(form, columns.Columns) and is_frame(data):
+        recordings = form.take(table_of(data), options, frame_period)
+    else:
+        recordings = form.read(path, options, frame_period)
+    judged = []
+    for tracks in recordings:
+        reading = tracks.reading or Reading(
+            tracks.recording, printable(str(path)), rows=len(tracks.id)
+        )
+        lines = reading.warnings
+        for guard, refused, line in judge(tracks, options):
+            if refused and guard not in options.allow:
+                raise InputError(f"{path}: {line} (where it is true all the same: --allow {guard})")
+            lines = (*lines, f"allowed {guard}: {line}" if refused else line)
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
-        file, name = None if is_frame(data) else how.file, FORMATS.name_of(form)
-        how = dataclasses.replace(how, file=file, format=name, warnings=lines)
-        found.append(dataclasses.replace(tracks, reading=how))
-    return found
+        file, name = None if is_frame(data) else reading.file, FORMATS.name_of(form)
+        reading = dataclasses.replace(reading, file=file, format=name, warnings=lines)
+        judged.append(dataclasses.replace(tracks, reading=reading))
+    return judged
 
 
 def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
@@ -114,7 +127,7 @@ def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
         path = Path(data)
         data = data_files(path, options) if is_folder(path) else [path]
         return [tracks for path in data for tracks in read_any(path, options)]
-    return [tracks for each in data for tracks in recordings_in(each, options)]
+    return [tracks for item in data for tracks in recordings_in(item, options)]
 
 
 def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
@@ -123,16 +136,22 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     Raises:
         InputError: for a folder that is missing or has none.
     """
-    found = files_in(folder)
+    paths = files_in(folder)
     if options.columns or options.format:
-        return found
-    tables = [path for path in found if isinstance(format_of(path), columns.Columns)]
-    others = [path for path in tables if not columns.names_tracks(read_head(path).names)]
+        return paths
+    tables = [path for path in paths if isinstance(format_of(path), columns.Columns)]
+    others = [path for path in tables if not _names_tracks(path)]
     for path in others:
         warnings.warn(f"{path}: left out: it has no columns of tracks", InputWarning, stacklevel=2)
-    if len(found) == len(others):
+    if len(paths) == len(others):
         raise InputError(f"{folder}: its tables have no columns of tracks; name them, or others")
-    return [path for path in found if path not in others]
+    return [path for path in paths if path not in others]
+
+
+def _names_tracks(path: Path) -> bool:
+    """Whether a header or a comment names columns of tracks."""
+    head = read_head(path)
+    return names_tracks(head.names or names_in_comments(head.comments, len(head.fields[0])))
 
 
 def files_in(folder: Path, pattern: str = "*") -> list[Path]:
@@ -141,11 +160,11 @@ def files_in(folder: Path, pattern: str = "*") -> list[Path]:
     Raises:
         InputError: if there is none.
     """
-    found = [
+    paths = [
         path
         for path in sorted(folder.glob(pattern))
         if (path.suffix.lower() in SUFFIXES or _owner(path)) and not _owner(path.parent)
     ]
-    if not found:
+    if not paths:
         raise InputError(f"{folder}: no such folder, or no {', '.join(SUFFIXES)} file in it")
-    return found
+    return paths

@@ -26,26 +26,26 @@ def fingerprint(windows: Windows) -> str:
     return base64.b64encode(data[:, 8 - BYTES :].tobytes()).decode()
 
 
-def seen_before(found: str, windows: Windows) -> tuple[int, int]:
+def seen_before(stored: str, windows: Windows) -> tuple[int, int]:
     """How many shapes in `windows` are in a fingerprint, and how many were looked for there."""
-    data = np.frombuffer(base64.b64decode(found), np.uint8).reshape(-1, BYTES)
-    kept = np.pad(data, ((0, 0), (8 - BYTES, 0))).view(">u8").ravel().astype(np.uint64)
-    ours = _hashes(windows)
-    if len(kept) == KEPT:
-        ours = ours[ours <= kept.max()]
-    return int(np.isin(ours, kept).sum()), len(ours)
+    data = np.frombuffer(base64.b64decode(stored), np.uint8).reshape(-1, BYTES)
+    stored_hashes = np.pad(data, ((0, 0), (8 - BYTES, 0))).view(">u8").ravel().astype(np.uint64)
+    hashes = _hashes(windows)
+    if len(stored_hashes) == KEPT:
+        hashes = hashes[hashes <= stored_hashes.max()]
+    return int(np.isin(hashes, stored_hashes).sum()), len(hashes)
 
 
 def shared_shapes(windows: Windows, others: Windows) -> tuple[int, int]:
     """How many shapes in `windows` are in `others`, and how many there are."""
-    ours = _hashes(windows)
-    return int(np.isin(ours, _hashes(others)).sum()), len(ours)
+    hashes = _hashes(windows)
+    return int(np.isin(hashes, _hashes(others)).sum()), len(hashes)
 
 
 def is_fingerprint(value: object) -> bool:
     """Whether a value read from a file is what `fingerprint` returns."""
-    wanted = rf"([A-Za-z0-9+/]{{8}}){{0,{KEPT}}}"
-    return isinstance(value, str) and re.fullmatch(wanted, value) is not None
+    pattern = rf"([A-Za-z0-9+/]{{8}}){{0,{KEPT}}}"
+    return isinstance(value, str) and re.fullmatch(pattern, value) is not None
 
 
 def _hashes(windows: Windows) -> np.ndarray:

@@ -5,8 +5,13 @@ import codecs
 import contextlib
 import dataclasses
 import functools
+import gzip
 import itertools
+import math
+import re
 import stat
+import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -16,10 +21,24 @@ from neurosym_jax.configuration import NotNegative, Positive, refuse
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["AS_IT_SAYS", "Format", "Head", "ReadOptions", "numbers_in", "read_head"]
-__all__ += ["read_text_file", "separator_of"]
+__all__ = ["AS_IT_SAYS", "GUARDS", "Format", "Head", "ReadOptions", "header_in", "metres_in"]
+__all__ += ["read_head", "read_text_file", "separator_of"]
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # in each unit
+GUARDS = {
+    # what a recording may be refused for: in words
+    "slow": "people move more slowly than people walk",
+    "fast": "people move faster than people walk",
+    "held": "positions stay and then leap",
+    "pixels": "all coordinates are whole numbers",
+    "ends": "people stay where their tracks begin or end",
+    "origins": "people begin at one place",
+    "together": "people begin at one moment",
+    "twins": "two people are at one place",
+    "near": "people are too near to each other",
+    "clock": "two columns, options or files disagree about the clock",
+    "scale": "two columns, options or files disagree about the unit",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,11 +48,18 @@ class ReadOptions:
     format: str | None = None
     """Format of the files, NAME or NAME,OPTION=VALUE,...; default: detected from the content."""
     columns: tuple[str, ...] = ()
-    """Columns of a table by name or number (from 1): time=t id=person x=px y=py, or frame=...;
-    any other NAME=column is kept as an extra of each agent, as group=g."""
+    """Columns of a table by name, or by number from 1: time=t (or frame=3) id=who x=px y=py; boxes
+    left top right bottom (or width height), of which the middle of the lower edge is read; lost,
+    valid, confidence, which say what is no position; label; vx vy. Any other NAME=column is kept as
+    an extra of each agent, as group=g. header=no: the first row is data."""
     unit: str | None = None
-    """Unit of the coordinates, where the format does not fix it: m (default), cm, mm, or metres as
-    a number, such as 0.032 for pixels of 3.2 cm."""
+    """Unit of the coordinates, where the file does not say it: m (default), cm, mm, or metres as
+    a number, such as 0.032 for pixels of 3.2 cm; or one of each recording, gates=0.03,quad=0.04."""
+    homography: str | None = None
+    """File of 3 x 3 numbers that turn coordinates of a picture (column, row, 1) into metres; with
+    FILE,row-column those of (row, column, 1)."""
+    flip_y: bool = False
+    """Turn y round: for coordinates whose y points down, so that left is counter-clockwise."""
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     """Unit of a table's times; default: seconds."""
     keep: tuple[str, ...] = ()
@@ -46,30 +72,39 @@ class ReadOptions:
     frames are 10 apart in a video of 15 frames per second. Published numbers use the wrong one."""
     max_gap: float = 1.0
     """Longest gap in a person's track that is filled by interpolation, seconds."""
-    yes_really: bool = False
-    """Accept recordings in which people move as no people do; the reasons become warnings."""
+    allow: tuple[str, ...] = ()
+    """Guards to waive by the names that refusals say, such as slow or held; each becomes a
+    warning."""
 
     def __post_init__(self):
-        """Check the numbers and the unit.
+        """Check the numbers, the unit and the guards.
 
         Raises:
             InputError: naming the option.
         """
         refuse(Positive, {"--fps": self.fps, "--eth-stride": self.eth_stride}, optional=True)
         refuse(NotNegative, {"--max-gap": self.max_gap}, optional=True)
-        with contextlib.suppress(ValueError):
-            if 1e-6 <= self.metres <= 1e4:
-                return
-        raise InputError(
-            f"--unit is one of {', '.join(METRES)}, or metres as a number, not {self.unit!r} "
-            "(pixels of 3.2 cm: --unit 0.032)"
-        )
+        if unknown := [name for name in self.allow if name not in GUARDS]:
+            raise InputError(f"--allow is one of {', '.join(GUARDS)}, not {unknown[0]!r}")
+        for _, _, unit in (part.rpartition("=") for part in (self.unit or "m").split(",")):
+            metres = METRES.get(unit, 0.0)
+            with contextlib.suppress(ValueError):
+                metres = metres or float(unit)
+            if not 1e-6 <= metres <= 1e4:
+                raise InputError(
+                    f"--unit is one of {', '.join(METRES)}, or metres as a number, not {unit!r} "
+                    "(pixels of 3.2 cm: --unit 0.032)"
+                )
 
-    @property
-    def metres(self) -> float:
-        """Metres in a unit of the coordinates."""
-        unit = self.unit or "m"
-        return METRES.get(unit) or float(unit)
+    def unit_of(self, recording: str) -> str | None:
+        """The unit that was given for a file's recordings, by the file's name without ending."""
+        units = dict(part.rpartition("=")[::2] for part in (self.unit or "").split(","))
+        return units.get(recording) or units.get("") or None
+
+
+def metres_in(unit: str) -> float:
+    """Metres in a unit of coordinates."""
+    return METRES.get(unit) or float(unit)
 
 
 AS_IT_SAYS = ReadOptions()  # everything is taken from the files
@@ -80,22 +115,63 @@ class Head:
     """How a file begins; formats are recognised by it."""
 
     lines: list[str]  # its first 64 kB without blank lines and comments; one empty line if not text
+    magic: bytes = b""  # its first 16 bytes
+    comments: tuple[str, ...] = ()  # lines with #, without that
+
+    @functools.cached_property
+    def fields(self) -> list[list[str]]:
+        """The fields of the first 50 lines."""
+        mark = separator_of(self.lines[0])
+        lines = self.lines[:50]
+        return [
+            [field.strip(' "') for field in (line.split(mark) if mark != " " else line.split())]
+            for line in lines
+        ]
 
     @property
     def names(self) -> list[str]:
         """The fields of a header line; none if the file begins otherwise."""
-        first = self.lines[0]
-        names = [name.strip(' "') for name in first.split(separator_of(first))]
-        named = any(name[:1].isalpha() for name in names) and not numbers_in(first)
-        return names if named and first.replace("\t", "").isprintable() else []
+        first = self.lines[0].replace("\t", "")
+        named = header_in(self.fields) and any(name[:1].isalpha() for name in self.fields[0])
+        return self.fields[0] if named and first.isprintable() else []
 
     @functools.cached_property
     def rows(self) -> np.ndarray:
-        """[R, columns] numbers of the first lines, up to the first line of another kind."""
-        width = len(numbers_in(self.lines[0]))
-        rows = map(numbers_in, self.lines)
-        alike = list(itertools.takewhile(lambda row: row and len(row) == width, rows))
-        return np.array(alike).reshape(len(alike), width)
+        """[R, columns] numbers of the first lines, up to one of another width; NaN where a field is
+        none."""
+        width = len(self.fields[0])
+        rows = [
+            list(map(_number, row))
+            for row in itertools.takewhile(lambda row: len(row) == width, self.fields)
+        ]
+        return np.array(rows).reshape(len(rows), width)
+
+
+def _number(field: str) -> float:
+    try:
+        return float(field.replace(",", "."))
+    except ValueError:
+        return math.nan
+
+
+def header_in(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether the first of some rows of fields has names: no number where others have numbers.
+
+    Names stand in no column of text, so a text beside numbers is data.
+    """
+    first, *others = rows
+    is_number = [bool(_NUMBER.fullmatch(field)) for field in first]
+    columns = range(len(first))
+    numeric = [
+        at
+        for at in columns
+        if sum(at < len(row) and bool(_NUMBER.fullmatch(row[at])) for row in others) * 2
+        > len(others)
+    ]
+    return not any(is_number[at] for at in numeric or columns) and any(first)
+
+
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,31 +213,32 @@ def _bytes_of(path: Path, size: int = -1) -> bytes:
         if not stat.S_ISREG(path.stat().st_mode):  # Opening a pipe would block.
             raise InputError(f"{path}: is a folder, pipe or device, not a file")
         with path.open("rb") as file:
+            if file.read(2) == b"\x1f\x8b":
+                return gzip.open(path).read(size)
+            file.seek(0)
             return file.read(size)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(
+            f"{path}: cannot be read ({getattr(error, 'strerror', 0) or error})"
+        ) from None
 
 
 def read_head(path: Path) -> Head:
     """How the file at `path` begins."""
+    content = _bytes_of(path, 1 << 16)
     try:
-        text = codecs.getincrementaldecoder("utf-8-sig")().decode(_bytes_of(path, 1 << 16))
+        text = codecs.getincrementaldecoder("utf-8-sig")().decode(content)
     except UnicodeDecodeError:  # The reader explains it; here it only fits no format.
         text = ""
-    lines = (line.strip() for line in text.split("\n"))
-    return Head([line for line in lines if line and not line.startswith("#")] or [""])
+    lines = [line.strip() for line in text.split("\n")]
+    comments = tuple(line.strip("# ") for line in lines if line.startswith("#"))
+    lines = [line for line in lines if line and not line.startswith("#")]
+    return Head(lines or [""], content[:16], comments)
 
 
 def separator_of(line: str) -> str:
-    """What separates the fields of a line: semicolons, commas or tabs, else blanks."""
+    """What separates the fields of a line: semicolons, tabs or commas, else blanks."""
     mark = max(";,\t", key=line.count)
+    if mark == "," and (other := next((m for m in ";\t" if line.count(m) > 1), "")):
+        mark = other  # The commas are decimal.
     return mark if mark in line else " "
-
-
-def numbers_in(line: str) -> list[float]:
-    """The numbers of a row; none if any field is another."""
-    mark = separator_of(line)
-    try:
-        return [float(field) for field in line.split(None if mark == " " else mark)]
-    except ValueError:
-        return []

@@ -66,12 +66,12 @@ class Source(abc.ABC):
         Raises:
             InputError: for an unknown name.
         """
-        known = {printable(path.stem): path for path in self.paths}
+        available = {printable(path.stem): path for path in self.paths}
         for name in names:
-            if name not in known and not os.path.isfile(name):
-                among = ", ".join(sorted(known)) or "nothing"
+            if name not in available and not os.path.isfile(name):
+                among = ", ".join(sorted(available)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
-        paths = [known.get(name, Path(name)) for name in names]
+        paths = [available.get(name, Path(name)) for name in names]
         return self._on_grid(formats.recordings_in(paths, self.read))
 
     @abc.abstractmethod
@@ -147,29 +147,29 @@ def open_source(
     Raises:
         InputError: if nothing is there.
     """
-    how: Any = {"read": read, "period": period}
+    shared: Any = {"read": read, "period": period}
     if data is None:
-        wanted = scene or model_scene
-        data = data_folder() / ("eth-ucy" if wanted in eth_ucy.SCENES else "thor")
-        known = wanted in (*eth_ucy.SCENES, *(path.stem for path in data.glob("*")))
-        if not known or not data.is_dir():
+        target = scene or model_scene
+        data = data_folder() / ("eth-ucy" if target in eth_ucy.SCENES else "thor")
+        available = target in (*eth_ucy.SCENES, *(path.stem for path in data.glob("*")))
+        if not available or not data.is_dir():
             if scene in eth_ucy.SCENES:
                 raise InputError(
                     f"scene {scene} is of ETH/UCY: say with --data where that is, or fetch it "
                     "once: python -m neurosym_jax download eth-ucy"
                 )
-            return Synthetic(**how)
+            return Synthetic(**shared)
     data = find(data)
     if not os.path.exists(data):
         hint = f": `neurosym download {data}` fetches it" * (str(data) in COLLECTIONS)
         raise InputError(f"{data}: no such file or folder{hint}")
     if (data / "all").is_dir():
-        return EthUcy(folder=data, paths=tuple(sorted(data.glob("*/*.txt"))), **how)
+        return EthUcy(folder=data, paths=tuple(sorted(data.glob("*/*.txt"))), **shared)
     paths = formats.data_files(data, read) if formats.is_folder(data) else [data]
     names = [printable(path.stem) for path in paths]
     if len({*names, GENERAL}) <= len(names):
         raise InputError(f"{data}: two files are called alike, or one {GENERAL}; rename it")
-    return Files(tuple(names), paths=tuple(paths), **how)
+    return Files(tuple(names), paths=tuple(paths), **shared)
 
 
 def data_folder() -> Path:
@@ -208,5 +208,5 @@ def windows_from(
     on any clock (see `make_tracks`), or several of these; `skip` and `min_agents` are those of
     `cut_windows`.
     """
-    grid = [on_grid(each, period, read.max_gap) for each in formats.recordings_in(data, read)]
+    grid = [on_grid(tracks, period, read.max_gap) for tracks in formats.recordings_in(data, read)]
     return cut_windows(grid, obs_len, pred_len, skip=skip, min_agents=min_agents)

@@ -36,6 +36,7 @@ class Reading:
     interpolated: int = 0  # points of windows, once cut, that lie between two points of the file
     gaps: int = 0  # gaps in time, once windows are cut; windows do not cross them
     warnings: tuple[str, ...] = ()  # what looks wrong, a line each
+    notes: tuple[str, ...] = ()  # what the file said of itself, and what was guessed, a line each
     rate: float | None = None  # frame numbers a second, where the file numbers frames
 
 
@@ -59,7 +60,7 @@ class Tracks:
     def take(self, rows: np.ndarray | slice) -> Self:
         """Select rows ([R] bool mask, [R'] ascending indices, or a slice) with all their fields."""
         columns = {name: getattr(self, name) for name in self._columns}
-        chosen = {name: each[rows] for name, each in columns.items() if each is not None}
+        chosen = {name: array[rows] for name, array in columns.items() if array is not None}
         extras = {name: values[rows] for name, values in self.extras.items()}
         return dataclasses.replace(self, extras=extras, **chosen)
 
@@ -95,14 +96,14 @@ def make_tracks(
     for name, array in {"stamp": times, "id": ids, "position": points, **others}.items():
         shape = shapes.get(name, (rows, *array.shape[1:]))
         if not rows or array.shape != shape or array.dtype.kind not in "biuf":
-            what = f"{list(array.shape)} {array.dtype}"
-            raise InputError(f"{where}: {name} must be numbers {list(shape)}, not {what}")
+            kind = f"{list(array.shape)} {array.dtype}"
+            raise InputError(f"{where}: {name} must be numbers {list(shape)}, not {kind}")
     # Above 2**53 neighbouring ids share one float.
-    whole = ids.dtype.kind != "f" or (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
+    are_whole = ids.dtype.kind != "f" or (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
     for name, values, usable in (
         ("time", times, np.abs(times) <= LATE),
         ("position", points, (np.abs(points) <= MAX_METRES).all(axis=1)),
-        ("id", ids, whole),
+        ("id", ids, are_whole),
     ):
         if not np.all(usable):
             at = int(np.argmin(usable))
@@ -136,9 +137,12 @@ def common(values: np.ndarray) -> float:
 def describe_readings(readings: Iterable[Reading]) -> str:
     """A line for each recording read from a file: format, rows, gaps and what is interpolated."""
     return "\n".join(
-        f"read {printable(how.recording)}: {how.format}, {how.rows} rows"
-        + f", {how.interpolated} points of windows interpolated" * (how.interpolated > 0)
-        + f", {how.filled} points filled in gaps" * (how.filled > 0)
-        + f", {how.gaps} gaps in time" * (how.gaps > 0)
-        for how in {(how.file, how.recording): how for how in readings if how.file}.values()
+        f"read {printable(reading.recording)}: {reading.format}, {reading.rows} rows"
+        + f", {reading.interpolated} points of windows interpolated" * (reading.interpolated > 0)
+        + f", {reading.filled} points filled in gaps" * (reading.filled > 0)
+        + f", {reading.gaps} gaps in time" * (reading.gaps > 0)
+        + "".join(f"; {printable(note)}" for note in reading.notes)
+        for reading in {
+            (reading.file, reading.recording): reading for reading in readings if reading.file
+        }.values()
     )

@@ -135,8 +135,8 @@ def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int
     # `length - 1` steps are all there.
     last = np.arange(length - 1, len(step))
     first = last - (length - 1)
-    whole = (tracks.id[first] == tracks.id[last]) & (place[last] - place[first] == length - 1)
-    first = first[whole & (step[first] % skip == 0)]
+    is_complete = (tracks.id[first] == tracks.id[last]) & (place[last] - place[first] == length - 1)
+    first = first[is_complete & (step[first] % skip == 0)]
     first = first[np.argsort(step[first], kind="stable")]
 
     starts, sizes = np.unique(step[first], return_counts=True)
@@ -235,5 +235,5 @@ def gather_scenes(
         origin=origin,
         future=padded(position[:, windows.obs_len :], model_dtype()),
         period=round(float(windows.period), 6),
-        extras={name: padded(of[rows]) for name, of in windows.extras.items()},
+        extras={name: padded(extra[rows]) for name, extra in windows.extras.items()},
     )

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from numpy.typing import ArrayLike
 
+from neurosym_jax.data.geometry import read_homography
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
@@ -68,7 +69,7 @@ def plot_tracks(
 
 
 def read_underlay(image: Path, homography: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read an image and the nine numbers of its homography, a text file; see `plot_tracks`.
+    """Read an image and its homography, see `plot_tracks` and `data.geometry.read_homography`.
 
     Raises:
         InputError: naming the file that cannot be read.
@@ -77,14 +78,7 @@ def read_underlay(image: Path, homography: Path) -> tuple[np.ndarray, np.ndarray
         pixels = imread(image)
     except (OSError, SyntaxError, ValueError) as error:
         raise InputError(f"{image}: cannot be read as an image ({error})") from None
-    try:
-        matrix = np.loadtxt(homography).reshape(3, 3)
-        np.linalg.inv(matrix)
-    except (OSError, ValueError) as error:  # LinAlgError is a ValueError.
-        raise InputError(
-            f"{homography}: 3 x 3 numbers that have an inverse are wanted ({error})"
-        ) from None
-    return pixels, matrix
+    return pixels, read_homography(homography)
 
 
 def _draw_underlay(axes: Axes, pixels: np.ndarray, homography: np.ndarray) -> None:

@@ -43,7 +43,9 @@ READ = {
     "--fps": ("walk.txt", "--fps 30"),
     "--eth-stride": ("tables/biwi_eth.txt", "--eth-stride 12"),
     "--max-gap": ("gap.txt", "--max-gap 9"),
-    "--yes-really": ("tables/fast.txt", "--yes-really"),
+    "--allow": ("tables/fast.txt", "--allow fast"),
+    "--homography": ("walk.txt", "--homography {d}/a.h --allow slow near"),
+    "--flip-y": ("walk.txt", "--flip-y"),
 }
 """Options of reading: a file, and what is said of it."""
 

@@ -18,6 +18,7 @@ from neurosym_jax.commands.inspect import describe
 from neurosym_jax.data import ReadOptions, open_source, read_any, windows_from
 from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.formats import data_files
+from neurosym_jax.data.reading import GUARDS
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
 
@@ -103,7 +104,7 @@ def test_a_header_of_100_000_bodies_is_fast(tmp_path):
     (tmp_path / "a.tsv").write_text(f"Frame\tTime\t{names}\n1\t0.0\t{row}\n2\t0.1\t{row}\n")
     start = time.process_time()
     with pytest.warns(InputWarning, match="everybody there twice"):
-        (tracks,) = read_any(tmp_path / "a.tsv", ReadOptions(yes_really=True))
+        (tracks,) = read_any(tmp_path / "a.tsv", ReadOptions(allow=tuple(GUARDS)))
     assert len(tracks.id) == 200_000
     assert time.process_time() - start < 5
 
@@ -123,8 +124,7 @@ REFUSALS = [
     ("text", "0 1 2 3\n1 2 2 3\n0 1 5 5\n", "row 3: repeats agent 1 at 0 s"),
     ("text", "0 1 2 3\n0.5 1 2 3\n", "row 2: frame 0.5 is not a whole number"),
     ("text", "0 1 2 3\n1 1 2 1e300\n", r"row 2: position .* is not a usable number"),
-    ("text", "780;1;8,46;3,59\n", r"row 1: x is not a number: '8,46' \(use a decimal point\)"),
-    ("text", "0 1 2 3\n1 1_0 2 3\n", "row 2: ped is not a number: '1_0'"),
+    ("text", "0 1 2 3\n1 1_0 2 3\n", "row 2: id is not a number: '1_0'"),
     ("cliff", "1e12,1,0,0,0,0\n", r"row 1: time .* is not a usable number of seconds"),
     ("columns", "t,id,x,y" + ",c" * 10**6 + "\n1\n", "row 1: has more than 1000000 columns"),
     ("columns", "id,x,y\n1,2,3\n", "which column is time or frame"),

@@ -137,7 +137,12 @@ def test_means_are_of_people_and_not_of_scenes():
         for ids in ([0, 1], [2, 3, 4])
     ]
     model = nj.load_model("anchors_zara1_8")
-    found = nj.evaluate(model, frames, baselines=("constant_velocity",), yes_really=True)
+    found = nj.evaluate(
+        model,
+        frames,
+        baselines=("constant_velocity",),
+        allow=("fast", "pixels", "together", "held"),
+    )
     row = found.row(0, named=True)
     assert (row["model"], row["scenes"], row["agents"]) == ("constant velocity", 2, 5)
     # 0.4 m to 3.2 m behind are 1.8 m in the mean; by scenes it would be 1.8 / 2 / 2.

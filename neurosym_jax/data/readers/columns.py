@@ -1,210 +1,295 @@
-"""A user's own table, whose columns are named, numbered or have usual names.
+"""Tables whose columns have roles: a user's own, and layouts that are known by their numbers.
 
-A column of scenes, runs or cameras splits the table into recordings. Columns of kinds (label,
-class, type) say which rows are people. Frames beside times must agree with them.
+Rows of other kinds than people, and rows that are no positions, are left out. A column of scenes,
+runs or cameras splits the table into recordings.
 """
 
-import re
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.reading import Format, Head, ReadOptions
+from neurosym_jax.data.geometry import project, read_homography
+from neurosym_jax.data.reading import Format, Head, ReadOptions, metres_in
+from neurosym_jax.data.schema import (
+    Schema,
+    names_in_comments,
+    parse_columns,
+    role_of,
+    schema_of,
+    vocabulary,
+)
+from neurosym_jax.data.stamps import stamps_of
 from neurosym_jax.data.table import Table, read_table
 from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.witnesses import facts_of, kinds_beside
 from neurosym_jax.errors import InputError, printable
 
-__all__ = ["Columns", "names_tracks"]
-
-_USUAL = {
-    "time": {"time", "t", "timestamp", "stamp", "ts", "datetime"},
-    "frame": {"frame", "frame_id", "frame_number", "frame_num", "f"},
-    "id": {"id", "person", "person_id", "ped", "ped_id", "pedestrian", "pedestrian_id", "p"}
-    | {"agent", "agent_id", "ag_id", "track", "track_id", "trackid"},
-    "x": {"x", "px", "pos_x", "position_x", "x_est"},
-    "y": {"y", "py", "pos_y", "position_y", "y_est"},
-}
-_RECORDINGS = re.compile(
-    r"(scene|run|camera|cam|recording|video|sequence|session|clip|trial|take|episode|experiment|"
-    r"dataset|scenario|file|day)([ _-]?(id|name|number|no|nr))?",
-    re.IGNORECASE,
-)
-_KINDS = re.compile(
-    r"((agent|actor|obj|object|track)[ _-]?)?(class|label|type|kind|category)([ _-]?(name|id))?"
-    r"|lost|outside|valid",
-    re.IGNORECASE,
-)
-_PEOPLE = (
-    "person persons people human humans ped peds pedestrian pedestrians walker adult child "
-    "visitor worker man woman"
-)
-_OTHERS = (
-    "robot robots car vehicle truck bus cart bicycle bike biker cyclist bicyclist motorcycle "
-    "motorcyclist scooter skater dog"
-)
-_FLAGS = {"lost": "0 0.0 false no", "outside": "0 0.0 false no", "valid": "1 1.0 true yes"}
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+__all__ = ["Columns", "Layout", "recordings_of"]
 
 
 class Columns(Format):
-    """A user's own table."""
+    """A user's own table, whose columns are named, numbered or have usual names."""
 
     title = "table with named columns"
-    uses = frozenset({"columns", "fps", "keep", "time_unit", "unit"})
+    uses = frozenset({"columns", "fps", "keep", "time_unit", "unit", "homography", "flip_y"})
 
     def knows(self, head: Head) -> bool:
-        """A header with names."""
-        return bool(head.names)
+        """Names in a header or a comment, a column of texts, or more than four columns."""
+        width = head.rows.shape[1]
+        texts = (np.isnan(head.rows).mean(axis=0) > 0.5).any()
+        named = head.names or names_in_comments(head.comments, width)
+        return bool(named or texts or width > 4)
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in one table, of a file or a dataframe.
+        """The recordings in one table.
 
         Raises:
             InputError: naming file, row and reason.
         """
-        columns: dict[str, str] = {}
-        for pair in options.columns:
-            key, _, name = pair.partition("=")
-            if not key.isidentifier() or not name or key in columns:
-                known = "=.. ".join(_USUAL)
-                raise InputError(
-                    f"{pair}: columns are given as {known}=.. (or EXTRA=..), each once"
-                )
-            columns[key] = name
-        table = read_table(path)
-        timed = "frame" not in columns and _places(table.names, "time")
-        clock = "time" if timed or "time" in columns else "frame"
-        keys = (clock, "id", "x", "y", *(columns.keys() - _USUAL))
-        place = {key: _find(table, key, columns.get(key, "")) for key in keys}
-        points = {place[key] for key in keys[:4]}
-        if len(points) < 4:
-            raise InputError(f"{table.path}: {clock}, id, x and y are four columns")
-        table, said = _people(table, options.keep, points)
-        runs = {at for at, name in enumerate(table.names) if _RECORDINGS.fullmatch(name)}
-        keys = ["_".join(row) for row in zip(*map(table.column, sorted(runs - {*place.values()})))]
-        kinds, part = np.unique(keys or [""] * len(table.row), return_inverse=True)
-        names = [printable(f"{table.path.stem}_{kind}"[:200]) for kind in kinds]
-        names = names if len(names) > 1 else [printable(table.path.stem)]
-        if clock == "time":
-            stamp = _seconds(table, place[clock], options)
-            if "time" not in columns:
-                _refuse_other_frames(table, place[clock], stamp, part)
-        elif options.time_unit:
-            raise InputError(f"{table.path}: --time-unit is of no use: the column counts frames")
-        else:
-            stamp = table.times(place[clock], table.ids(place["id"]), options, period)
-        frames = place[clock] if clock == "frame" else None
-        position = table.numbers(place["x"], place["y"]) * options.metres
-        extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
-        ids = table.ids(place["id"])
-        order = np.lexsort((stamp, ids))
-        over = (np.diff(ids[order]) == 0) & (np.diff(stamp[order]) <= 1)
-        over &= np.diff(part[order]) != 0
-        moves = np.linalg.norm(np.diff(position[order], axis=0)[over], axis=1)
-        if len(moves) and np.median(moves) < 1:
-            went = f"{len(moves)} times a person goes on in another recording: is it one that a"
-            said.append(f"{went} column splits (--columns camera=camera does not split)?")
-        return table.tracks(
-            stamp, ids, position, extras, parts=(names, part), said=said, clock=frames
-        )
+        _, has_header = parse_columns(options.columns)
+        return self.take(read_table(path, has_header=has_header), options, period)
+
+    def take(self, table: Table, options: ReadOptions, period: float) -> list[Tracks]:
+        """The recordings in a table that was read."""
+        stated, _ = parse_columns(options.columns)
+        table = _named_by_comments(table)
+        if stated.get("id") == "none":  # The whole table is one person.
+            fields = table.fields.list.concat(pl.Series([["0"]]))
+            table = dataclasses.replace(table, names=[*table.names, "none"], fields=fields)
+        return recordings_of(table, schema_of(table, stated), options, period)
 
 
-def names_tracks(names: Sequence[str]) -> bool:
-    """Whether a header has usual names for a time or frame, an id, x and y."""
-    found = {key for key in _USUAL if _places(names, key)}
-    return found >= {"id", "x", "y"} and bool(found & {"time", "frame"})
+@dataclasses.dataclass(frozen=True)
+class Layout(Format):
+    """A table without a header that is known by its numbers."""
+
+    uses = frozenset({"unit", "fps", "keep", "homography", "flip_y"})
+    layout: ClassVar[tuple[str, ...]] = ()
+    """What each column is: a role, or another name, which is not read."""
+    decimals: ClassVar[int | None] = None  # to which positions are rounded
+    people: ClassVar[tuple[str, ...]] = ()  # kinds that are kept, where the column has numbers
+
+    def knows(self, head: Head) -> bool:
+        """Whether the first rows fit every role."""
+        rows = head.rows
+        if rows.shape[1] != len(self.layout) or not len(rows):
+            return False
+        column = dict(zip(self.layout, rows.T))
+        fits = {
+            "frame": lambda values: (values % 1 == 0).all(),
+            "id": lambda values: (values % 1 == 0).all(),
+            "time": lambda values: (values % 1 != 0).any(),
+            "lost": lambda values: np.isin(values, (0, 1)).all(),
+            "flag": lambda values: np.isin(values, (0, 1)).all(),
+            "zero": lambda values: not values.any(),
+            "zero2": lambda values: not values.any(),
+            "text": lambda values: np.isnan(values).all(),
+            "label": lambda values: (np.isnan(values) | (values % 1 == 0)).all(),
+            "share": lambda values: ((values >= 0) & (values <= 1)).all(),
+            "speed": lambda values: (values >= 0).all(),
+            "heading": lambda values: (np.abs(values) <= np.pi + 1e-3).all(),
+            "width": lambda values: (values > 0).all(),
+            "height": lambda values: (values > 0).all(),
+            "right": lambda values: (values >= column["left"]).all(),
+            "bottom": lambda values: (values >= column["top"]).all(),
+        }
+        return all(fits[role](values) for role, values in column.items() if role in fits)
+
+    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
+        """The recordings in a file."""
+        table = read_table(path, self.layout)
+        self.check(table)
+        places = {role: at for at, role in enumerate(self.layout) if role_of(role) == role}
+        schema = Schema(places, declared=frozenset(places))
+        return recordings_of(table, schema, options, period, self.decimals, self.people)
+
+    def check(self, table: Table) -> None:
+        """Refuse what is no such table after all."""
 
 
-def _places(names: Sequence[str], key: str) -> list[int]:
-    return [at for at, name in enumerate(names) if name.lower() in _USUAL.get(key, ())]
+def recordings_of(
+    table: Table,
+    schema: Schema,
+    options: ReadOptions,
+    period: float,
+    decimals: int | None = None,
+    people: Sequence[str] = (),
+) -> list[Tracks]:
+    """The recordings in a table: people at positions in metres, on the clock that it says.
+
+    Positions are rounded to `decimals`; `people` are kinds of people where `options` say nothing.
+
+    Raises:
+        InputError: naming file, row and reason.
+    """
+    places, path = schema.places, table.path
+    table, warnings = _seen(table, schema)
+    table, lines = _people(table, schema, options.keep or people)
+    warnings += lines
+    facts = facts_of(table, schema)
+    table, position, raw, lines = _positions(table, schema, options, facts.get("unit"))
+    warnings += lines
+    if decimals is not None:
+        position = np.round(position, decimals)
+    ids = table.ids(places["id"])
+    keys = ["_".join(row) for row in zip(*map(table.column, schema.recordings))]
+    kinds, part = np.unique(keys or [""] * len(table.row), return_inverse=True)
+    names = [printable(f"{path.stem}_{kind}"[:200]) for kind in kinds]
+    names = names if len(names) > 1 else [printable(path.stem)]
+    stamp, lines, notes = stamps_of(table, schema, options, period, ids, part, raw, facts)
+    warnings += lines
+    table = dataclasses.replace(table, notes=(*table.notes, *notes))
+    extras = {name: table.extra(at) for name, at in schema.extras.items()}
+    order = np.lexsort((stamp, ids))
+    over = (np.diff(ids[order]) == 0) & (np.diff(stamp[order]) <= 1)
+    over &= np.diff(part[order]) != 0
+    moves = np.linalg.norm(np.diff(position[order], axis=0)[over], axis=1)
+    if len(moves) and np.median(moves) < 1:
+        times = f"{len(moves)} times a person goes on in another recording: is it one that a"
+        warnings.append(f"{times} column splits (--columns camera=camera does not split)?")
+    frames = places["frame"] if schema.clock == "frame" else None
+    return table.tracks(
+        stamp, ids, position, extras, parts=(names, part), warnings=warnings, clock=frames
+    )
 
 
-def _find(table: Table, key: str, given: str) -> int:
-    """Place of the column that serves as `key`: the given one, else the only one of usual name."""
-    names = table.names
-    named = [at for at, name in enumerate(names) if name == given]
-    places = named if given else _places(names, key)
-    if not places and given.isdecimal() and 1 <= int(given[:9]) <= len(names):
-        return int(given) - 1
-    if len(places) != 1:
-        what = "time or frame" if key == "frame" else key
-        shown = ", ".join(repr(name[:30]) for name in names[:12])
-        no = f"no column {given[:40]!r}: " * bool(given and not places)
-        raise InputError(
-            f"{table.path}: {no}which column is {what}? There are {shown}: say --columns {key}="
-        )
-    return places[0]
+def _named_by_comments(table: Table) -> Table:
+    """The table with the names that a comment before its first row has, if it has no header."""
+    width = len(table.names)
+    names = names_in_comments(table.comments, width)
+    if not names or list(table.names) != [str(at + 1) for at in range(width)]:
+        return table
+    notes = (*table.notes, f"columns named in a comment: {' '.join(names)}")
+    return dataclasses.replace(table, names=names, notes=notes)
 
 
-def _seconds(table: Table, place: int, options: ReadOptions) -> np.ndarray:
-    """[R] seconds in a column of times."""
-    path, name, unit = table.path, table.names[place], options.time_unit
-    if options.fps is not None:
-        raise InputError(f"{path}: --fps counts frames, and {name!r} is a time")
-    texts = table.column(place)
-    if re.match(r"\d{4}-\d\d-", texts[0]) and not unit:
-        moments = texts.str.to_datetime(time_unit="us", time_zone="UTC", strict=False)
-        wrong = moments.is_null().to_numpy()
-        table.refuse(wrong, lambda at: f"{texts[at][:40]!r} is not a date and time")
-        return moments.dt.timestamp("us").to_numpy() / 1e6
-    stamp = table.numbers(place)[:, 0] * _SECONDS[unit or "s"]
-    counts = np.unique(stamp)
-    if not unit and len(counts) > 10 and (counts == np.rint(counts)).all():
-        raise InputError(
-            f"{path}: all of {name!r} are whole numbers: do they count frames (--columns "
-            f"frame={name} --fps 25), or is that their unit (--time-unit s or ms)?"
-        )
-    return stamp
-
-
-def _refuse_other_frames(table: Table, clock: int, stamp: np.ndarray, part: np.ndarray) -> None:
-    """Refuse a column of frames that counts anything but the times [R] of each recording [R]."""
-    places = _places(table.names, "frame")
-    frame = table.numbers(*places, missing=True).ravel() if len(places) == 1 else np.zeros(0)
-    for number in np.unique(part[: len(frame)]):
-        at = (part == number) & np.isfinite(frame)
-        first, index = np.unique(frame[at], return_index=True)
-        if len(first) < 3:
+def _seen(table: Table, schema: Schema) -> tuple[Table, list[str]]:
+    """The rows that no flag calls lost, invalid or without confidence, and a line for the rest."""
+    lines = []
+    for role in ("lost", "valid", "confidence"):
+        if role not in schema.places:
             continue
-        rate, start = np.polyfit(first - first[0], stamp[at][index], 1)
-        off = np.max(np.abs(stamp[at] - start - rate * (frame[at] - first[0])))
-        if rate <= 0 or off > 0.1 + 2 * rate + 1e-3 * np.ptp(stamp[at]):
-            frames, times = table.names[places[0]], table.names[clock]
-            raise InputError(
-                f"{table.path}: columns {frames!r} and {times!r} disagree: say which is right, "
-                f"--columns frame={frames} or time={times}"
-            )
+        at = schema.places[role]
+        texts = table.column(at).str.to_lowercase()
+        number = texts.cast(pl.Float64, strict=False)
+        is_set = (number > 0).fill_null(texts.is_in(("true", "yes", "t", "y"))).to_numpy()
+        usable = ~is_set if role == "lost" else is_set
+        if role == "confidence" and (number < 0).fill_null(False).all():
+            continue  # -1 everywhere: unknown
+        if not usable.any():
+            raise InputError(f"{table.path}: column {table.names[at][:30]!r} leaves no row")
+        if not usable.all():
+            name = role if table.names[at].isdecimal() else table.names[at][:30]
+            values = {"lost": "True", "valid": "False", "confidence": "0"}[role]
+            lines.append(f"{np.sum(~usable)} rows with {name} {values} are left out")
+            table = table.take(usable)
+    return table, lines
 
 
-def _people(table: Table, keep: Sequence[str], used: set[int]) -> tuple[Table, list[str]]:
-    """The rows of people by every column of kinds, and a line for what each leaves out."""
-    places = [
-        at
-        for at, name in enumerate(table.names)
-        if at not in used
-        # By its name or, of the first columns (there may be millions), by what it says.
-        and (_KINDS.fullmatch(name) or (at < 50 and _lower(table, at).is_in(_OTHERS.split()).any()))
-    ]
-    wanted, said = [kind.lower() for kind in keep] or _PEOPLE.split(), []
-    if keep and all(table.names[at].lower() in _FLAGS for at in places):
+def _people(table: Table, schema: Schema, keep: Sequence[str]) -> tuple[Table, list[str]]:
+    """The rows of people by the columns of kinds, and a line for what each leaves out.
+
+    These are the one that the user named, or else all by name, and those of the first columns
+    (there may be millions) whose texts say so; numbers, and kinds in a file beside, count only
+    where no texts do.
+    """
+    words, others = vocabulary()["people"], vocabulary()["others"]
+    kinds = [kind.lower() for kind in keep]
+    columns = {table.names[at][:30]: _lower(table, at) for at in schema.labels}
+    if "label" in schema.places:
+        at = schema.places["label"]
+        columns = {table.names[at][:30]: _lower(table, at)}
+    else:
+        used = {at for role, at in schema.places.items() if role not in schema.extras}
+        columns |= {
+            table.names[at][:30]: _lower(table, at)
+            for at in range(min(50, len(table.names)))
+            if at not in used and _lower(table, at).is_in(others).any()
+        }
+    if not columns and (beside := kinds_beside(table, schema)) is not None:
+        columns = {beside[0]: beside[1]}
+    texts = {
+        name: column
+        for name, column in columns.items()
+        if column.cast(pl.Float64, strict=False).null_count() or column.is_in(kinds).any()
+    }
+    if keep and not columns:
         raise InputError(f"{table.path}: --keep: no column is a label, class, type or category")
-    for at in places:
-        name, kinds = table.names[at][:30], table.column(at)
-        mask = _lower(table, at).is_in(_FLAGS.get(name.lower(), "").split() or wanted).to_numpy()
-        others = kinds.filter(~mask).unique(maintain_order=True)
-        shown = printable(", ".join(kind[:30] or "nothing" for kind in others[:6]))
+    lines, is_person = [], np.ones(len(table.row), bool)
+    for name, column in (texts or columns).items():
+        mask = column.is_in(kinds or words).to_numpy()
+        left = printable(", ".join(kind[:30] or "nothing" for kind in _kinds(column.filter(~mask))))
         if not mask.any():
             raise InputError(
-                f"{table.path}: column {name!r} has {shown}: say with --keep which are people"
+                f"{table.path}: column {name!r} has {left}: say with --keep which are people"
             )
         if not mask.all():
-            left = f"{np.sum(~mask)} rows with {name} {shown} are left out"
-            said.append(f"{left} (--keep says who is kept)")
-            table = table.take(mask)
-    return table, said
+            counted = f"{np.sum(~mask & is_person)} rows with {name} {left} are left out"
+            lines.append(f"{counted} (--keep says who is kept)")
+            is_person &= mask
+    return (table if is_person.all() else table.take(is_person)), lines
+
+
+def _kinds(column: pl.Series) -> list[str]:
+    return column.unique(maintain_order=True).head(6).to_list()
 
 
 def _lower(table: Table, place: int) -> pl.Series:
     return table.column(place).str.to_lowercase()
+
+
+def _positions(
+    table: Table, schema: Schema, options: ReadOptions, unit: str | None
+) -> tuple[Table, np.ndarray, np.ndarray, list[str]]:
+    """The rows with a position, [R, 2] metres, [R, 2] in the file's unit, and what to warn of."""
+    places, lines = schema.places, list[str]()
+    roles = [
+        role for role in ("left", "top", "right", "bottom", "width", "height") if role in places
+    ]
+    roles = roles if schema.is_box else ["x", "y"]
+    values = table.numbers(*(places[role] for role in roles), missing=True)
+    if (has_position := ~np.isnan(values).any(axis=1)).sum() < len(values):
+        if not has_position.any():
+            raise InputError(f"{table.path}: no row has a position")
+        lines.append(f"{np.sum(~has_position)} rows have no position, and are taken as not seen")
+        table, values = table.take(has_position), values[has_position]
+    column = dict(zip(roles, values.T))
+    if schema.is_box:
+        right = column["right"] if "right" in column else column["left"] + column["width"]
+        bottom = column["bottom"] if "bottom" in column else column["top"] + column["height"]
+        wrong = (right < column["left"]) | (bottom < column["top"])
+        table.refuse(wrong, lambda at: "the box ends before it begins (left top right bottom)")
+        raw = np.column_stack([(column["left"] + right) / 2, bottom])
+    else:
+        raw = values
+    stated = options.unit_of(table.path.stem)
+    if unit and stated and abs(metres_in(stated) / metres_in(unit) - 1) > 1e-6:
+        if "scale" not in options.allow:
+            raise InputError(
+                f"{table.path}: the file says that coordinates are {unit}, --unit {stated}: which "
+                "is right? (--allow scale takes the option)"
+            )
+        lines.append(f"allowed scale: the file says {unit}, --unit {stated}")
+    if schema.in_picture and not (stated or unit or options.homography):
+        raise InputError(
+            f"{table.path}: positions are pixels of a picture: say what they are in metres, by "
+            "--homography FILE or --unit METRES of a pixel (--unit 0.032)"
+        )
+    if options.homography:
+        position = project(read_homography(options.homography), raw)
+        table.refuse(
+            np.isnan(position).any(axis=1),
+            lambda at: f"{raw[at]} lies beyond the homography's horizon",
+        )
+        position = position * metres_in(stated or "m")
+    else:
+        position = raw * metres_in(stated or unit or "m")
+        if schema.in_picture:
+            position = position * [1, -1]  # Rows of pictures count downward.
+    if options.flip_y or (schema.in_picture and not options.homography):
+        table = dataclasses.replace(table, notes=(*table.notes, "y is turned round, to point up"))
+    return table, position * [1, -1 if options.flip_y else 1], raw, lines

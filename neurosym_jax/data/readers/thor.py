@@ -2,10 +2,9 @@
 
 - QTM exports (THÖR's 6D, THÖR-MAGNI): a header `Frame Time ...`, one row per frame, millimetres.
 - Tracklets of THÖR-MAGNI: `Time,...,x,y,...,ag_id,...,tracklet_id` in metres.
-- Tracks of CLiFF-LHMP: `time,id,x,y,speed,heading` in metres, no header, a clock for each agent.
 
 People wear helmets, whose numbers are their ids. Sources: A. Rudenko et al., "THÖR", RA-L 5(2),
-2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024; Y. Zhu et al., "CLiFF-LHMP", IROS 2023.
+2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024.
 """
 
 import itertools
@@ -19,29 +18,10 @@ from neurosym_jax.data.table import read_table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, printable
 
-__all__ = ["Cliff", "Qtm", "Tracklets"]
+__all__ = ["Qtm", "Tracklets"]
 
 _TRACKLET = ("Time", "x", "y", "tracklet_id", "ag_id")
 _HELMET = re.compile(r"Helmet_(\d{1,18})\s+(?:Centroid_)?X")
-
-
-class Cliff(Format):
-    """Tracks that CLiFF-LHMP made of THÖR."""
-
-    title = "CLiFF-LHMP tracks (`time,id,x,y,speed,heading`)"
-
-    def knows(self, head: Head) -> bool:
-        """Six numbers a row: times that are no frame numbers, and the last speed and heading."""
-        columns = head.rows.T if head.rows.shape[1] == 6 else np.zeros((6, 1))
-        headings = np.abs(columns[5]).max() <= np.pi + 1e-3
-        return bool(np.any(columns[0] % 1) and columns[4].min() >= 0 and headings)
-
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The tracks, on their own clocks."""
-        table = read_table(path, ("time", "id", "x", "y", "speed", "heading"))
-        table.whole_numbers(1)
-        values = table.numbers(0, 2, 3, 4, 5)
-        return table.tracks(values[:, 0], table.ids(1), values[:, 1:3])
 
 
 class Tracklets(Format):

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.data.reading import Format, Head, ReadOptions, read_text_file
+from neurosym_jax.data.stamps import usual_frames
 from neurosym_jax.data.table import Table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
@@ -54,7 +55,9 @@ class Trajnet(Format):
         texts = pl.Series(points.values(), dtype=pl.List(pl.String))
         table = Table(path, _KEYS, texts, np.array(list(points)))
         ids = table.ids(1)
-        stamp = table.times(0, ids, options, 1 / (rates or [FPS])[-1], any_step=True)
+        frame = table.whole_numbers(0)
+        step = usual_frames(table, frame, ids, any_step=True)
+        stamp = frame / options.fps if options.fps else step / (rates or [FPS])[-1]
         return table.tracks(stamp, ids, table.numbers(2, 3), clock=0)
 
 

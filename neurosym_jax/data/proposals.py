@@ -1,0 +1,91 @@
+"""Which columns may be the clock, the id and positions, by their values alone."""
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from neurosym_jax.data.table import Table
+
+__all__ = ["propose", "roughness"]
+
+
+def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
+    """Columns for the roles that are missing, by values: the reading whose tracks are smoothest.
+
+    The id repeats, the clock is a number; x and y follow each other, perhaps with one between.
+    """
+    part = table.take(np.arange(len(table.row)) < 20_000)
+    free = [at for at in range(min(len(table.names), 12)) if at not in places.values()]
+    clock = places.get("time", places.get("frame"))
+    x, y = places.get("x", places.get("left")), places.get("y", places.get("top"))
+    numbers = {
+        at: values
+        for at in {*free, clock, x, y} - {None}
+        if (values := _numbers(part, at)) is not None
+    }
+    moments = [clock] if clock is not None else [at for at in free if at in numbers]
+    people = [places["id"]] if "id" in places else [at for at in free if _repeats(part, at)]
+    pairs = [(a, b) for a, b in itertools.combinations(sorted(numbers), 2) if b - a <= 2]
+    pairs = [(a, b) for a, b in pairs if a in (x, a * (x is None)) and b in (y, b * (y is None))]
+    pairs = pairs if x is None or y is None else [(x, y)]
+    lowest, best = np.inf, dict[str, int]()
+    for moment, person in itertools.product(moments, people):
+        if moment == person or moment not in numbers:
+            continue
+        ids = part.column(person).rank("dense").to_numpy()
+        bends = roughness(numbers[moment], ids, np.column_stack(list(numbers.values())))
+        # One number at a moment, whoever is there, is another clock; one of a person may be a
+        # height, and is taken for a coordinate only where nothing else is left.
+        bend = dict[int, float]()
+        for at, value in zip(numbers, bends):
+            at_once, in_all = (
+                len(np.unique(key + 1j * numbers[at])) > 1.2 * len(np.unique(key))
+                for key in (numbers[moment], ids)
+            )
+            if at_once:
+                bend[at] = value + 10.0 * (not in_all)
+        for pair in pairs:
+            if {moment, person} & set(pair) or not all(at in bend for at in pair):
+                continue
+            if (
+                score := bend[pair[0]] + bend[pair[1]]
+            ) < 0.7 * lowest:  # Of readings alike the first.
+                lowest, is_whole = score, (numbers[moment] % 1 == 0).all()
+                best = {"frame" if is_whole else "time": moment, "id": person}
+                best |= {"x": pair[0], "y": pair[1]}
+    occupied = {*places, *(("time", "frame") if clock is not None else ())}
+    occupied |= {"x", "y"} if "left" in places else set()
+    return {role: at for role, at in best.items() if role not in occupied}
+
+
+def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """[C] typical second difference of each of the `columns` [R, C] along tracks, in spreads.
+
+    It is infinite where the reading repeats a person at one moment, or has few tracks of three
+    rows; uneven steps in time add to it.
+    """
+    order = np.lexsort((time, ids))
+    step, same = np.diff(time[order]), np.diff(ids[order]) == 0
+    triple = same[1:] & same[:-1]
+    if (same & (step == 0)).any() or triple.sum() < 0.3 * len(time):
+        return np.full(columns.shape[1], np.inf)
+    bend = np.median(np.abs(np.diff(columns[order], 2, axis=0))[triple], axis=0)
+    spread = np.ptp(np.quantile(columns, (0.05, 0.95), axis=0), axis=0)
+    uneven = np.mean(step[1:][triple] != step[:-1][triple])
+    return bend / np.maximum(spread, 1e-12) + 0.05 * uneven
+
+
+def _numbers(table: Table, at: int) -> Any:
+    """[R] numbers of a column; None where most fields are others."""
+    values = table.extra(at, texts=False)
+    return np.nan_to_num(values) if np.isfinite(values).mean() > 0.5 else None
+
+
+def _repeats(table: Table, at: int) -> bool:
+    """Whether a column's values repeat, as ids do; fractions never do."""
+    texts = table.column(at)
+    values = table.extra(at, texts=False)
+    is_whole = not np.isfinite(values).any() or (np.nan_to_num(values) % 1 == 0).all()
+    return bool(is_whole and 2 * texts.n_unique() <= len(texts))

@@ -1,0 +1,311 @@
+"""Tables as people have them: each is read at the first try, or after pasting the printed command,
+and says where everybody is. What is right is the crowd that the table was written from."""
+
+import gzip
+import json
+import re
+import shlex
+import sqlite3
+
+import numpy as np
+import polars as pl
+import pytest
+
+from neurosym_jax.data import ReadOptions, read_any
+from neurosym_jax.errors import InputError
+from studies.mistakes.crowd import CROWD, make_crowd
+
+pytestmark = pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
+VIDEO = make_crowd(rate=25)
+BOXES = 0.02  # metres of a pixel
+
+
+def lines(form, crowd=CROWD, head="", **columns):
+    """A line for each row by a format string of `step`, `id`, `x`, `y` and `t`."""
+    names = {
+        "step": crowd.step,
+        "id": crowd.id,
+        "x": crowd.x,
+        "y": crowd.y,
+        "t": crowd.t,
+        **columns,
+    }
+    rows = (dict(zip(names, row)) for row in zip(*names.values()))
+    return head + "".join(form.format(**row) + "\n" for row in rows)
+
+
+def commas(text):
+    return text.replace(".", ",")
+
+
+PEOPLE = {
+    int(person): {
+        name: getattr(CROWD, name)[CROWD.id == person].tolist() for name in ("t", "x", "y")
+    }
+    for person in np.unique(CROWD.id)
+}
+PIXELS = {"u": CROWD.x / BOXES, "v": 700 - CROWD.y / BOXES}
+TABLES = {
+    # name: content; "pasted" where one printed command is needed
+    "capitals": lines("{step}0,{id},{x},{y}", head="FrameNo,ped,pos_x,pos_y\n"),
+    "units in names": lines(
+        "{ms},{id},{cx:.6f},{cy:.6f}",
+        head="timestamp_ms,track_id,x_cm,y_cm\n",
+        ms=400 * CROWD.step,
+        cx=100 * CROWD.x,
+        cy=100 * CROWD.y,
+    ),
+    "German": "Zeit [s];Person;X [m];Y [m]\n" + commas(lines("{t};{id};{x};{y}")),
+    "PeTrack": lines("{id} {step} {x} {y}", VIDEO, "# framerate: 25.00\n# id frame x/m y/m\n"),
+    "PeTrack, five columns in cm": lines(
+        "{id} {step} {cx:.6f} {cy:.6f} 176",
+        VIDEO,
+        "# PeTrack\n# framerate: 25 fps\n# id frame x/cm y/cm z/cm\n",
+        cx=100 * VIDEO.x,
+        cy=100 * VIDEO.y,
+    ),
+    "an object a person": "\n".join(json.dumps({"id": who, **way}) for who, way in PEOPLE.items()),
+    "a list of people with points": json.dumps(
+        [
+            {"person": who, "points": [list(row) for row in zip(*way.values())]}
+            for who, way in PEOPLE.items()
+        ]
+    ),
+    "French": "temps;piéton;x;y\n" + commas(lines("{t};{id};{x};{y}")),
+    "Spanish": lines("{step}0\t{id}\t{x}\t{y}", head="fotograma\tpeatón\tposición_x\tposición_y\n"),
+    "Italian": lines("{id},{t},{x},{y}", head="pedone,tempo,posizione_x,posizione_y\n"),
+    "Chinese": lines("{step}0,{id},{x},{y}", head="帧,行人,x,y\n"),
+    "trackpy": lines("{y},{x},{step}0,{id}", head="y,x,frame,particle\n"),
+    "camel case": lines("{t},{id},{x},{y}", head="simTime,agentId,positionX,positionY\n"),
+    "an index, quotes": lines('{step},"{t}","p{id}",{x},{y}', head=',"time","agent","x","y"\n'),
+    "z before y": lines("{step}0 {id} {x} 0.0 {y}", head="frame id x z y\n"),
+    "velocities tell the rate": lines(
+        "{step},{id},{x},{y},{vx:.5f},{vy:.5f}",
+        VIDEO,
+        "frame,id,x,y,vx,vy\n",
+        vx=np.gradient(VIDEO.x) * 25,
+        vy=np.gradient(VIDEO.y) * 25,
+    ),
+    "a label beside numbers, pasted": lines("{step}0 {id} Pedestrian {x} {y}"),
+    "id before frame, pasted": lines("{id} {step}0 {x} {y}"),
+    "id before frame, and a height, pasted": lines("{id}\t{step}0\t{x}\t{y}\t1.7"),
+    "time first, pasted": lines("{t},{id},{x},{y},ok"),
+    "positions first, pasted": lines("{x};{y};{id};{t};0"),
+    "names in no language, pasted": lines("{t},{id},{x},{y}", head="aa,bb,cc,dd\n"),
+    "half of the names, pasted": lines(
+        "{t},{id},{x},{y}", head="t,id,east_of_door,north_of_door\n"
+    ),
+    "a comment that names two, pasted": lines("{id} {step}0 {x} {y} 0", head="# person frame\n"),
+}
+
+
+def where(stamp, x, y):
+    """[R, 3] seconds since the first, x and y, moment by moment from left to right."""
+    rows = np.column_stack([stamp - np.min(stamp), x, y])
+    return rows[np.lexsort((y, rows[:, 0].round(2)))]
+
+
+def read_as_told(path, **options):
+    """The recording, and the command that was pasted."""
+    command = message = ""
+    try:
+        (tracks,) = read_any(path, ReadOptions(**options))
+    except InputError as error:
+        message, notes = str(error), getattr(error, "__notes__", [])
+    if message:
+        command = re.search(r"--columns (.*)$", message)[1]
+        assert len(notes) == ("which column" in message)
+        (tracks,) = read_any(path, ReadOptions(columns=tuple(shlex.split(command)), **options))
+    return tracks, command
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_at_the_first_try_or_after_pasting(tmp_path, name):
+    path = tmp_path / "mine.csv"
+    path.write_text(TABLES[name], encoding="utf-8")
+    tracks, command = read_as_told(path)
+    assert bool(command) == name.endswith("pasted")
+    is_video = "PeTrack" in name or "rate" in name
+    crowd = VIDEO if is_video else CROWD
+    seconds = crowd.step / 25 if is_video else crowd.t
+    found = where(tracks.stamp, *tracks.position.T)
+    np.testing.assert_allclose(found, where(seconds, crowd.x, crowd.y), atol=1e-6)
+    assert len(np.unique(tracks.id)) == len(np.unique(crowd.id))
+    assert is_video == any("25 frames a second" in note for note in tracks.reading.notes)
+
+
+def test_a_row_with_numbers_where_others_have_them_is_data(shared):
+    """180 rows, 6 people; and numbers of columns are no values of the first row."""
+    for name in ("no_header", "swapped"):
+        path = shared / f"cases/tables/label_{name}.txt"
+        rows = [line.split() for line in path.read_text().splitlines()]
+        tracks, command = read_as_told(path)
+        assert command == "frame=1 id=2 x=4 y=5"
+        truth = sorted((int(r[1]), int(r[0]) * 0.4, float(r[3]), float(r[4])) for r in rows)
+        found = np.column_stack([tracks.id, tracks.stamp, tracks.position])
+        np.testing.assert_allclose(found, truth, atol=1e-9)
+
+
+def test_flags_act_by_position_as_by_name(tmp_path, shared):
+    """MOTChallenge's confidence 0 and classes 7 and 12 are no people; feet are below."""
+    path = shared / "cases/tables/mot_gt_like.txt"
+    rows = np.loadtxt(path, delimiter=",")
+    kept = rows[(rows[:, 6] > 0) & (rows[:, 7] == 1)]
+    truth = np.column_stack([kept[:, 2] + kept[:, 4] / 2, -kept[:, 3] - kept[:, 5]]) * BOXES
+    roles = "frame=1 id=2 left=3 top=4 width=5 height=6 confidence=7 label=8"
+    named = tmp_path / "named.csv"
+    head = "frame,id,bb_left,bb_top,bb_width,bb_height,conf,class,vis\n"
+    named.write_text(head + path.read_text())
+    for file, columns in ((path, ()), (path, tuple(roles.split())), (named, ())):
+        options = {"unit": str(BOXES), "fps": 25.0, "columns": columns}
+        options |= {"keep": ("1",)} if columns or file == named else {}
+        (tracks,) = read_any(file, ReadOptions(**options))
+        order = np.lexsort((kept[:, 0], kept[:, 1]))
+        np.testing.assert_allclose(tracks.position, truth[order], atol=1e-9)
+        np.testing.assert_allclose(tracks.stamp, kept[order, 0] / 25)
+    with pytest.raises(InputError, match=r"pixels of a picture.*--homography FILE or --unit"):
+        read_any(path)
+    with pytest.raises(InputError, match="every frame of a video"):
+        read_any(path, ReadOptions(unit="0.02"))
+
+
+def test_stanford_boxes(tmp_path):
+    """Whole pixels at 30 frames a second are not held; boxes that are lost are left out."""
+    rows, kept = [], []
+    for person in range(12):
+        u, v, angle = 200 + 55 * person, 300 + 20 * person, person / 2
+        for step in range(300):
+            at = min(step, 200)
+            x, y = round(u + 1.2 * np.cos(angle) * at), round(v + 1.2 * np.sin(angle) * at)
+            rows.append((person, x, y, x + 30, y + 36, step, int(step > 200), 0, 1, '"Pedestrian"'))
+            if step <= 200:
+                kept.append((person, step / 30, 0.036 * (x + 15), -0.036 * (y + 36)))
+    rows.append((99, 0, 0, 9, 9, 3, 0, 0, 0, '"Biker"'))
+    path = tmp_path / "annotations.txt"
+    path.write_text("".join(" ".join(map(str, row)) + "\n" for row in rows))
+    (tracks,) = read_any(path, ReadOptions(unit="0.036", fps=30.0))
+    found = np.column_stack([tracks.id, tracks.stamp, tracks.position])
+    np.testing.assert_allclose(found, kept, atol=1e-9)
+    assert tracks.reading.format == "stanford"
+    assert not any("held" in line for line in tracks.reading.warnings)
+
+
+def drone(path, speed, **metadata):
+    """Two dozen on straight ways at 25 frames a second, their velocities, and files beside."""
+    rows = [
+        f"0,{who},{step},{speed * step / 25 + who},{3 * who},{speed},0.0"
+        for who in range(24)
+        for step in range(150)
+    ]
+    head = "recordingId,trackId,frame,xCenter,yCenter,xVelocity,yVelocity"
+    path.write_text("\n".join([head, *rows]))
+    for name, text in metadata.items():
+        (path.parent / f"00_{name}Meta.csv").write_text(text)
+    return path
+
+
+def test_cars_do_not_pass_as_people(tmp_path):
+    path = drone(tmp_path / "00_tracks.csv", 10.0)
+    with pytest.raises(InputError, match=r"faster than 10\.00 m/s.*agree with the clock"):
+        read_any(path)
+    with pytest.raises(InputError, match=r"--fps says 2\.5 frames a second, columns xV.*25"):
+        read_any(path, ReadOptions(fps=2.5))
+    (tracks,) = read_any(drone(path, 1.3))
+    assert "25 frames a second (columns xVelocity, yVelocity)" in tracks.reading.notes
+    assert np.ptp(tracks.stamp) == pytest.approx(149 / 25)
+    kinds = "trackId,class\n" + "".join(
+        f"{who},{['car', 'pedestrian'][who % 2]}\n" for who in range(24)
+    )
+    (tracks,) = read_any(drone(path, 1.3, tracks=kinds, recording="frameRate\n25\n"))
+    assert set(tracks.id) == set(range(1, 24, 2))
+    drone(path, 1.3, recording="frameRate\n10\n")
+    with pytest.raises(InputError, match=r"00_recordingMeta\.csv says 10 frames a second, columns"):
+        read_any(path)
+
+
+def test_slow_people_whose_velocities_agree_are_read(tmp_path):
+    (tracks,) = read_any(drone(tmp_path / "crowd.csv", 0.4))
+    assert "agree with the clock" in tracks.reading.warnings[0]
+
+
+def test_a_number_is_no_kind_where_a_text_is(tmp_path):
+    """Argoverse's object_category is a number beside object_type."""
+    rows = [
+        f"{who},{['pedestrian', 'vehicle'][who % 2]},{who % 4},{step},{0.13 * step},{3 * who}"
+        for who in range(8)
+        for step in range(110)
+    ]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["track_id,object_type,object_category,frame,x,y", *rows]))
+    for keep in ((), ("pedestrian",)):
+        (tracks,) = read_any(path, ReadOptions(keep=keep, fps=10.0))
+        assert set(tracks.id) == {0, 2, 4, 6}
+    with pytest.raises(InputError, match="--keep which are people"):
+        read_any(path, ReadOptions(keep=("tram",), fps=10.0))
+
+
+@pytest.mark.parametrize("kind", ["gz", "sqlite", "hdf5", "parquet", "arrow"])
+def test_files_that_are_no_text(tmp_path, kind):
+    """Jülich's database and HDF5 say their rate."""
+    path = tmp_path / f"mine.{kind}"
+    frame = pl.DataFrame({"id": VIDEO.id, "frame": VIDEO.step, "pos_x": VIDEO.x, "pos_y": VIDEO.y})
+    options = ReadOptions(fps=25.0) if kind in ("gz", "parquet", "arrow") else ReadOptions()
+    if kind == "gz":
+        path.write_bytes(gzip.compress(frame.write_csv().encode()))
+    elif kind == "sqlite":
+        with sqlite3.connect(path) as base:
+            base.execute("create table metadata (key text, value text)")
+            base.executemany(
+                "insert into metadata values (?, ?)", [("version", "2"), ("fps", "25.0")]
+            )
+            base.execute("create table trajectory_data (id int, frame int, pos_x real, pos_y real)")
+            base.executemany("insert into trajectory_data values (?, ?, ?, ?)", frame.rows())
+    elif kind == "hdf5":
+        h5py = pytest.importorskip("h5py")
+        kinds = [("id", int), ("frame", int), ("x", float), ("y", float)]
+        with h5py.File(path, "w") as file:
+            file["trajectory"] = np.array(frame.rows(), dtype=kinds)
+            file["trajectory"].attrs["fps"] = 25.0
+    else:
+        getattr(frame, {"parquet": "write_parquet", "arrow": "write_ipc"}[kind])(path)
+    (tracks,) = read_any(path, options)
+    found = where(tracks.stamp, *tracks.position.T)
+    np.testing.assert_allclose(found, where(VIDEO.step / 25, VIDEO.x, VIDEO.y), atol=1e-6)
+
+
+def test_not_seen_is_no_position(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t,id,x,y\n0,1,1,2\n0.4,1,,\n0.8,1,nan,nan\n1.2,1,3,4\n")
+    (tracks,) = read_any(path)
+    assert tracks.position.tolist() == [[1, 2], [3, 4]]
+    assert tracks.reading.warnings == ("2 rows have no position, and are taken as not seen",)
+    path.write_text("t,id,x,y\n0,1,,\n")
+    with pytest.raises(InputError, match="no row has a position"):
+        read_any(path)
+
+
+def test_a_unit_for_each_file_and_two_that_disagree(tmp_path):
+    for name in ("gates", "quad"):
+        (tmp_path / f"{name}.csv").write_text("t,id,x,y\n0,1,100,200\n")
+    read = ReadOptions(unit="gates=0.5,quad=cm")
+    found = [
+        read_any(tmp_path / f"{name}.csv", read)[0].position.tolist() for name in ("gates", "quad")
+    ]
+    assert found == [[[50, 100]], [[1, 2]]]
+    path = tmp_path / "cm.csv"
+    path.write_text("t,id,x_cm,y_cm\n0,1,100,200\n")
+    with pytest.raises(InputError, match=r"says that coordinates are cm, --unit mm.*--allow scale"):
+        read_any(path, ReadOptions(unit="mm"))
+    (tracks,) = read_any(path, ReadOptions(unit="mm", allow=("scale",)))
+    assert tracks.position.tolist() == [[0.1, 0.2]]
+
+
+def test_header_can_be_said(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("1,2,3,4\n0,7,1,2\n")
+    columns = ("frame=1", "id=2", "x=3", "y=4")
+    for header, rows in (("no", 2), ("yes", 1)):
+        (tracks,) = read_any(path, ReadOptions(columns=(*columns, f"header={header}")))
+        assert len(tracks.id) == rows
+    with pytest.raises(InputError, match="header=maybe: say header=no"):
+        read_any(path, ReadOptions(columns=(*columns, "header=maybe")))
