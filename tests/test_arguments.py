@@ -68,6 +68,8 @@ READING = {
     "keep": ("person", "car"),
     "fps": 5.0,
     "max_gap": 0.5,
+    "homography": "absent.txt",
+    "flip_y": True,
 }
 """A value for each field of `ReadOptions` but two, which have tests of their own."""
 
@@ -172,7 +174,7 @@ def test_every_public_function_and_every_argument_has_a_row():
         assert names(exported[name]) <= set(others(Path())), name
     assert names(nj.predict_distribution) == names(nj.predict)
     fields = {field.name for field in dataclasses.fields(ReadOptions)}
-    assert fields == {*READING, "yes_really", "eth_stride"}
+    assert fields == {*READING, "allow", "eth_stride"}
 
 
 @pytest.mark.parametrize("name", [*CALLS, "predict_distribution"])
@@ -213,7 +215,7 @@ def test_what_no_person_does_is_refused_unless_the_caller_says_so(folder):
     usual = {"models": SAMPLED, "recordings": folder / "fast.csv", "baselines": ()}
     assert "fast.csv" in outcome(nj.evaluate, usual, folder)
     with pytest.warns(nj.errors.InputWarning):
-        assert outcome(nj.evaluate, {**usual, "yes_really": True}, folder)["model"]
+        assert outcome(nj.evaluate, {**usual, "allow": ["fast"]}, folder)["model"]
 
 
 @pytest.mark.parametrize("kind", FORECASTERS)
