@@ -72,8 +72,8 @@ def test_no_phase_costs_a_window(seeds, gaps, stray):
     expected = sum(map(exact_windows, parts), Counter())
     if not expected:
         return
-    found, windows = scenes_of(rows)
-    assert found == expected
+    scenes, windows = scenes_of(rows)
+    assert scenes == expected
     assert windows.reading[0].interpolated == 0
     assert scenes_of(np.vstack([[stray[0], 999, *2 * [stray[1]]], rows]))[0] == expected
     assert scenes_of(rows, sign=-1)[0].total() == expected.total()
@@ -84,9 +84,9 @@ def test_a_phase_that_jumps_while_people_are_seen():
     early = piece(0, 0)
     late = piece(0, int(early[:, 0].max()) + 15)
     rows = np.concatenate([early, late])
-    found, windows = scenes_of(rows, max_gap=1.0)
+    scenes, windows = scenes_of(rows, max_gap=1.0)
     parts = [scenes_of(part, max_gap=1.0) for part in (early, late)]
-    assert found == parts[0][0] + parts[1][0]
+    assert scenes == parts[0][0] + parts[1][0]
     assert windows.reading[0].gaps == 1
 
 
@@ -129,7 +129,7 @@ def test_25_frames_a_second_keep_the_first_moment():
         np.append(tracks.id, 9),
         np.vstack([tracks.position, [[0, 0]]]),
     )
-    grids = [resample(each, 0.4) for each in (tracks, stray)]
+    grids = [resample(recording, 0.4) for recording in (tracks, stray)]
     for grid in grids:
         assert grid.step is not None
         np.testing.assert_allclose(grid.stamp[grid.id == 0], 0.12 + 0.4 * np.arange(40), atol=1e-9)

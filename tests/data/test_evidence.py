@@ -155,10 +155,10 @@ def test_a_guard_is_waived_by_its_name(tmp_path):
 def test_known_recordings_are_accepted(shared):
     """All of them, of which only eth's clock is doubted."""
     eth_ucy, thor = shared / "data/eth_ucy", shared / "data/thor"
-    every = recordings_in([*sorted(eth_ucy.glob("*/*.txt")), thor])
-    assert len(every) == 30
-    said = {tracks.recording: tracks.reading.warnings for tracks in every if tracks.reading}
-    doubted = {name: lines for name, lines in said.items() if lines}
+    recordings = recordings_in([*sorted(eth_ucy.glob("*/*.txt")), thor])
+    assert len(recordings) == 30
+    warned = {tracks.recording: tracks.reading.warnings for tracks in recordings if tracks.reading}
+    doubted = {name: lines for name, lines in warned.items() if lines}
     assert doubted.keys() == {"biwi_eth", "biwi_eth_train", "biwi_eth_val"}
     assert "needs --eth-stride 6" in doubted["biwi_eth"][0]
     (tracks,) = read_any(eth_ucy / "all/biwi_eth.txt", ReadOptions(eth_stride=6))
@@ -169,20 +169,20 @@ def test_known_recordings_are_accepted(shared):
 def test_gaps_are_filled_alike_on_the_grid_and_off_it(tmp_path):
     whole = walk(people=3, steps=60)
     kept = np.random.default_rng(0).random(180) >= 0.1
-    found = []
+    counts = []
     for moved, max_gap in ((0.0, 1.0), (0.001, 1.0), (0.001, 0.5)):
         stamp = whole.stamp + moved * (np.arange(180) == 90)
         write(tmp_path / "a.csv", dataclasses.replace(whole, stamp=stamp).take(kept))
         read = ReadOptions(max_gap=max_gap)
         windows = windows_from(tmp_path / "a.csv", 8, 8, min_agents=1, read=read)
-        found.append((windows.scenes, windows.agents))
+        counts.append((windows.scenes, windows.agents))
         (reading,) = windows.reading
         if max_gap == 1.0:
             assert 5 < reading.filled <= (~kept).sum() + 1
             assert f"{reading.filled} points filled in gaps" in describe_readings(windows.reading)
     assert reading.filled == 0
-    assert found[0] == found[1]
-    assert found[2][1] < found[1][1] / 2
+    assert counts[0] == counts[1]
+    assert counts[2][1] < counts[1][1] / 2
     part = whole.take(whole.stamp.round(3) != 4.0)
     assert [len(on_grid(part, max_gap=longest).id) for longest in (1.0, 0.7)] == [180, 177]
 

@@ -53,35 +53,39 @@ def test_as_text(tmp_path, library, name):
     text, options = CASES[name]
     path = tmp_path / "dataframe.csv"
     path.write_text(text)
-    wanted, found = told(path, options), told(frame_of(library, text), options)
-    assert isinstance(wanted, str) == (list(CASES).index(name) >= list(CASES).index("no ids"))
-    if isinstance(wanted, str):
+    expected, result = told(path, options), told(frame_of(library, text), options)
+    assert isinstance(expected, str) == (list(CASES).index(name) >= list(CASES).index("no ids"))
+    if isinstance(expected, str):
         # Rows are counted from 0 and without a header; a library writes in its way what is missing.
         told_of = r"(?:.*dataframe(?:\.csv)?: )(?:row (\d+): )?([^:(]*)"
-        (row, reason), (here, same) = (re.match(told_of, each).groups() for each in (wanted, found))
+        (row, reason), (row_here, same) = (
+            re.match(told_of, each).groups() for each in (expected, result)
+        )
         assert same == reason
-        assert row is None or int(here) == int(row) - 2
+        assert row is None or int(row_here) == int(row) - 2
         return
-    for one, other in zip(found, wanted, strict=True):
-        assert one.reading == dataclasses.replace(other.reading, file=None)
+    for tracks, other in zip(result, expected, strict=True):
+        assert tracks.reading == dataclasses.replace(other.reading, file=None)
         for each in ("recording", "stamp", "id", "position", "extras"):
-            np.testing.assert_equal(getattr(one, each), getattr(other, each))
+            np.testing.assert_equal(getattr(tracks, each), getattr(other, each))
 
 
 def test_wherever_recordings_are_taken(tmp_path):
     text = table(CROWD.scaled(0.01)).replace("id", "who", 1)
     frame, path = frame_of("polars", text), tmp_path / "dataframe.csv"
     path.write_text(text)
-    how = {"columns": ("id=who",), "unit": "cm"}
+    options = {"columns": ("id=who",), "unit": "cm"}
     model = baseline("constant_velocity", 8, 8)
     rows = [
-        nj.evaluate(model, data, samples=1, baselines=(), **how).select(pl.col("^joint.*$"))
+        nj.evaluate(model, data, samples=1, baselines=(), **options).select(pl.col("^joint.*$"))
         for data in (frame, path)
     ]
     assert rows[1].equals(rows[0])
     with pytest.raises(InputError, match="dataframe: which column is id"):
         nj.evaluate(model, frame)
-    windows = [windows_from(data, 8, 8, read=ReadOptions(**how)) for data in (frame, [frame, path])]
+    windows = [
+        windows_from(data, 8, 8, read=ReadOptions(**options)) for data in (frame, [frame, path])
+    ]
     assert windows[1].agents == 2 * windows[0].agents > 0
     with pytest.raises(InputError, match=r"dataframe: it is a table with .*, not --format text"):
         read_any(frame, ReadOptions(format="text"))

@@ -30,9 +30,9 @@ def test_no_test_set_is_in_its_training(benchmark, learned):
     assert not any(map(is_fingerprint, (None, 3, "a", "a" * 4104, "====", "aaaa\naaa")))
     assert len(seen) <= 4096
     for scene in benchmark.scenes:
-        found, looked = seen_before(seen, cut_windows(benchmark.recordings(scene), 8, 12))
+        result, looked = seen_before(seen, cut_windows(benchmark.recordings(scene), 8, 12))
         assert looked > 10
-        assert found == 0 if scene == "zara1" else found > 0.4 * looked
+        assert result == 0 if scene == "zara1" else result > 0.4 * looked
     validation = cut_windows(benchmark.recordings("zara1", "val"), 8, 8)
     assert shared_shapes(validation, learned)[0] == 0
 
@@ -44,8 +44,8 @@ def test_a_copy_is_found(benchmark, learned):
     moved = dataclasses.replace(part, recording="mine", position=part.position + 431234.5)
     rounded = dataclasses.replace(tracks, position=tracks.position.round(3))
     for copy, share in ((moved, 0.6), (rounded, 0.2)):
-        found, looked = seen_before(fingerprint(learned), cut_windows([copy], 8, 12))
-        assert found > share * looked
+        result, looked = seen_before(fingerprint(learned), cut_windows([copy], 8, 12))
+        assert result > share * looked
 
 
 def test_an_evaluation_says_so(benchmark, learned):

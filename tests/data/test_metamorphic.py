@@ -100,8 +100,8 @@ def read(tmp_path_factory):
 
 def ways(windows):
     """How often each set of ways is gone together, whatever the ids, clock and order."""
-    found = np.split(windows.position.round(6) + 0.0, windows.bounds[1:-1])
-    return Counter(frozenset(way.tobytes() for way in together) for together in found)
+    windows = np.split(windows.position.round(6) + 0.0, windows.bounds[1:-1])
+    return Counter(frozenset(way.tobytes() for way in together) for together in windows)
 
 
 CLOCKS = ({"first": 780, "times": 6, "start": 1.7e9}, {"first": -999, "times": 12, "start": -3.21})
@@ -115,9 +115,9 @@ def test_what_is_written_is_read_whatever_its_order_clock_unit_and_names(read, k
     tracks = make_tracks("walk", 0.4 * rows[:, 0], rows[:, 1], rows[:, 2:4])
     truth = windows_from(tracks, 3, 3, min_agents=1)
     head, lines = written(kind, rows)
-    found = read(text_of(head, lines))
-    assert set(found.agent) == set(truth.agent)
-    (reading,) = found.reading
+    windows = read(text_of(head, lines))
+    assert set(windows.agent) == set(truth.agent)
+    (reading,) = windows.reading
     assert reading.recording == ("walk_1" if kind == "tracklets" else "walk")
     assert (reading.format, reading.rows) == ("columns" if kind in TABLES else kind, len(rows))
 

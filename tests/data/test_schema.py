@@ -128,8 +128,8 @@ def test_at_the_first_try_or_after_pasting(tmp_path, name):
     is_video = "PeTrack" in name or "rate" in name
     crowd = VIDEO if is_video else CROWD
     seconds = crowd.step / 25 if is_video else crowd.t
-    found = where(tracks.stamp, *tracks.position.T)
-    np.testing.assert_allclose(found, where(seconds, crowd.x, crowd.y), atol=1e-6)
+    result = where(tracks.stamp, *tracks.position.T)
+    np.testing.assert_allclose(result, where(seconds, crowd.x, crowd.y), atol=1e-6)
     assert len(np.unique(tracks.id)) == len(np.unique(crowd.id))
     assert is_video == any("25 frames a second" in note for note in tracks.reading.notes)
 
@@ -142,16 +142,16 @@ def test_a_row_with_numbers_where_others_have_them_is_data(shared):
         tracks, command = read_as_told(path)
         assert command == "frame=1 id=2 x=4 y=5"
         truth = sorted((int(r[1]), int(r[0]) * 0.4, float(r[3]), float(r[4])) for r in rows)
-        found = np.column_stack([tracks.id, tracks.stamp, tracks.position])
-        np.testing.assert_allclose(found, truth, atol=1e-9)
+        result = np.column_stack([tracks.id, tracks.stamp, tracks.position])
+        np.testing.assert_allclose(result, truth, atol=1e-9)
 
 
 def test_flags_act_by_position_as_by_name(tmp_path, shared):
     """MOTChallenge's confidence 0 and classes 7 and 12 are no people; feet are below."""
     path = shared / "cases/tables/mot_gt_like.txt"
     rows = np.loadtxt(path, delimiter=",")
-    kept = rows[(rows[:, 6] > 0) & (rows[:, 7] == 1)]
-    truth = np.column_stack([kept[:, 2] + kept[:, 4] / 2, -kept[:, 3] - kept[:, 5]]) * BOXES
+    people = rows[(rows[:, 6] > 0) & (rows[:, 7] == 1)]
+    truth = np.column_stack([people[:, 2] + people[:, 4] / 2, -people[:, 3] - people[:, 5]]) * BOXES
     roles = "frame=1 id=2 left=3 top=4 width=5 height=6 confidence=7 label=8"
     named = tmp_path / "named.csv"
     head = "frame,id,bb_left,bb_top,bb_width,bb_height,conf,class,vis\n"
@@ -160,9 +160,9 @@ def test_flags_act_by_position_as_by_name(tmp_path, shared):
         options = {"unit": str(BOXES), "fps": 25.0, "columns": columns}
         options |= {"keep": ("1",)} if columns or file == named else {}
         (tracks,) = read_any(file, ReadOptions(**options))
-        order = np.lexsort((kept[:, 0], kept[:, 1]))
+        order = np.lexsort((people[:, 0], people[:, 1]))
         np.testing.assert_allclose(tracks.position, truth[order], atol=1e-9)
-        np.testing.assert_allclose(tracks.stamp, kept[order, 0] / 25)
+        np.testing.assert_allclose(tracks.stamp, people[order, 0] / 25)
     with pytest.raises(InputError, match=r"pixels of a picture.*--homography FILE or --unit"):
         read_any(path)
     with pytest.raises(InputError, match="every frame of a video"):
@@ -171,7 +171,7 @@ def test_flags_act_by_position_as_by_name(tmp_path, shared):
 
 def test_stanford_boxes(tmp_path):
     """Whole pixels at 30 frames a second are not held; boxes that are lost are left out."""
-    rows, kept = [], []
+    rows, people = [], []
     for person in range(12):
         u, v, angle = 200 + 55 * person, 300 + 20 * person, person / 2
         for step in range(300):
@@ -179,13 +179,13 @@ def test_stanford_boxes(tmp_path):
             x, y = round(u + 1.2 * np.cos(angle) * at), round(v + 1.2 * np.sin(angle) * at)
             rows.append((person, x, y, x + 30, y + 36, step, int(step > 200), 0, 1, '"Pedestrian"'))
             if step <= 200:
-                kept.append((person, step / 30, 0.036 * (x + 15), -0.036 * (y + 36)))
+                people.append((person, step / 30, 0.036 * (x + 15), -0.036 * (y + 36)))
     rows.append((99, 0, 0, 9, 9, 3, 0, 0, 0, '"Biker"'))
     path = tmp_path / "annotations.txt"
     path.write_text("".join(" ".join(map(str, row)) + "\n" for row in rows))
     (tracks,) = read_any(path, ReadOptions(unit="0.036", fps=30.0))
-    found = np.column_stack([tracks.id, tracks.stamp, tracks.position])
-    np.testing.assert_allclose(found, kept, atol=1e-9)
+    result = np.column_stack([tracks.id, tracks.stamp, tracks.position])
+    np.testing.assert_allclose(result, people, atol=1e-9)
     assert tracks.reading.format == "stanford"
     assert not any("held" in line for line in tracks.reading.warnings)
 
@@ -269,8 +269,8 @@ def test_files_that_are_no_text(tmp_path, kind):
     else:
         getattr(frame, {"parquet": "write_parquet", "arrow": "write_ipc"}[kind])(path)
     (tracks,) = read_any(path, options)
-    found = where(tracks.stamp, *tracks.position.T)
-    np.testing.assert_allclose(found, where(VIDEO.step / 25, VIDEO.x, VIDEO.y), atol=1e-6)
+    result = where(tracks.stamp, *tracks.position.T)
+    np.testing.assert_allclose(result, where(VIDEO.step / 25, VIDEO.x, VIDEO.y), atol=1e-6)
 
 
 def test_not_seen_is_no_position(tmp_path):
@@ -288,10 +288,10 @@ def test_a_unit_for_each_file_and_two_that_disagree(tmp_path):
     for name in ("gates", "quad"):
         (tmp_path / f"{name}.csv").write_text("t,id,x,y\n0,1,100,200\n")
     read = ReadOptions(unit="gates=0.5,quad=cm")
-    found = [
+    result = [
         read_any(tmp_path / f"{name}.csv", read)[0].position.tolist() for name in ("gates", "quad")
     ]
-    assert found == [[[50, 100]], [[1, 2]]]
+    assert result == [[[50, 100]], [[1, 2]]]
     path = tmp_path / "cm.csv"
     path.write_text("t,id,x_cm,y_cm\n0,1,100,200\n")
     with pytest.raises(InputError, match=r"says that coordinates are cm, --unit mm.*--allow scale"):

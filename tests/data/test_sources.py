@@ -26,8 +26,8 @@ def test_each_file_is_a_scene(tmp_path):
     assert source.scenes == ("a", "b")
     (tracks,) = source.recordings("b")
     assert tracks.recording == "b"
-    by_name, by_path = source.files(["a", str(tmp_path / "a.csv")])
-    assert_array_equal(by_name.position, by_path.position)
+    named, read_by_path = source.files(["a", str(tmp_path / "a.csv")])
+    assert_array_equal(named.position, read_by_path.position)
     with pytest.raises(InputError, match="c: no such file, nor a recording among a, b"):
         source.files(["a", "c"])
     with pytest.raises(InputError, match="unknown scene 'eth': there are a, b"):
@@ -42,14 +42,14 @@ def test_leave_one_recording_out(tmp_path):
     with pytest.raises(InputError, match="a: the only recording, so nothing is left to train"):
         open_source(tmp_path / "a.txt").recordings("a", "train")
     source = open_source(tmp_path)
-    found = {
+    positions = {
         split: {
             tracks.recording: tracks.position[tracks.id == 1, 0].tolist()
             for tracks in source.recordings("b", split)
         }
         for split in ("train", "val", "test")
     }
-    assert found == {
+    assert positions == {
         "train": {"a": [n / 2 for n in range(8)], "c": [200 + n / 2 for n in range(8)]},
         "val": {"a": [4, 4.5], "c": [204, 204.5], "d": [2]},
         "test": {"b": [100 + n / 2 for n in range(10)]},
@@ -60,7 +60,7 @@ def test_simulations_of_each_split_have_their_own_seeds(monkeypatch):
     seeds = {"test": [0, 1], "val": [100, 101], "train": [*range(200, 208)]}
     walk = make_tracks("walk", [0, 0.2, 0.4], [1] * 3, [[0, 0]] * 3)
     seen = []
-    monkeypatch.setattr(scenarios, "simulate", lambda *how: seen.append(how) or walk)
+    monkeypatch.setattr(scenarios, "simulate", lambda *options: seen.append(options) or walk)
     for split, wanted in seeds.items():
         seen.clear()
         assert {len(tracks.id) for tracks in Synthetic().recordings("cross-path", split)} == {2}
@@ -188,17 +188,17 @@ def test_what_breaks_off_is_not_there_and_goes_on(served, home, capsys, step, re
 
 
 def test_what_is_there_is_checked_and_never_overwritten(served, tmp_path, capsys):
-    how: Any = {"to": tmp_path / "there", "mirror": served("whole")}
-    run("eth-ucy", **how)
+    options: Any = {"to": tmp_path / "there", "mirror": served("whole")}
+    run("eth-ucy", **options)
     assert f"export NEUROSYM_DATA={tmp_path / 'there'}" in capsys.readouterr().out
     folder = tmp_path / "there/eth-ucy"
     (folder / "all/biwi_eth.txt").unlink()
     (folder / "mine.txt").write_text("mine")
-    assert run("eth-ucy", **how) == 0
+    assert run("eth-ucy", **options) == 0
     assert "1 of them fetched now" in capsys.readouterr().out
     (folder / "val/biwi_eth_val.txt").write_text("mine")
     with pytest.raises(InputError, match=r"biwi_eth_val\.txt: is not the published file"):
-        run("eth-ucy", **how)
+        run("eth-ucy", **options)
     assert {(folder / of).read_text() for of in ("mine.txt", "val/biwi_eth_val.txt")} == {"mine"}
 
 

@@ -90,9 +90,9 @@ def test_decimal_and_accumulated_clocks_meet_the_grid():
 
 
 def test_tracks_on_the_grid_stay_as_they_are():
-    whole = one([0, 0.4, 0.8, 1.2, 1.6])
-    assert on_grid(whole).position is whole.position
-    assert on_grid(whole, 0.2).position is not whole.position
+    regular = one([0, 0.4, 0.8, 1.2, 1.6])
+    assert on_grid(regular).position is regular.position
+    assert on_grid(regular, 0.2).position is not regular.position
 
 
 def test_a_gap_of_one_second_is_bridged_by_default_and_no_longer_one():

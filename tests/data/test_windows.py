@@ -64,19 +64,21 @@ def recordings(draw) -> Tracks:
 @given(st.lists(recordings(), min_size=1, max_size=2), st.tuples(*[st.integers(1, 3)] * 4))
 def test_equal_to_a_loop(parts, numbers):
     obs_len, pred_len, skip, min_agents = numbers
-    how = {"skip": skip, "min_agents": min_agents}
-    wanted = [
-        scene for tracks in parts for scene in windows_by_loop(tracks, obs_len + pred_len, **how)
+    options = {"skip": skip, "min_agents": min_agents}
+    expected = [
+        scene
+        for tracks in parts
+        for scene in windows_by_loop(tracks, obs_len + pred_len, **options)
     ]
-    if not wanted:
+    if not expected:
         with pytest.raises(InputError):
-            cut_windows(parts, obs_len, pred_len, **how)
+            cut_windows(parts, obs_len, pred_len, **options)
         return
-    windows = cut_windows(parts, obs_len, pred_len, **how)
-    assert windows.scenes == len(wanted)
-    assert windows.agents == sum(len(agents) for _, agents, _ in wanted)
+    windows = cut_windows(parts, obs_len, pred_len, **options)
+    assert windows.scenes == len(expected)
+    assert windows.agents == sum(len(agents) for _, agents, _ in expected)
     assert windows.obs_len == obs_len
-    for index, (start, agents, position) in enumerate(wanted):
+    for index, (start, agents, position) in enumerate(expected):
         part = slice(*windows.bounds[index : index + 2])
         assert_array_equal(windows.agent[part], agents)
         assert_array_equal(windows.position[part], position)
@@ -149,11 +151,11 @@ def test_what_is_observed_knows_nothing_of_the_future(seed, step, jitter, lost, 
         early = np.unique(grid.stamp)[scene + 3] <= moment + SNAP
         return windows, early, np.stack([scene, windows.agent], 1)
 
-    found, changed = observed(position), observed(other)
-    if found is None or changed is None:
-        assert found is changed
+    result, changed = observed(position), observed(other)
+    if result is None or changed is None:
+        assert result is changed
         return
-    (before, early, which), (after, _, same) = found, changed
+    (before, early, which), (after, _, same) = result, changed
     assert_array_equal(which, same)
     assert_array_equal(before.position[early, :4], after.position[early, :4])
 
@@ -199,8 +201,8 @@ def windows() -> Windows:
 
 def test_buckets():
     agents = np.array([1, 2, 4, 5, 8, 9, 17, 64, 65, 128, 129, 1024, 1025, 2049])
-    wanted = [4, 4, 4, 8, 8, 16, 32, 64, 128, 128, 256, 1024, 2048, 3072]
-    assert bucket_of(agents).tolist() == wanted
+    expected = [4, 4, 4, 8, 8, 16, 32, 64, 128, 128, 256, 1024, 2048, 3072]
+    assert bucket_of(agents).tolist() == expected
 
 
 @pytest.mark.parametrize("slots", [1, 16, 256])
@@ -229,12 +231,12 @@ def test_a_selection_of_windows_forgets_nothing(windows):
     chosen = np.array([3, 0, 3])
     part = dataclasses.replace(windows, period=0.2, reading=(Reading("r"),)).take(chosen)
     assert (part.period, part.obs_len, part.reading) == (0.2, 3, (Reading("r"),))
-    for here, there in zip(
+    for leaf, other in zip(
         jax.tree.leaves(gather_scenes(windows, chosen, 4)),
         jax.tree.leaves(gather_scenes(part, np.arange(3), 4)),
         strict=True,
     ):
-        assert_array_equal(here, there)
+        assert_array_equal(leaf, other)
     assert_array_equal(part.agent, windows.agent[windows.rows(chosen)])
     assert_array_equal(windows.take(windows.sizes > 9).sizes, [70, 33, 16])
     assert windows.take(slice(2)).scenes == 2
