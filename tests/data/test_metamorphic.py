@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neurosym_jax.data import ReadOptions, make_tracks, windows_from
-from neurosym_jax.data.formats import FORMATS
 from neurosym_jax.errors import InputError
 
-KINDS = tuple(name for name in FORMATS if name != "bag")
+KINDS = ("text", "columns", "obsmat", "qtm", "tracklets", "cliff", "trajnet")
 ALL = (*KINDS, "frames")
 """Formats of text, and tables with frame numbers."""
 TABLES = ("columns", "frames")
