@@ -7,6 +7,7 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.data.readers.trajnet import read_predictions, read_scenes
+from neurosym_jax.data.reading import GUARDS
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import TestSet as Case
@@ -57,7 +58,7 @@ def saved(path, recordings, out, samples=3, kind="constant_velocity_sampled"):
     from neurosym_jax.data.formats import read_any
     from neurosym_jax.data.reading import ReadOptions
 
-    tracks = read_any(path, ReadOptions(yes_really=True)) if path else recordings
+    tracks = read_any(path, ReadOptions(allow=tuple(GUARDS))) if path else recordings
     entries = [(None, baseline(kind, 8, 12))]
     return save_forecasts(out, [make_test(Case("hall", 8, 12), entries, tracks)], samples, 0)
 
@@ -87,7 +88,7 @@ def test_forecasts_of_official_scenes_are_scored(official, tmp_path):
     # Steps at which a person was not seen are walked on: 12 was last seen at step 3.
     assert ends[1160, 12] == pytest.approx((0.4 * 20, 12))
     assert ends[1160, 9] == pytest.approx((0.4 * 20, 9))
-    how = {"forecasts": forecast, "baselines": ["constant_velocity"], "yes_really": True}
+    how = {"forecasts": forecast, "baselines": ["constant_velocity"], "allow": tuple(GUARDS)}
     with pytest.raises(
         InputError, match="people in windows have no forecast, and 2 of 7 forecasts"
     ):

@@ -8,7 +8,7 @@ import pytest
 
 from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.readers.trajnet import read_scenes
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.reading import GUARDS, ReadOptions
 from neurosym_jax.evaluation.plan import TestSet as Case
 from neurosym_jax.evaluation.plan import baseline, make_test
 from neurosym_jax.evaluation.saved_forecasts import save_forecasts
@@ -57,7 +57,7 @@ def test_its_evaluator_agrees_to_six_digits(peer, tmp_path, capsys, kind):
     evaluator = pytest.importorskip("evaluator.trajnet_evaluator")
     source = folder / "trajnetplusplusbaselines/DATA_BLOCK/trajdata/train/crowds_zara01.ndjson"
     first_scenes(source, path := tmp_path / "zara.ndjson")
-    tracks = read_any(path, ReadOptions(yes_really=True))
+    tracks = read_any(path, ReadOptions(allow=tuple(GUARDS)))
     test = make_test(Case("zara", 8, 12), [(None, baseline(kind, 8, 12))], tracks)
     forecast, truth = save_forecasts(tmp_path / "out.ndjson", [test], 20, 0)
     assert read_scenes(forecast) == read_scenes(path)
