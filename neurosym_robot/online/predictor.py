@@ -21,11 +21,9 @@ from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.runtime.process import refuse_beyond_memory
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_robot.online.window import Window, nearest_first
 
-FUTURE_BYTES = 2500.0  # of a person's future in a sample, with the decoder's state
 GRACE = 1.0  # seconds waited for the end of a future, for people lost for a moment there
 
 When = Literal["start", "needed", "meanwhile"]
@@ -123,8 +121,6 @@ class Predictor:
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
             for name, model in self.models.items()
         }
-        needed = FUTURE_BYTES * max_people * sum(m.samples for m in self._forecasters.values())
-        refuse_beyond_memory(f"samples={samples} for max_people={max_people}", needed, "take fewer")
         sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
         self.programs = Programs(sorted(sizes), compile, report, self._example)
         """What is compiled for these forecasts, and for what is computed of them."""

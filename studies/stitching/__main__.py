@@ -39,7 +39,7 @@ def norfair(recording: Labelled) -> list[np.ndarray]:
     from norfair import Detection, Tracker
 
     patience = round(10 * LinkOptions().max_gap)
-    model = Tracker("mean_euclidean", 1.0, hit_counter_max=patience, initialization_delay=0)
+    model = Tracker("mean_euclidean", 0.6, hit_counter_max=patience, initialization_delay=0)
     ids = []
     for xy in recording.xy:
         detections = [Detection(point[None]) for point in xy]

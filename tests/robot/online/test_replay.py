@@ -239,6 +239,8 @@ def test_the_rate_is_that_of_the_stamps():
 def test_the_first_signal_ends_it_and_says_what_is_only_a_part(
     folder, tmp_path, number, status, options
 ):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        pytest.skip("the tests run in the background, where this signal is ignored")
     command = [sys.executable, "-m", "neurosym_jax", "replay", folder / "run", "--samples", "3"]
     process = subprocess.Popen(
         [*command, "--model", MODELS[0], *options],
@@ -264,5 +266,5 @@ def test_the_first_signal_ends_it_and_says_what_is_only_a_part(
 
 
 def test_a_billion_samples_are_refused(folder):
-    with pytest.raises(InputError, match=r"samples=1000000000 for max_people=4 needs some .* GB"):
+    with pytest.raises(InputError, match=r"1000000000 samples needs some .* GB"):
         run(recording=folder / "run", samples=10**9)
