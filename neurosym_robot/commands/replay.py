@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import math
-import threading
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import closing
@@ -126,7 +126,10 @@ def run(options: Options) -> None:
             raise interruption
         if options.dashboard or isinstance(options.foxglove, int):
             print("live until interrupted", flush=True)
-            never = threading.Event()
-            # A signal that another thread takes does not end a longer wait.
-            while not never.wait(0.2):
-                pass
+            wait_for_signal()
+
+
+def wait_for_signal() -> None:
+    """Wait until a signal interrupts the command."""
+    while True:
+        time.sleep(0.2)  # A signal that another thread takes does not end a longer wait.

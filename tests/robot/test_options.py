@@ -103,6 +103,7 @@ CASES = {
 def data(tmp_path_factory):
     folder = write_data(tmp_path_factory.mktemp("data"))
     (folder / "a" / "run.bag").touch()
+    (folder / "a.h").write_text("0.5 0 0\n0 0.5 0\n0 0 1\n")
     return folder
 
 
@@ -116,7 +117,7 @@ def inner():
     shared: dict[str, Any] = {f"{C}._live_options.{name}": made for name in (*names, *views)}
     shared[f"{C}._live_options.signal.signal"] = None
     of_replay = ("Analytics", "Status", "replay", "ForecastBag", "ReplayFile", "Newest")
-    of_replay += ("threading.Event",)
+    of_replay += ("wait_for_signal",)
     of_ros2 = ("import_rclpy", "message_type", "ForecastNode")
     mended = SimpleNamespace(tracks=SimpleNamespace(id=np.ones(1)), before=1, joined=0, ghosts=0)
     return {

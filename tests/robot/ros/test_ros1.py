@@ -246,7 +246,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     # What was played live is what a replay of the bag says, frame by frame.
     out = tmp_path / "replayed.bag"
     few = {"samples": 3, "max_people": 4}
-    replay.run(replay.Options(recording=path, model=tuple(models), out=out, **few))
+    replay.run(replay.Options(recording=(path,), model=tuple(models), out=out, **few))
     live, again = (
         {
             round(seconds_of(message.header.stamp), 6): message
@@ -279,7 +279,7 @@ def test_it_leaves_the_graph_when_told_to(graph, node):
     with pytest.raises(CallError, match="unknown node"):
         call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
     assert "Traceback" not in "\n".join(node.lines)
-    assert any(line.split()[:2] == ["joint", "ADE"] for line in node.lines), node.lines[-8:]
+    assert any(line.split()[:2] == ["published", "ADE"] for line in node.lines), node.lines[-8:]
 
 
 def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path):
