@@ -14,12 +14,13 @@ from .errors import InputError as InputError
 from .evaluation.comparison import evaluate as evaluate
 from .evaluation.metrics import register_metric as register_metric
 from .forecasting.batched import predict_scenes as predict_scenes
+from .forecasting.distribution import predict_distribution as predict_distribution
 from .forecasting.forecaster import Forecaster as Forecaster
 from .forecasting.forecaster import register_forecaster as register_forecaster
 from .forecasting.model import Model as Model
 from .forecasting.model import forecast as forecast
 from .forecasting.model import predict as predict
-from .forecasting.model import predict_distribution as predict_distribution
+from .forecasting.model import predict_representatives as predict_representatives
 from .forecasting.model_folder import load_model as load_model
 from .forecasting.model_folder import save_model as save_model
 from .models.anchors.network import AnchorConfig as AnchorConfig

@@ -82,6 +82,13 @@ CALLS = {
             "seed": 1, "recording": "a", "frame": 5,
         },
     ),
+    "predict_distribution": (
+        lambda folder: {"model": MODEL, "observed": OBSERVED, "draws": 3},
+        lambda folder: {
+            "model": OTHER, "observed": OBSERVED[::-1], "draws": 4,
+            "seed": 1, "recording": "a", "frame": 5,
+        },
+    ),
     "predict_scenes": (
         lambda folder: {"model": MODEL, "observed": [OBSERVED, OBSERVED[:2]], "samples": 3},
         lambda folder: {
@@ -169,18 +176,18 @@ def test_every_public_function_and_every_argument_has_a_row():
         for name, value in exported.items()
         if inspect.isfunction(value) and not name.startswith("register_")
     }
-    assert functions == set(CALLS) | set(ELSEWHERE) | {"predict_distribution"}
+    assert functions == set(CALLS) | set(ELSEWHERE) | {"predict_representatives"}
     for name, (_, others) in CALLS.items():
         assert names(exported[name]) <= set(others(Path())), name
-    assert names(nj.predict_distribution) == names(nj.predict)
+    assert names(nj.predict_representatives) == names(nj.predict)
     fields = {field.name for field in dataclasses.fields(ReadOptions)}
     assert fields == {*READING, "allow", "eth_stride"}
 
 
-@pytest.mark.parametrize("name", [*CALLS, "predict_distribution"])
+@pytest.mark.parametrize("name", [*CALLS, "predict_representatives"])
 def test_each_argument_changes_the_result_or_is_refused(folder, name):
     function = getattr(nj, name)
-    usual, others = CALLS["predict" if name == "predict_distribution" else name]
+    usual, others = CALLS["predict" if name == "predict_representatives" else name]
     base = usual(folder)
     before = outcome(function, base, folder)
     assert not isinstance(before, str), before

@@ -50,16 +50,14 @@ def test_torch_has_the_numbers_of_anchors():
 
     windows = cut_windows(open_source(None).recordings("cross-path", "train"), 8, 8)
     network, recipe = AnchorConfig(), AnchorRecipe()
-    params = AnchorsForecaster(network).initial(jax.random.key(0))
+    params = AnchorsForecaster(network).init(jax.random.key(0))
     scenes, crowd = batch = AnchorStream(windows, recipe).batch(2)
     more = company(scenes.valid, crowd)
 
     def loss(params):
         apply = functools.partial(apply_anchors, network, params)
-        forecasts = jax.vmap(lambda observed, valid, more: apply(observed, valid, company=more))(
-            scenes.observed, scenes.valid, more
-        )
-        return anchor_loss(*forecasts, scenes.future, scenes.valid, crowd, recipe)
+        forecast = jax.vmap(apply)(scenes.replace(future=None), more)
+        return anchor_loss(forecast, scenes.future, scenes.valid, crowd, recipe)
 
     value, gradient = jax.value_and_grad(loss)(params)
     theirs = TorchAnchors(network, recipe, params, batch)

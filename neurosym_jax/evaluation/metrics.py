@@ -43,6 +43,9 @@ class Metric:
     weighted: bool = False
     """Whether `compute` takes a third argument, the probabilities [k] of the samples; None where
     all are the same. Other metrics take the samples for equally probable."""
+    drawn: bool = False
+    """Whether the metric is of the distribution: of equally probable draws, in place of samples,
+    where the forecaster is calibrated."""
     on_host: bool = False
     """Whether `compute` gets numpy arrays of a batch, [k, B, N, T, 2] and a scene with a leading
     axis B, and returns [B, N] or [B]: for work that depends on the numbers."""
@@ -65,7 +68,7 @@ _JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
 _MARGINAL = "marginal: each agent's own best of k (most later papers)"
 _MISS = "missed: even the best of k samples of an agent ends more than 2 m from the truth"
 _CENTRAL = "central: the most probable sample of the scene, or else the one nearest to the others"
-_PROPER = "energy score, CRPS: proper scores of the k samples as a distribution; less is better"
+_PROPER = "energy score, CRPS: proper scores of the distribution; less is better"
 _COVERED = "covered: true positions in the region that should hold this share of them"
 _NEIGHBOURS = (
     "neighbours: people of scenes of two or more whose forecast moves by over 1 mm when the others "
@@ -76,6 +79,7 @@ _SYMBOLS = "states, events: log scores of those of ordered pairs within 8 m; les
 _further = functools.partial(Metric, by_default=False)
 _on_host = functools.partial(_further, unit="share", on_host=True)
 _weighted = functools.partial(_further, weighted=True)
+_distribution = functools.partial(_weighted, drawn=True)
 _moves = functools.partial(_further, about=_NEIGHBOURS, moves=True, higher_is_better=None)
 _symbols = functools.partial(_further, unit="nats", about=_SYMBOLS)
 
@@ -83,7 +87,7 @@ _symbols = functools.partial(_further, unit="nats", about=_SYMBOLS)
 def _covered(level: float) -> Metric:
     compute = functools.partial(formulas.coverage, level)
     title = f"covered at {100 * level:.0f} %"
-    return _weighted(title, compute, "share", _COVERED, higher_is_better=None)
+    return _distribution(title, compute, "share", _COVERED, higher_is_better=None)
 
 
 METRICS: Registry[Metric] = Registry(
@@ -101,9 +105,10 @@ METRICS: Registry[Metric] = Registry(
             "truth's collisions", formulas.truth_collision_rate, higher_is_better=None
         ),
         "excess_collisions": _on_host("collisions beyond truth's", formulas.excess_collisions),
+        "draw_collisions": _on_host("draws in collision", formulas.collision_rate, drawn=True),
         "miss_rate": _further("missed by 2 m", formulas.missed, "share", _MISS),
-        "energy_score": _weighted("energy score", formulas.energy_score, "m", _PROPER),
-        "crps": _weighted("CRPS", formulas.crps, "m", _PROPER),
+        "energy_score": _distribution("energy score", formulas.energy_score, "m", _PROPER),
+        "crps": _distribution("CRPS", formulas.crps, "m", _PROPER),
         "coverage_50": _covered(0.5),
         "coverage_90": _covered(0.9),
         "central_ade": _weighted("central ADE", formulas.central_ade, "m", _CENTRAL),

@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from neurosym_jax.data.windows import Batch, Windows, bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
-from neurosym_jax.forecasting.batched import PART, batch_noise, forecast_batch, unpacked
+from neurosym_jax.forecasting.batched import PART, batch_noise, draw_batch, forecast_batch, unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster, refuse_many
 from neurosym_jax.runtime.process import cpu_cores
 from neurosym_jax.scene import (
@@ -29,6 +29,11 @@ from neurosym_jax.scene import (
 __all__ = ["Evaluation", "Metrics", "Score", "Scores", "chosen"]
 __all__ += ["score", "score_batch", "score_forecaster", "score_samples", "score_scenes"]
 __all__ += ["without_neighbours"]
+
+
+DRAWS = 100
+"""Draws by which the distribution of a calibrated forecaster is scored. With 20 the energy score of
+a crowd would be too large by up to 2.5 %, with 100 it is by 0.5 %."""
 
 
 class Score(NamedTuple):
@@ -90,7 +95,8 @@ def score_forecaster(
     start = time.perf_counter()
     samples, cores = forecaster.count(samples), cpu_cores()
     slots = max(batch.scene.valid.size for batch in batches) * min(cores, len(batches))
-    refuse_many(forecaster, samples, slots, min(slots, PART * cores))
+    futures = samples + DRAWS * forecaster.calibrated
+    refuse_many(forecaster, futures, slots, min(slots, PART * cores))
     how = {"samples": samples, "seed": seed, "metrics": chosen(metrics)}
     of_batch = functools.partial(score_batch, forecaster, params, **how)
     with ThreadPoolExecutor(cores) as pool:
@@ -155,7 +161,13 @@ def score_batch(
     if any(metric.moves for _, metric in metrics):
         alone, _ = forecast_batch(forecaster, params, *without_neighbours(scenes, noise))
         moves = unpacked(futures - alone, valid)
-    return score_scenes(metrics, unpacked(futures, valid), scenes, probability, moves)
+    drawn = tuple(named for named in metrics if forecaster.calibrated and named[1].drawn)
+    others = tuple(named for named in metrics if named not in drawn)
+    scores = score_scenes(others, unpacked(futures, valid), scenes, probability, moves)
+    if drawn:
+        draws = draw_batch(forecaster, params, scenes, seed, DRAWS)
+        scores |= score_scenes(drawn, draws, scenes)
+    return {name: scores[name] for name, _ in metrics}
 
 
 def without_neighbours(scenes: Scene, noise: np.ndarray) -> tuple[Scene, np.ndarray]:

@@ -1,4 +1,5 @@
 from .batched import predict_scenes as predict_scenes
+from .distribution import predict_distribution as predict_distribution
 from .forecaster import Forecaster as Forecaster
 from .forecaster import Lengths as Lengths
 from .forecaster import TwoStageForecaster as TwoStageForecaster
@@ -8,7 +9,7 @@ from .model import Model as Model
 from .model import SceneForecaster as SceneForecaster
 from .model import forecast as forecast
 from .model import predict as predict
-from .model import predict_distribution as predict_distribution
+from .model import predict_representatives as predict_representatives
 from .model_folder import load_model as load_model
 from .model_folder import save_model as save_model
 from .model_places import shipped_models as shipped_models

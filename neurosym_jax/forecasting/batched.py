@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import Count, refuse
+from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.windows import Batch, Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster, refuse_many
@@ -22,7 +22,8 @@ from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.forecasting.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
-__all__ = ["batch_noise", "forecast_batch", "forecast_windows", "predict_scenes", "unpacked"]
+__all__ = ["batch_noise", "draw_batch", "forecast_batch", "forecast_windows", "predict_scenes"]
+__all__ += ["unpacked"]
 
 PART = 128
 """Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
@@ -132,6 +133,14 @@ def forecast_batch(
     return np.asarray(futures)[:, valid], None if likely is None else np.asarray(likely)
 
 
+def draw_batch(
+    forecaster: Forecaster, params: Any, scenes: Scene, seed: int, count: int
+) -> np.ndarray:
+    """Draws of a batch of B scenes, [n, B, N, pred_len, 2]; see `Forecaster.distribution`."""
+    refuse(Seed, {"seed": seed})
+    return np.asarray(_draws(forecaster, params, scenes.bare(), jax.random.key(seed), count))
+
+
 def _decoded_agents(
     forecaster: TwoStageForecaster, params: Any, scenes: Scene, noise: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
@@ -165,8 +174,15 @@ def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 @functools.partial(jax.jit, static_argnums=0)
 def _forecast(forecaster, params, scenes, noise):
-    return jax.vmap(forecaster.distribution, in_axes=(None, 0, 1), out_axes=1)(
+    return jax.vmap(forecaster.representatives, in_axes=(None, 0, 1), out_axes=1)(
         params, scenes, noise
+    )
+
+
+@functools.partial(jax.jit, static_argnums=(0, 4))
+def _draws(forecaster, params, scenes, key, count):
+    return jax.vmap(forecaster.distribution, in_axes=(None, 0, None, None), out_axes=1)(
+        params, scenes, key, count
     )
 
 

@@ -17,17 +17,17 @@ from jax import Array
 
 from neurosym_jax.configuration import Checked, Rule, Size, differences
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.forecasting.noise import NoiseSpec, scene_noise
 from neurosym_jax.forecasting.tracking_errors import repair_scene
 from neurosym_jax.plugins import Registry
 from neurosym_jax.runtime.process import refuse_beyond_memory, refuse_forked
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
-__all__ = ["FORECASTERS", "Distribution", "Forecaster", "Lengths", "TwoStageForecaster"]
+__all__ = ["FORECASTERS", "Forecaster", "Lengths", "Representatives", "TwoStageForecaster"]
 __all__ += ["forecaster_of", "refuse_many", "register_forecaster", "with_weighting"]
 
-Distribution = tuple[Array, Array | None]
+Representatives = tuple[Array, Array | None]
 """Samples [k, N, pred_len, 2] of a scene and their probabilities [k]; None where all have the
 same."""
 
@@ -125,13 +125,28 @@ class Forecaster(abc.ABC):
         """The padded `scene` of a single forecast, with what is best computed on the host."""
         return scene
 
-    def distribution(self, params: Any, scene: Scene, noise: Array) -> Distribution:
+    @property
+    def calibrated(self) -> bool:
+        """Whether `distribution` was trained by a proper score, and is not `forecast`'s samples."""
+        return False
+
+    def representatives(self, params: Any, scene: Scene, noise: Array) -> Representatives:
         """`forecast`, and the probabilities [k] of its samples; None where all have the same.
 
         By default tracking errors are repaired before, see `repair_scene`.
         """
         scene, offset = repair_scene(scene, self.config.period)
         return self.forecast(params, scene, noise) + offset[None, :, None], None
+
+    def distribution(self, params: Any, scene: Scene, key: Array, count: int) -> Array:
+        """Equally probable draws [n, N, pred_len, 2] of one scene.
+
+        n is `count`, or 1 without noise. By default they are `forecast`'s samples. `key` is the
+        run's, the same for every scene: the draws also depend on the scene's identity.
+        """
+        agents = len(scene.valid)
+        noise = scene_noise(self.noise, key, scene.identity, self.count(count), agents)
+        return self.representatives(params, scene, noise)[0]
 
     def count(self, samples: int) -> int:
         """Number of samples it makes where `samples` are asked for: one without noise.

@@ -19,8 +19,8 @@ from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.forecaster import (
     FORECASTERS,
-    Distribution,
     Forecaster,
+    Representatives,
     forecaster_of,
     refuse_many,
 )
@@ -30,8 +30,8 @@ from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
 from neurosym_jax.symbolic.weighting import Weighting
 
-__all__ = ["Model", "SceneForecaster", "forecast", "forecast_scene", "predict"]
-__all__ += ["predict_distribution", "refuse_other_length", "warn_of_tracking_errors"]
+__all__ = ["Model", "SceneForecaster", "checked_scene", "forecast", "forecast_scene", "predict"]
+__all__ += ["predict_representatives", "refuse_other_length", "warn_of_tracking_errors"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class SceneForecaster:
         """Futures [k, N, pred_len, 2], float64 metres in the world's frame."""
         return self.finish(self.start(scene), scene)[0]
 
-    def start(self, scene: Scene) -> Distribution:
+    def start(self, scene: Scene) -> Representatives:
         """Begin the forecast of `scene`, of N slots, without waiting for it."""
         slots = int(bucket_of(len(scene.valid)))
         refuse_many(self.forecaster, self.samples, slots)
@@ -119,10 +119,11 @@ class SceneForecaster:
         return forecast_scene(self.forecaster, self._params, padded, noise)
 
     @staticmethod
-    def finish(started: Distribution, scene: Scene) -> tuple[np.ndarray, np.ndarray | None]:
+    def finish(started: Representatives, scene: Scene) -> tuple[np.ndarray, np.ndarray | None]:
         """Wait for the forecast that `start(scene)` began.
 
-        Returns [k, N, pred_len, 2], as calling does, and probabilities [k] as `Distribution`.
+        Returns [k, N, pred_len, 2], as calling does, and probabilities [k] as
+        `Representatives`.
         """
         futures, probability = started
         world = to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
@@ -130,9 +131,11 @@ class SceneForecaster:
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any) -> Distribution:
-    """`forecaster.distribution`, compiled; equal forecasters share the program."""
-    return forecaster.distribution(params, scene, noise)
+def forecast_scene(
+    forecaster: Forecaster, params: Any, scene: Scene, noise: Any
+) -> Representatives:
+    """`forecaster.representatives`, compiled; equal forecasters share the program."""
+    return forecaster.representatives(params, scene, noise)
 
 
 # Apart from the forecast, because threefry is slow to compile and this serves every bucket.
@@ -165,12 +168,12 @@ def predict(
         InputError: for a wrong shape, an unusable coordinate, a number out of range, or a trace of
             jax's (`jit`, `vmap`, `grad`).
     """
-    return predict_distribution(
+    return predict_representatives(
         model, observed, samples=samples, seed=seed, recording=recording, frame=frame
     )[0]
 
 
-def predict_distribution(
+def predict_representatives(
     model: Model,
     observed: ArrayLike,
     *,
@@ -190,17 +193,25 @@ def predict_distribution(
     Raises:
         InputError: as `predict`.
     """
-    if isinstance(observed, Tracer):
-        raise InputError("predict runs on the host; under jit, vmap and grad call nj.forecast")
-    scene = make_scene(observed, recording=recording, frame=frame)
-    refuse_other_length(model, scene.observed, "observed")
-    warn_of_tracking_errors(np.asarray(scene.observed), model.config.period, "observed")
+    scene = checked_scene(model, observed, recording, frame)
     forecaster = SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
     futures, probability = forecaster.finish(forecaster.start(scene), scene)
     return futures, np.full(len(futures), 1 / len(futures)) if probability is None else probability
 
 
-def warn_of_tracking_errors(observed: np.ndarray, period: float, name: str) -> None:
+def checked_scene(model: Model, observed: ArrayLike, recording: str, frame: int) -> Scene:
+    """The scene that `predict` forecasts from its arguments; see there."""
+    if isinstance(observed, Tracer):
+        raise InputError("predict runs on the host; under jit, vmap and grad call nj.forecast")
+    scene = make_scene(observed, recording=recording, frame=frame)
+    refuse_other_length(model, scene.observed, "observed")
+    warn_of_tracking_errors(np.asarray(scene.observed), model.config.period, "observed", 4)
+    return scene
+
+
+def warn_of_tracking_errors(
+    observed: np.ndarray, period: float, name: str, stacklevel: int = 3
+) -> None:
     """Warn of positions in `observed [N, T, 2]`, called `name`, that no person can have reached.
 
     Warns:
@@ -211,7 +222,7 @@ def warn_of_tracking_errors(observed: np.ndarray, period: float, name: str) -> N
     if agents:
         text = f"{name}: agents {reprlib.repr(agents)[1:-1]} have steps beyond {TOP_SPEED:g} m/s, "
         text += f"or changes beyond {TOP_CHANGE:g} m/s within a step: taken for tracking errors"
-        warnings.warn(text, InputWarning, stacklevel=3)
+        warnings.warn(text, InputWarning, stacklevel=stacklevel)
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:

@@ -22,7 +22,7 @@ from neurosym_jax.forecasting.model import (
     Model,
     SceneForecaster,
     predict,
-    predict_distribution,
+    predict_representatives,
 )
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.sgan.config import GeneratorConfig
@@ -76,7 +76,7 @@ def test_many_scenes_are_forecast_as_each_alone(name):
     assert len(found) == len(scenes)
     for number in (0, len(scenes) // 3, len(scenes) - 1):
         how = {"samples": K, "seed": 5, "recording": "crowd", "frame": frames[number]}
-        alone, likely = predict_distribution(model, scenes[number], **how)
+        alone, likely = predict_representatives(model, scenes[number], **how)
         assert likely.tolist() == [1 / K] * K
         assert alone.dtype == np.float64
         assert_allclose(found[number], alone, rtol=0, atol=1e-5)

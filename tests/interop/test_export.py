@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax import GeneratorConfig, load_model, predict_distribution
+from neurosym_jax import GeneratorConfig, load_model, predict_representatives
 from neurosym_jax.commands.export import run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.noise import scene_noise
@@ -30,7 +30,7 @@ def assert_same_forecasts(made, samples, peoples, rounded):
         noise = np.asarray(scene_noise(spec, jax.random.key(0), identity, samples, slots))
         given = [noise if spec.per_agent else noise.reshape(samples, -1)] if spec.dim else []
         forecasts, probabilities = program.call(observed, *given)
-        wanted, likely = predict_distribution(made, observed, samples=samples)
+        wanted, likely = predict_representatives(made, observed, samples=samples)
         within = {"atol": 2e-6, "rtol": 3e-7} if rounded else {"atol": 2e-5}
         np.testing.assert_allclose(forecasts, wanted, **within)
         np.testing.assert_allclose(probabilities, likely, atol=1e-6)

@@ -8,15 +8,22 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from neurosym_jax.evaluation.scoring import score
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors import loss
-from neurosym_jax.models.anchors.loss import AnchorStream, anchor_loss, company, overlap
-from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
+from neurosym_jax.models.anchors.loss import (
+    AnchorStream,
+    anchor_loss,
+    company,
+    overlap,
+    personal_energy,
+)
+from neurosym_jax.models.anchors.network import AnchorConfig, AnchorForecast, AnchorTableConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.stream import augment
 
-LOSS = jax.jit(anchor_loss, static_argnums=5)
+LOSS = jax.jit(anchor_loss, static_argnums=4)
 RECIPE = AnchorRecipe(
     steps=40, batch_people=48, validate_every=20, warmup_steps=5, learning_rate=0.01, ema=0.8
 )
@@ -33,14 +40,16 @@ def test_overlapping_people_cost_by_their_distance():
     x = jnp.array([0.0, 0.2, 5.0, 0.1])  # The last is not there.
     forecast = jnp.stack([x, 0 * x], -1)[None, None, :, None].repeat(3, axis=3)
     valid = jnp.array([[True, True, True, False]])
-    found = jax.jit(overlap)(forecast.at[..., 1:, 0].add(x[:, None]), valid)[0, 0]
+    spreading = forecast.at[..., 1:, 0].add(x[:, None])
+    found = jax.jit(overlap)(spreading, valid)[0, 0]
     # At 0.2 m in the first of three steps, at 0.4 m in the others.
     np.testing.assert_allclose(found, [0.25, 0.25, 0, 0], atol=1e-6)
-    probability, target = jnp.zeros((1, 1)), jnp.zeros((1, 4, 3, 2))
+    target = jnp.zeros((1, 4, 3, 2))
+    forecast = AnchorForecast(forecast, jnp.zeros((1, 1)), forecast[:, :0])
 
     def collision_loss(weight):
         recipe = AnchorRecipe(collision_weight=weight)
-        return LOSS(forecast, probability, target, valid, jnp.zeros(1, int), recipe)
+        return LOSS(forecast, target, valid, jnp.zeros(1, int), recipe)
 
     assert float(collision_loss(2.0) - collision_loss(0.0)) == pytest.approx(
         2 * (0.75 + 0.75) / 3, abs=1e-5
@@ -51,12 +60,13 @@ def test_scenes_of_a_crowd_share_their_best_sample():
     future = jnp.zeros((2, 1, 3, 2))
     forecast = jnp.array([[0.0, 1.0], [1.0, 0.2]])[..., None, None, None] * jnp.ones((1, 3, 2))
     valid, probability = jnp.ones((2, 1), bool), jnp.log(jnp.array([[0.1, 0.9], [0.9, 0.1]]))
+    forecast = AnchorForecast(forecast, probability, forecast[:, :0])
     none = dict.fromkeys(("joint", "marginal", "mean", "likely", "probability"), 0.0)
 
     def loss(crowd, **weights):
         weights = {f"{name}_weight": value for name, value in {**none, **weights}.items()}
         options = AnchorRecipe(**weights, fde_weight=0.0)
-        found = LOSS(forecast, probability, future, valid, jnp.array(crowd), options)
+        found = LOSS(forecast, future, valid, jnp.array(crowd), options)
         return float(found) / np.sqrt(2)
 
     apart, merged = [0, 1], [0, 0]
@@ -67,6 +77,28 @@ def test_scenes_of_a_crowd_share_their_best_sample():
     assert loss(apart, probability=1.0) > loss(merged, probability=1.0) > 0
     np.testing.assert_array_equal(company(valid, jnp.array([1, 1])), [1, 1])
     np.testing.assert_array_equal(company(valid, jnp.array([0, 1])), [0, 0])
+
+
+def test_points_are_scored_by_the_energy_score_of_each_person():
+    """By the metric, of a scene for each person; people who are not there count nothing."""
+    rng = np.random.default_rng(0)
+    points, future = rng.normal(size=(6, 3, 5, 2)), rng.normal(size=(3, 5, 2))
+    energy = jax.jit(personal_energy)(points, future)
+    for person in range(3):
+        one = slice(person, person + 1)
+        metric = score(points[:, one], future[one], metrics=["energy_score"])["energy_score"]
+        assert energy[person] == pytest.approx(metric.mean, rel=1e-3)
+    exact = jax.jit(personal_energy)(jnp.repeat(jnp.asarray(future)[None], 4, axis=0), future)
+    np.testing.assert_allclose(exact, 0, atol=1e-3)
+    samples, valid = jnp.zeros((1, 1, 3, 5, 2)), jnp.array([[True, False, True]])
+
+    def loss(weight):
+        forecast = AnchorForecast(samples, jnp.zeros((1, 1)), jnp.asarray(points)[None])
+        recipe = AnchorRecipe(energy_weight=weight)
+        return LOSS(forecast, jnp.asarray(future)[None], valid, jnp.zeros(1, int), recipe)
+
+    wanted = 3 * (energy[0] + energy[2]) / 2
+    assert float(loss(3.0) - loss(0.0)) == pytest.approx(float(wanted), rel=1e-4)
 
 
 def test_batches_depend_on_seed_and_step_and_crop_what_is_large(run):
@@ -102,7 +134,10 @@ def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
 
 @pytest.mark.parametrize(
     ("network", "kind"),
-    [(AnchorConfig(4, 3, hidden=8), "anchors"), (AnchorTableConfig(4, 3), "anchor_table")],
+    [
+        (AnchorConfig(4, 3, points=6, hidden=8), "anchors"),
+        (AnchorTableConfig(4, 3), "anchor_table"),
+    ],
 )
 def test_training_learns_and_a_resumed_run_ends_with_the_same_bits(
     run, network, kind, tmp_path, stop_at, final

@@ -5,6 +5,7 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -13,9 +14,11 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, with_weighting
 from neurosym_jax.forecasting.tracking_errors import repair_tracks
+from neurosym_jax.models.anchors.draws import draw_samples, draw_scenes
 from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.network import (
     AnchorConfig,
+    AnchorForecast,
     AnchorNetwork,
     AnchorTable,
     AnchorTableConfig,
@@ -67,22 +70,30 @@ class AnchorTableForecaster(Forecaster):
 
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
         """See `Forecaster.forecast`."""
-        return self.distribution(params, scene, noise)[0]
+        return self.representatives(params, scene, noise)[0]
 
-    def distribution(self, params: Any, scene: Scene, noise: Array) -> tuple[Array, Array]:
+    def representatives(self, params: Any, scene: Scene, noise: Array) -> tuple[Array, Array]:
         """The k samples [k, N, pred_len, 2] and their probabilities [k].
 
         `noise [k, 0]` says how many. `spread_of` chooses them if the network has more, and their
         probabilities are those given that the future is one of them.
         """
-        valid = jnp.asarray(scene.valid)
-        samples, log_probability = apply_anchors(self.config, params, scene)
-        probability = jnp.exp(log_probability)
+        samples, log_probability, _ = apply_anchors(self.config, params, scene)
+        valid, probability = jnp.asarray(scene.valid), jnp.exp(log_probability)
         if len(noise) < len(samples):
             chosen = spread_of(samples, probability, valid, len(noise))
             samples, probability = samples[chosen], probability[chosen]
             probability = probability / probability.sum()
         return samples, probability
+
+    def distribution(self, params: Any, scene: Scene, key: Array, count: int) -> Array:
+        """See `Forecaster.distribution`; without points, samples drawn by their probabilities."""
+        forecast = apply_anchors(self.config, params, scene)
+        for part in scene.identity:
+            key = jax.random.fold_in(key, part)
+        if self.calibrated:
+            return draw_scenes(forecast.points, jnp.asarray(scene.valid), key, count)
+        return draw_samples(forecast.samples, jnp.exp(forecast.log_probability), key, count)
 
     def batches(self, windows: Windows, recipe: Any) -> Callable[[int], Any]:
         """Scenes of one size class, and the crowds that they are merged into."""
@@ -110,6 +121,11 @@ class AnchorsForecaster(AnchorTableForecaster):
         if config.weighting is not None:
             parts += [config.weighting.name]
         return ", ".join(parts)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the network has points."""
+        return self.config.points > 0
 
     @property
     def sees_neighbours(self) -> bool:
@@ -145,8 +161,9 @@ def neighbours(scene: Scene, radius: float, period: float) -> np.ndarray:
 
 def apply_anchors(
     config: Any, params: Any, scene: Scene, company: Array | float = 0.0
-) -> tuple[Array, Array]:
-    """All samples [K, N, pred_len, 2] and log-probabilities [K] of one scene.
+) -> AnchorForecast:
+    """All that the network or table of `config` forecasts of one scene.
+
 
     Of the scene's `alpha [N, N, obs_len]`, or else the weighting's, the last step counts; for
     `company` see `AnchorNetwork`.

@@ -2,7 +2,8 @@
 
 The best of k joint forecasts of two people may be bold; that of forty must be near the mean. Small
 recordings have few crowds, so several scenes of a batch are scored as one: their people do not see
-each other, but are counted, and one sample must fit all of them.
+each other, but are counted, and one sample must fit all of them. The points of a person are scored
+for that person alone, by a proper score.
 """
 
 from collections.abc import Callable
@@ -13,11 +14,13 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.data.windows import Windows
+from neurosym_jax.models.anchors.network import AnchorForecast
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.scene import Scene
 from neurosym_jax.training.stream import augment, gather_cropped
 
 __all__ = ["CLASSES", "AnchorStream", "anchor_loss", "batch_loss", "company", "overlap"]
+__all__ += ["personal_energy"]
 
 CLASSES = (3, 9, 24)
 """Padded sizes of scenes; larger ones are cropped to a random agent and its nearest neighbours."""
@@ -63,18 +66,12 @@ def company(valid: Array, crowd: Array) -> Array:
 
 
 def anchor_loss(
-    forecast: Array,
-    log_probability: Array,
-    future: Array,
-    valid: Array,
-    crowd: Array,
-    recipe: AnchorRecipe,
+    forecast: AnchorForecast, future: Array, valid: Array, crowd: Array, recipe: AnchorRecipe
 ) -> Array:
     """[] loss of a batch, per person.
 
     Args:
-        forecast: [B, k, N, T, 2] metres.
-        log_probability: [B, k].
+        forecast: of the scenes; its arrays have a leading axis B.
         future: [B, N, T, 2] metres.
         valid: [B, N] bool.
         crowd: [B] index of each scene's crowd, below B.
@@ -86,7 +83,8 @@ def anchor_loss(
 
     people = of_crowds(valid.sum(1))
     n = jnp.maximum(people, 1)
-    square = jnp.square(forecast - future[:, None]).sum(-1)
+    samples, log_probability, points = forecast
+    square = jnp.square(samples - future[:, None]).sum(-1)
     # Smooth at 0, where a sample meets the truth.
     distance = jnp.where(valid[:, None, :, None], jnp.sqrt(square + 1e-9), 0)
     ade = distance.mean(-1)
@@ -102,8 +100,26 @@ def anchor_loss(
     likely = log_probability.argmax(1)[:, None]
     total += recipe.likely_weight * jnp.take_along_axis(joint, likely, 1).sum()
     if recipe.collision_weight:
-        total += recipe.collision_weight * overlap(forecast, valid).mean(1).sum()
+        total += recipe.collision_weight * overlap(samples, valid).mean(1).sum()
+    if points.shape[1]:
+        energy = jax.vmap(personal_energy)(points, future)
+        total += recipe.energy_weight * jnp.where(valid, energy, 0).sum()
     return total / valid.sum()
+
+
+def personal_energy(points: Array, future: Array) -> Array:
+    """[N] energy score of each person's equally probable `points [P, N, T, 2]`, metres.
+
+    That of `evaluation.formulas.energy_score`, of a scene with nobody else. `future` is [N, T, 2].
+    """
+    steps = points.shape[2]
+    offset = (points - future).swapaxes(0, 1).reshape(len(future), len(points), -1)
+    product = jnp.einsum("npd,nqd->npq", offset, offset)
+    square = jnp.diagonal(product, axis1=1, axis2=2)
+    apart = square[:, :, None] + square[:, None] - 2 * product
+    # Smooth at 0: points may meet each other and the truth.
+    error, spread = jnp.sqrt(square + 1e-6), jnp.sqrt(jnp.maximum(apart, 0) + 1e-6)
+    return (error.mean(1) - spread.mean((1, 2)) / 2) / jnp.sqrt(steps)
 
 
 def overlap(forecast: Array, valid: Array) -> Array:
@@ -116,21 +132,19 @@ def overlap(forecast: Array, valid: Array) -> Array:
 
 
 def batch_loss(
-    apply: Callable[..., tuple[Array, Array]],
+    apply: Callable[..., AnchorForecast],
     batch: tuple[Scene, Array],
     key: Array,
     recipe: AnchorRecipe,
 ) -> tuple[Array, dict[str, Array]]:
     """[] loss of a batch of `AnchorStream`, augmented; consumes `key`.
 
-    `apply` gives the samples and log-probabilities of one scene, given the number of people in
+    `apply` gives the forecast of one scene, given the number of people in
     company, see `AnchorNetwork`.
     """
     scenes, crowd = batch
     (scenes,) = augment((scenes,), key, recipe)
     scenes = jax.tree.map(jnp.asarray, scenes)
     bare = scenes.replace(future=None)
-    forecast, log_probability = jax.vmap(apply)(bare, company(scenes.valid, crowd))
-    future = scenes.known_future
-    loss = anchor_loss(forecast, log_probability, future, scenes.valid, crowd, recipe)
-    return loss, {}
+    forecast = jax.vmap(apply)(bare, company(scenes.valid, crowd))
+    return anchor_loss(forecast, scenes.known_future, scenes.valid, crowd, recipe), {}

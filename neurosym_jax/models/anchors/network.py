@@ -8,10 +8,14 @@ The anchor table has the same k residuals for everybody, 961 numbers for 20 samp
 network that does not beat it has learned nothing from the scene but the speed. The anchors network
 learns residuals and the probability of each sample from a person's own track, from neighbours
 within `radius`, seen by attention, and from the number of people within 20 m.
+
+The samples cover what a scene may do. The distribution is another output: equally probable points
+of each person, trained by that person's energy score, from which `draws` makes scenes.
 """
 
 import dataclasses
-from typing import Annotated, Any
+import functools
+from typing import Annotated, Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -33,7 +37,7 @@ from neurosym_jax.models.anchors.frames import (
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
-__all__ = ["AnchorConfig", "AnchorNetwork", "AnchorTable", "AnchorTableConfig"]
+__all__ = ["AnchorConfig", "AnchorForecast", "AnchorNetwork", "AnchorTable", "AnchorTableConfig"]
 
 HEADS, PAIR_DIM, MESSAGE_DIM = 4, 32, 16
 """The attention's heads, its hidden layer, and what a person learns from all neighbours."""
@@ -43,6 +47,17 @@ BENDS = np.where(np.arange(BASIS) == 0, 1, 0.1)[:, None]
 """Initial sizes of their coefficients: anchors are almost straight."""
 ROUGHNESS = 0.003
 """Differences of a track below this are all alike, metres."""
+
+
+class AnchorForecast(NamedTuple):
+    """The forecast of one scene of N people, metres."""
+
+    samples: Array
+    """[k, N, pred_len, 2] joint forecasts."""
+    log_probability: Array
+    """[k] of the samples."""
+    points: Array
+    """[P, N, pred_len, 2] equally probable forecasts of each person; P = 0 without any."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,8 +76,8 @@ class AnchorTable(nn.Module):
     config: AnchorTableConfig
 
     @nn.compact
-    def __call__(self, observed: Array, *_: Any) -> tuple[Array, Array]:
-        """Forecast positions `[k, N, pred_len, 2]`, equally probable: log-probabilities `[k]`.
+    def __call__(self, observed: Array, *_: Any) -> AnchorForecast:
+        """Equally probable samples, without points.
 
         Only `observed [N, obs_len, 2]` is used, not the other arguments of `AnchorNetwork`.
         """
@@ -81,13 +96,17 @@ class AnchorTable(nn.Module):
         likely = jnp.full(config.samples, -np.log(config.samples), observed.dtype)
         forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
         forecast = limit_displacement(forecast, observed[:, -1], config.period)
-        return forecast + offset[None, :, None], likely
+        forecast = forecast + offset[None, :, None]
+        return AnchorForecast(forecast, likely, forecast[:0])
 
 
 @dataclasses.dataclass(frozen=True)
 class AnchorConfig(AnchorTableConfig):
     """Architecture of the anchors network."""
 
+    points: Annotated[int, Rule("lie in [0, 65536]", lambda points: 0 <= points <= 65536)] = 0
+    """Number of equally probable forecasts of each person, of which the distribution consists; 0
+    for none."""
     hidden: Size = 96
     """Units of a person's two hidden layers."""
     radius: Positive = 10.0
@@ -113,7 +132,7 @@ class AnchorConfig(AnchorTableConfig):
 
 
 class AnchorNetwork(nn.Module):
-    """k joint forecasts of one scene and their log-probabilities."""
+    """k joint forecasts of one scene, their log-probabilities, and points of each person."""
 
     config: AnchorConfig
 
@@ -125,8 +144,8 @@ class AnchorNetwork(nn.Module):
         alpha: Array | None = None,
         company: Array | float = 0.0,
         near: Array | None = None,
-    ) -> tuple[Array, Array]:
-        """Forecast positions `[k, N, pred_len, 2]` and log-probabilities `[k]`.
+    ) -> AnchorForecast:
+        """Forecast a scene.
 
         `observed` is [N, obs_len, 2] metres, `alpha [N, N]` the weight of j for i, None for 1, and
         `near` a scene's; `company` is the number of further people in training, counted and unseen.
@@ -151,26 +170,47 @@ class AnchorNetwork(nn.Module):
             state = jnp.concatenate([state, heard, jnp.log1p(crowd + company)[:, None]], -1)
         state = nn.relu(_dense(config.hidden, "state")(state))
 
-        shape = (config.samples, BASIS, 2)
-        anchor = self.param("anchor", _anchors(0.25, BENDS, BASIS), shape)
-        still_anchor = self.param("still", _anchors(0.1, BENDS, BASIS), shape)
-        bend = _dense(int(np.prod(shape)), "bend", 0.01)(state).reshape(-1, *shape)
-        spread = _dense(config.samples, "spread", 0.01)(state)
+        curves = functools.partial(self._curves, state, speed, heading, walking)
+        residual = curves(config.samples)
+        if config.points:
+            residual = jnp.concatenate([residual, curves(config.points, "point_")])
+        forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
+        forecast = limit_displacement(forecast, observed[:, -1], config.period)
+        forecast = forecast + offset[None, :, None]
+
+        score = jnp.where(valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0)
+        score = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
+        score = self.param("prior", nn.initializers.zeros, (config.samples,)) + score
+        samples, points = forecast[: config.samples], forecast[config.samples :]
+        return AnchorForecast(samples, nn.log_softmax(score), points)
+
+    def _curves(
+        self,
+        state: Array,
+        speed: Array,
+        heading: Array,
+        walking: Array,
+        count: int,
+        prefix: str = "",
+    ) -> Array:
+        """[count, N, pred_len, 2] residuals to constant velocity, metres.
+
+        `prefix` begins the names of the parameters. Of each person: `state [N, hidden]`,
+        `speed [N]` in metres a step, `heading [N, 2]` and its squared length `walking [N]`.
+        """
+        config, shape = self.config, (count, BASIS, 2)
+        anchor = self.param(f"{prefix}anchor", _anchors(0.25, BENDS, BASIS), shape)
+        still_anchor = self.param(f"{prefix}still", _anchors(0.1, BENDS, BASIS), shape)
+        bend = _dense(int(np.prod(shape)), f"{prefix}bend", 0.01)(state).reshape(-1, *shape)
+        spread = _dense(count, f"{prefix}spread", 0.01)(state)
         spread = jnp.exp(jnp.clip(spread, -4, 4))[..., None, None]
         scale = (speed * config.pred_len + 0.5)[:, None, None, None]
         residual = turned(scale * (bend + spread * anchor[None]), heading[:, None, None], 1)
         # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
         standing = (1 - jnp.sqrt(walking + 1e-6)) * (config.pred_len * config.period / 2.4)
         residual = residual + standing[:, None, None, None] * spread * still_anchor[None]
-        curve = jnp.asarray(_polynomials(config.pred_len, BASIS), observed.dtype)
-        residual = jnp.einsum("nkbc,tb->kntc", residual, curve)
-
-        score = jnp.where(valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0)
-        score = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
-        score = self.param("prior", nn.initializers.zeros, (config.samples,)) + score
-        forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
-        forecast = limit_displacement(forecast, observed[:, -1], config.period)
-        return forecast + offset[None, :, None], nn.log_softmax(score)
+        curve = jnp.asarray(_polynomials(config.pred_len, BASIS), residual.dtype)
+        return jnp.einsum("nkbc,tb->kntc", residual, curve)
 
     def velocity(self, steps: Array) -> tuple[Array, Array]:
         """Velocity `[N, 2]` in metres a step, and the log differences that it depends on `[N, F]`.

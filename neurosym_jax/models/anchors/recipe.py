@@ -39,5 +39,7 @@ class AnchorRecipe(Recipe):
     """Weight of the cross-entropy between the probabilities and a softmax of the joint errors."""
     temperature: Positive = 0.1
     """Temperature of that softmax, metres of error for a person."""
+    energy_weight: NotNegative = 1.0
+    """Weight of the energy score of each person's points."""
     collision_weight: NotNegative = 0.0
     """Weight of how much people of one sample overlap. It costs error: see docs/recipe.md."""

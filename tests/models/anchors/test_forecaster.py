@@ -13,7 +13,7 @@ from neurosym_jax.forecasting.model import (
     SceneForecaster,
     forecast,
     predict,
-    predict_distribution,
+    predict_representatives,
 )
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors import forecaster as anchors
@@ -43,7 +43,7 @@ def test_every_way_gives_the_same_samples_and_probabilities(model, windows):
     np.testing.assert_allclose(likely.sum(axis=0), 1, rtol=1e-5)
     assert np.ptp(likely, axis=0).min() > 0.01
     for number, scene in enumerate(observed):
-        alone, probability = predict_distribution(model, scene, samples=5)
+        alone, probability = predict_representatives(model, scene, samples=5)
         np.testing.assert_allclose(futures[:, windows.rows(np.array([number]))], alone, atol=1e-5)
         np.testing.assert_allclose(likely[:, number], probability, atol=1e-6)
         np.testing.assert_array_equal(predict(model, scene, samples=5), alone)
@@ -57,8 +57,8 @@ def test_every_way_gives_the_same_samples_and_probabilities(model, windows):
 def test_fewer_samples_have_the_probabilities_given_that_they_are_all(model, windows):
     """The most probable one first, each another: `test_the_spread` has which."""
     observed = windows.position[:3, :8]
-    futures, probability = predict_distribution(model, observed, samples=5)
-    three, given = predict_distribution(model, observed, samples=3)
+    futures, probability = predict_representatives(model, observed, samples=5)
+    three, given = predict_representatives(model, observed, samples=3)
     apart = np.abs(futures - three[:, None]).max(axis=(2, 3, 4))
     places = apart.argmin(axis=1)
     assert apart.min(axis=1).max() < 1e-4
@@ -142,6 +142,6 @@ def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, apart):
 
 def test_the_table_has_equal_probabilities():
     table = random_model(AnchorTableConfig(pred_len=4, samples=5), std=0.1)
-    _, probability = predict_distribution(table, np.zeros((2, 8, 2)), samples=5)
+    _, probability = predict_representatives(table, np.zeros((2, 8, 2)), samples=5)
     np.testing.assert_allclose(probability, 0.2, rtol=1e-5)
     assert table.name == "anchor table"

@@ -16,7 +16,7 @@ from neurosym_jax.models.anchors.network import (
 )
 from tests.networks import random_params
 
-SMALL = AnchorConfig(pred_len=6, samples=4, hidden=8, symbols=True)
+SMALL = AnchorConfig(pred_len=6, samples=4, points=3, hidden=8, symbols=True)
 VALID = jnp.ones(6, bool)
 
 
@@ -37,11 +37,14 @@ def network(people):
 
 def test_padding_changes_nothing_and_people_have_no_order(network, people):
     apply, _ = network
-    forecast, log_probability = apply(people, VALID)
+    forecast, log_probability, points = apply(people, VALID)
     order = jnp.array([3, 1, 5, 0, 2, 4])
     padded = jnp.concatenate([people[order], jnp.full((2, 8, 2), 7.0)])
-    permuted, same = apply(padded, jnp.arange(8) < 6)
+    permuted, same, points_too = apply(padded, jnp.arange(8) < 6)
     np.testing.assert_allclose(permuted[:, :6], forecast[:, order], atol=1e-4)
+    np.testing.assert_allclose(points_too[:, :6], points[:, order], atol=1e-4)
+    assert points.shape == (3, 6, 6, 2)
+    assert jnp.abs(points[0] - points[1]).max() > 0.1
     np.testing.assert_allclose(same, log_probability, atol=1e-5)
     np.testing.assert_allclose(jnp.exp(log_probability).sum(), 1, rtol=1e-5)
     assert jnp.ptp(log_probability) > 0.1
@@ -51,9 +54,9 @@ def test_neighbours_that_are_listed_are_those_of_all_pairs(network, people):
     apply, _ = network
     present = jnp.arange(6) < 5
     near = jnp.array([[other for other in range(6) if other != each] for each in range(6)])
-    listed, _ = apply(people, present, None, 0.0, near)
-    forecast, _ = apply(people, present)
-    np.testing.assert_allclose(listed[:, :5], forecast[:, :5], atol=1e-4)
+    listed, whole = apply(people, present, None, 0.0, near), apply(people, present)
+    np.testing.assert_allclose(listed.samples[:, :5], whole.samples[:, :5], atol=1e-4)
+    np.testing.assert_allclose(listed.points[:, :5], whole.points[:, :5], atol=1e-4)
 
 
 def test_untrained_samples_scatter_about_constant_velocity_and_are_almost_straight():
@@ -74,15 +77,18 @@ def test_untrained_samples_scatter_about_constant_velocity_and_are_almost_straig
 
 def test_forecasts_move_with_the_scene_and_those_of_walkers_turn_with_it(network, people):
     apply, params = network
-    shifted, _ = apply(people + jnp.array([5.0, -3.0]), VALID)
-    np.testing.assert_allclose(shifted, apply(people, VALID)[0] + jnp.array([5.0, -3.0]), atol=2e-4)
+    shifted, still = apply(people + jnp.array([5.0, -3.0]), VALID), apply(people, VALID)
+    for moved, before in ((shifted.samples, still.samples), (shifted.points, still.points)):
+        np.testing.assert_allclose(moved, before + jnp.array([5.0, -3.0]), atol=2e-4)
     # What standing people may do is learned in the scene's axes.
-    params = {"params": params["params"] | {"still": jnp.zeros((4, 5, 2))}}
+    scene_axes = {"still": jnp.zeros((4, 5, 2)), "point_still": jnp.zeros((3, 5, 2))}
+    params = {"params": params["params"] | scene_axes}
     turn = jnp.array([[0.6, 0.8], [-0.8, 0.6]])
     walkers = jax.jit(AnchorNetwork(SMALL).apply)
-    forecast, log_probability = walkers(params, people, VALID)
-    turned, same = walkers(params, people @ turn, VALID)
+    forecast, log_probability, points = walkers(params, people, VALID)
+    turned, same, turned_points = walkers(params, people @ turn, VALID)
     np.testing.assert_allclose(turned, forecast @ turn, atol=1e-3)
+    np.testing.assert_allclose(turned_points, points @ turn, atol=1e-3)
     np.testing.assert_allclose(same, log_probability, atol=1e-4)
 
 
@@ -149,8 +155,8 @@ def test_gradients_are_finite_where_people_stand_on_one_spot(network):
     params = random_params(network, observed, valid, std=0.2)
 
     def loss(params, observed):
-        forecast, log_probability = network.apply(params, observed, valid)
-        return jnp.square(forecast - 1).sum() + log_probability[0]
+        samples, log_probability, points = network.apply(params, observed, valid)
+        return sum(jnp.square(part - 1).sum() for part in (samples, points)) + log_probability[0]
 
     gradients = jax.jit(jax.grad(loss, (0, 1)))(params, observed)
     assert all(jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))

@@ -1,0 +1,61 @@
+"""Equally probable futures of single scenes, drawn from a model's distribution."""
+
+import functools
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from neurosym_jax.configuration import Count, Seed, refuse
+from neurosym_jax.data.windows import bucket_of
+from neurosym_jax.forecasting.forecaster import Forecaster, refuse_many
+from neurosym_jax.forecasting.model import Model, checked_scene
+from neurosym_jax.scene import Scene, pad_scene, to_world
+
+__all__ = ["draw_scene", "predict_distribution"]
+
+
+def predict_distribution(
+    model: Model,
+    observed: ArrayLike,
+    *,
+    draws: int = 200,
+    seed: int = 0,
+    recording: str = "",
+    frame: int = 0,
+) -> np.ndarray:
+    """Equally probable futures of one scene, for probabilities, regions and risks.
+
+    Those of `anchors` are drawn from what it learned by a proper score. For other models they are
+    the samples of `predict`, from as many noises; a model without noise has one.
+
+    Args:
+        model: see `load_model`.
+        observed: [N, obs_len, 2] metres.
+        draws: number of futures n.
+        seed: with `recording` and `frame`, determines the draws.
+        recording: name of the recording.
+        frame: index of the first observed step in the recording.
+
+    Returns:
+        [n, N, pred_len, 2] float64 metres.
+
+    Raises:
+        InputError: as `predict`.
+    """
+    refuse(Count, {"draws": draws})
+    refuse(Seed, {"seed": seed})
+    scene = checked_scene(model, observed, recording, frame)
+    slots = int(bucket_of(len(scene.valid)))
+    refuse_many(model.forecaster, draws, slots)
+    padded = model.forecaster.prepared(pad_scene(scene.bare(), slots))
+    futures = draw_scene(model.forecaster, model.params, padded, jax.random.key(seed), draws)
+    return to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
+
+
+@functools.partial(jax.jit, static_argnums=(0, 4))
+def draw_scene(forecaster: Forecaster, params: Any, scene: Scene, key: Array, count: int) -> Array:
+    """`forecaster.distribution`, compiled; equal forecasters share the program."""
+    return forecaster.distribution(params, scene, key, count)

@@ -1,0 +1,160 @@
+"""Draws of scenes: how often each trajectory is drawn, who overlaps, and what padding changes."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neurosym_jax.data.windows import Windows, make_batches
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.formulas import collisions
+from neurosym_jax.evaluation.scoring import DRAWS, score, score_forecaster
+from neurosym_jax.forecasting.distribution import predict_distribution
+from neurosym_jax.forecasting.model import predict, predict_representatives
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models.anchors.draws import draw_samples, draw_scenes, separate
+from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.models.sgan.config import GeneratorConfig
+from tests.networks import random_model
+
+KEY = jax.random.key(3)
+DRAW = jax.jit(draw_scenes, static_argnums=3)
+PEOPLE = jnp.ones(5, bool)
+
+
+@pytest.fixture(scope="module")
+def points():
+    """Five people who stand in a row, 0.3 m apart, and may move to either side by up to 1 m."""
+    rng = np.random.default_rng(0)
+    end = 0.3 * np.arange(5)[:, None] * [1, 0] + rng.uniform(-1, 1, (20, 5, 2))
+    return jnp.asarray(end[:, :, None] * np.linspace(0.5, 1, 4)[:, None], jnp.float32)
+
+
+def names(draws, points):
+    """[n, N] which point of its person each trajectory is."""
+    apart = np.abs(np.asarray(draws)[:, None] - np.asarray(points)).max((-1, -2))
+    assert apart.min(1).max() < 1e-6
+    return apart.argmin(1)
+
+
+@pytest.mark.parametrize("count", [1, 20, 60, 70])
+def test_every_point_of_a_person_is_drawn_equally_often(points, count):
+    chosen = names(DRAW(points, PEOPLE, KEY, count), points)
+    for person in chosen.T:
+        assert np.ptp(np.bincount(person, minlength=20)) <= (count % 20 > 0)
+
+
+def test_people_are_drawn_independently_but_do_not_overlap(points):
+    """Apart by 9 m the points of two people have nothing to do with each other."""
+    apart = points[:, :2] + jnp.array([[0.0, 0.0], [9.0, 0.0]])[:, None]
+    pairs = np.zeros((20, 20))
+    for seed in range(40):
+        chosen = names(DRAW(apart, PEOPLE[:2], jax.random.key(seed), 60), apart)
+        np.add.at(pairs, tuple(chosen.T), 1)
+    assert pairs.sum() == 40 * 60
+    # A pair is expected 6 times; of 400, the variance is that of a Poisson variable.
+    assert 0.8 < pairs.var() / 6 < 1.25
+    mixed = DRAW(points, PEOPLE, KEY, 200)
+    lots = np.random.default_rng(1).integers(0, 20, (200, 5))
+    independent = np.take_along_axis(np.asarray(points), lots[..., None, None], axis=0)
+    before, after = (collisions(each, PEOPLE).mean() for each in (independent, mixed))
+    assert before > 0.2
+    assert after < 0.5 * before
+
+
+def test_exchanges_are_of_whole_trajectories_of_one_person(points):
+    lots = np.random.default_rng(1).integers(0, 20, (31, 5))
+    draws = jnp.take_along_axis(points, lots[..., None, None], axis=0)
+    chosen = names(jax.jit(separate)(draws, PEOPLE, KEY), points)
+    np.testing.assert_array_equal(np.sort(chosen, axis=0), np.sort(lots, axis=0))
+    assert (chosen != lots).any(axis=0).all()
+
+
+def test_padding_changes_no_draw(points):
+    padded = jnp.concatenate([points, jnp.full((20, 3, 4, 2), 0.1)], axis=1)
+    draws = DRAW(padded, jnp.arange(8) < 5, KEY, 50)
+    np.testing.assert_array_equal(draws[:, :5], DRAW(points, PEOPLE, KEY, 50))
+
+
+def test_samples_are_drawn_as_often_as_their_probabilities_say():
+    samples = jnp.arange(3.0)[:, None, None, None] * jnp.ones((1, 2, 4, 2))
+    probability = jnp.array([0.5, 0.125, 0.375])
+    for count, wanted in ((8, [4, 1, 3]), (1, None)):
+        drawn = draw_samples(samples, probability, KEY, count)
+        assert drawn.shape == (count, 2, 4, 2)
+        if wanted:
+            np.testing.assert_array_equal(np.bincount(drawn[:, 0, 0, 0].astype(int)), wanted)
+    often = jax.vmap(lambda key: draw_samples(samples, probability, key, 1)[0, 0, 0, 0])
+    counts = np.bincount(often(jax.random.split(KEY, 2000)).astype(int)) / 2000
+    np.testing.assert_allclose(counts, probability, atol=0.04)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return random_model(AnchorConfig(pred_len=4, samples=5, points=6, hidden=8), std=0.3)
+
+
+def test_the_distribution_is_in_the_callers_frame_and_of_the_seed(model):
+    observed = np.array([500.0, -80.0]) + np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(
+        1
+    )
+    draws = predict_distribution(model, observed, draws=30)
+    assert draws.shape == (30, 3, 4, 2)
+    assert draws.dtype == np.float64
+    assert np.abs(draws - observed[:, -1:]).max() < 10
+    np.testing.assert_array_equal(draws, predict_distribution(model, observed, draws=30))
+    for changed in ({"seed": 1}, {"frame": 1}, {"recording": "other"}):
+        other = predict_distribution(model, observed, draws=30, **changed)
+        assert (other != draws).any()
+        # The marginal distribution of each person stays.
+        np.testing.assert_allclose(np.sort(other, axis=0), np.sort(draws, axis=0), atol=1e-4)
+    with pytest.raises(InputError, match="draws"):
+        predict_distribution(model, observed, draws=0)
+    with pytest.raises(InputError, match=r"nj\.forecast"):
+        jax.jit(functools.partial(predict_distribution, model))(observed)
+
+
+@pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
+def test_one_bad_position_moves_nobody_elses_distribution(model):
+    walks = np.arange(8.0)[:, None] * [0.5, 0] + np.array([[[0, 0]], [[0, 1]], [[3, 2]]])
+    usual = np.sort(predict_distribution(model, walks, draws=30), axis=0)
+    for size in (1.0, 15.0, 1000.0):
+        for step in range(8):
+            wrong = walks.copy()
+            wrong[0, step] += size * np.array([0.6, 0.8])
+            draws = predict_distribution(model, wrong, draws=30)
+            assert np.linalg.norm(draws[:, 0] - wrong[0, -1], axis=-1).max() < 4 * 1.6 + 0.3
+            assert np.abs(np.sort(draws, axis=0) - usual)[:, 1:].max() < 0.5
+
+
+def test_models_without_a_trained_distribution_draw_their_samples():
+    observed = np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(1)
+    generator = random_model(GeneratorConfig(pred_len=4))
+    draws = predict_distribution(generator, observed, draws=7, seed=2)
+    np.testing.assert_allclose(draws, predict(generator, observed, samples=7, seed=2), atol=1e-5)
+    table = load_model("anchor_table_zara1_8")
+    draws = predict_distribution(table, observed, draws=200)
+    samples, probability = predict_representatives(table, observed)
+    often = np.bincount(np.abs(draws[:, None] - samples).max((2, 3, 4)).argmin(1), minlength=20)
+    np.testing.assert_allclose(often, 200 * probability, atol=1)
+
+
+def test_metrics_of_the_distribution_are_of_draws(model):
+    rng = np.random.default_rng(1)
+    paths = rng.normal(size=(7, 1, 2)) * 2 + np.cumsum(rng.normal(0.3, 0.1, (7, 12, 2)), axis=1)
+    identity = np.array([[0, 0], [0, 1], [0, 2]], np.uint32)
+    windows = Windows(paths, np.arange(7), np.array([0, 2, 4, 7]), identity, 8)
+    how = {"samples": 5, "seed": 0, "metrics": ("energy_score", "coverage_50", "joint_ade")}
+    scores = score_forecaster(model.forecaster, model.params, make_batches(windows), **how).scores
+    pairs = ((windows.rows(np.array([number])), number) for number in range(3))
+    for rows, number in pairs:
+        observed, future = np.split(paths[rows], [8], axis=1)
+        draws = predict_distribution(model, observed, draws=DRAWS, frame=number)
+        for name, own in score(draws, future, metrics=["energy_score", "coverage_50"]).items():
+            mean = scores[name].total[number] / scores[name].count[number]
+            assert mean == pytest.approx(own.mean, rel=1e-3), name
+        samples = predict(model, observed, samples=5)
+        joint = score(samples, future, metrics=["joint_ade"])["joint_ade"]
+        assert scores["joint_ade"].total[number] == pytest.approx(joint.total[0], rel=1e-4)
