@@ -18,11 +18,11 @@ __all__ = ["draw_samples", "draw_scenes", "separate"]
 
 DISTANCE = 0.3
 """Distance of two people's centres below which they overlap, metres."""
-REPULSION = 10.0
+REPULSION = 40.0
 """How much less probable a scene is for each complete overlap of two people, in nats."""
 SWEEPS = 16
 """Times that each person's points are paired anew."""
-NEAREST = 8
+NEAREST = 16
 """Neighbours with whom a person may overlap: those who come nearest to its mean path."""
 
 
@@ -82,7 +82,9 @@ def separate(draws: Array, valid: Array, key: Array) -> Array:
         mine, around = draws[:, agent], draws[:, near[agent]]
 
         def overlaps(mine: Array) -> Array:
-            distance = length(mine[:, None] - around).min(-1)
+            offset = mine[:, None] - around
+            halfway = (offset[..., 1:, :] + offset[..., :-1, :]) / 2
+            distance = length(jnp.concatenate([offset, halfway], -2)).min(-1)
             return jnp.where(there[agent], jnp.maximum(1 - distance / DISTANCE, 0), 0).sum(-1)
 
         more = overlaps(mine[partner]) - overlaps(mine)
