@@ -90,7 +90,7 @@ class Registry(dict[str, T]):
 
     def __getitem__(self, name: str) -> T:
         """The component `name`, imported if need be."""
-        value = super().__getitem__(name)
+        value: Any = super().__getitem__(name)
         if isinstance(value, _Later):
             module, _, attribute = value.place.partition(":")
             value = getattr(importlib.import_module(module), attribute)

@@ -107,9 +107,9 @@ def phases(stamp: np.ndarray, joined: np.ndarray, period: float) -> tuple[np.nda
     jumps = [
         at
         for at in rows[1:][np.minimum(jump, 1 - jump) > SHIFT]
-        if _jumps(stamp, joined, moment[at], period)
+        if _jumps(stamp, joined, float(moment[at]), period)
     ]
-    cuts = np.unique([0, *(np.flatnonzero(pause) + 1), *jumps, len(votes)])
+    cuts = np.unique(np.array([0, *(np.flatnonzero(pause) + 1), *jumps, len(votes)]))
     begins, origins = list[float](), list[float]()
     previous = -1
     for low, high in itertools.pairwise(cuts):

@@ -22,15 +22,15 @@ def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
     x, y = places.get("x", places.get("left")), places.get("y", places.get("top"))
     numbers = {
         at: values
-        for at in {*free, clock, x, y} - {None}
-        if (values := _numbers(part, at)) is not None
+        for at in dict.fromkeys([*free, clock, x, y])
+        if at is not None and (values := _numbers(part, at)) is not None
     }
-    moments = [clock] if clock is not None else [at for at in free if at in numbers]
+    moments: list[int] = [clock] if clock is not None else [at for at in free if at in numbers]
     people = [places["id"]] if "id" in places else [at for at in free if _repeats(part, at)]
     pairs = [(a, b) for a, b in itertools.combinations(sorted(numbers), 2) if b - a <= 2]
     pairs = [(a, b) for a, b in pairs if a in (x, a * (x is None)) and b in (y, b * (y is None))]
-    pairs = pairs if x is None or y is None else [(x, y)]
-    lowest, best = np.inf, dict[str, int]()
+    pairs: Any = pairs if x is None or y is None else [(x, y)]
+    lowest, best = np.inf, dict[str, Any]()
     for moment, person in itertools.product(moments, people):
         if moment == person or moment not in numbers:
             continue

@@ -98,7 +98,8 @@ class ReadOptions:
 
     def unit_of(self, recording: str) -> str | None:
         """The unit that was given for a file's recordings, by the file's name without ending."""
-        units = dict(part.rpartition("=")[::2] for part in (self.unit or "").split(","))
+        parts = (part.rpartition("=") for part in (self.unit or "").split(","))
+        units = {name: unit for name, _, unit in parts}
         return units.get(recording) or units.get("") or None
 
 

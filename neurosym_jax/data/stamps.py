@@ -72,9 +72,8 @@ def stamps_of(
             ratio = next((rate for rate in rates if 0.9 < rate < 130), ratio)
         else:
             ratio = min(rates, key=lambda rate: abs(np.log(rate / reference)))
-        nearest = min(
-            (round(ratio), 29.97, 23.976, 59.94, 12.5), key=lambda rate: abs(rate - ratio)
-        )
+        usual = np.array([round(ratio), 29.97, 23.976, 59.94, 12.5])
+        nearest = float(usual[abs(usual - ratio).argmin()])
         ratio = nearest if abs(ratio / (nearest or 1) - 1) < 0.02 else ratio
         fps[f"columns {columns}"] = float(ratio)
     if fps:

@@ -153,7 +153,7 @@ def velocity_ratio(
         return None
     moved = (position[same + 4] - position[same]) / (stamp[same + 4] - stamp[same])[:, None]
     weights = np.array([0.125, 0.25, 0.25, 0.25, 0.125])
-    mean = sum(weight * velocity[same + lag] for lag, weight in enumerate(weights))
+    mean = np.einsum("l,lnd->nd", weights, velocity[same + np.arange(5)[:, None]])
     pairs = (mean, moved), (moved, moved), (mean, mean)
     across, length, speed = ((first * other).sum(axis=1) for first, other in pairs)
     moving = (length > 0.01 * np.median(length)) & (speed > 0) & (length > 0)

@@ -145,7 +145,7 @@ class Forecaster(abc.ABC):
         run's, the same for every scene: the draws also depend on the scene's identity.
         """
         agents = len(scene.valid)
-        noise = scene_noise(self.noise, key, scene.identity, self.count(count), agents)
+        noise = scene_noise(self.noise, key, jnp.asarray(scene.identity), self.count(count), agents)
         return self.representatives(params, scene, noise)[0]
 
     def count(self, samples: int) -> int:

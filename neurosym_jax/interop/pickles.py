@@ -120,12 +120,12 @@ class _Unpickler(pickle._Unpickler):
         self.storages = storages
 
     def load_setitem(self) -> None:
-        _refuse_keys(self.stack[-2:-1])
-        super().load_setitem()
+        _refuse_keys(self.stack[-2:-1])  # pyright: ignore[reportAttributeAccessIssue]
+        super().load_setitem()  # pyright: ignore[reportAttributeAccessIssue]
 
     def load_setitems(self) -> None:
-        _refuse_keys(self.stack[::2])
-        super().load_setitems()
+        _refuse_keys(self.stack[::2])  # pyright: ignore[reportAttributeAccessIssue]
+        super().load_setitems()  # pyright: ignore[reportAttributeAccessIssue]
 
     dispatch |= {pickle.SETITEM[0]: load_setitem, pickle.SETITEMS[0]: load_setitems}
 

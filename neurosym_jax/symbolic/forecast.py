@@ -66,7 +66,7 @@ class SymbolSettings(Checked):
     def observe(self, k: Array, l: Array, calculus: Calculus) -> Array:
         """`qtc.observe` of paths [..., T + 1, 2] with the threshold in metres per step."""
         step = self.speed * self.period
-        factors = {"quantisation_factor": step, "side_quantisation_factor": step}
+        factors: Any = {"quantisation_factor": step, "side_quantisation_factor": step}
         return observe(k, l, calculus, distances=self.distances, **factors)
 
 
@@ -113,8 +113,8 @@ def symbolic_events(
 
     `events` are names, None for all of `EVENTS`; see `symbolic_forecast` for the other arguments.
     """
-    settings, *paths = _checked(samples, observed, pairs, settings)
-    return _events(settings, tuple(EVENTS) if events is None else tuple(events), *paths)
+    checked, *paths = _checked(samples, observed, pairs, settings)
+    return _events(checked, tuple(EVENTS) if events is None else tuple(events), *paths)
 
 
 def state_steps(settings: SymbolSettings, k: Array, l: Array) -> Array:

@@ -125,7 +125,7 @@ def _distance_symbol(k: ArrayLike, l: ArrayLike, distances: tuple[float, ...]) -
 def _moving(k: ArrayLike, l: ArrayLike, quantisation_factor: ArrayLike) -> tuple[Array, ...]:
     """[T-1, ...] bool of k and of l: whether it moves farther than the factor, metres per step."""
     lengths = (_length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1), _ in _ways(k, l))
-    return jnp.broadcast_arrays(*(length > quantisation_factor for length in lengths))
+    return tuple(jnp.broadcast_arrays(*(length > quantisation_factor for length in lengths)))
 
 
 def absent_steps(k: ArrayLike, l: ArrayLike) -> Array:

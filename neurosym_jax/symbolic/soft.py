@@ -17,6 +17,8 @@ Symbols are taken as independent. Where a position is not there (NaN) no symbol 
 so the expected alpha is 0, and gradients through it are 0.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -47,8 +49,8 @@ def soft_symbols(
     thresholds = [quantisation_factor] * 2 + [side] * 2
     symbols, points = [], [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)]
     # Filled, so that gradients of what is absent are 0.
-    filled = [jnp.where(jnp.isnan(point), 0, point) for point in points]
-    compared = comparisons(*filled, convention, lambda x, y: safe_root(x * x + y * y))
+    first, second = (jnp.where(jnp.isnan(point), 0, point) for point in points)
+    compared = comparisons(first, second, convention, lambda x, y: safe_root(x * x + y * y))
     for (a, b, scale), threshold in zip(compared, thresholds):
         margin = a - b if scale is None else (a - b) / jnp.maximum(scale, temperature)
         symbols.append(_probabilities(margin, threshold, temperature))
@@ -60,7 +62,7 @@ def soft_symbols(
     soft = jnp.where(absent_steps(k, l)[..., None, None], 0, soft)
     if not straight_through:
         return soft
-    factors = {
+    factors: Any = {
         "quantisation_factor": quantisation_factor,
         "side_quantisation_factor": side,
     }

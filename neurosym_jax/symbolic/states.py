@@ -54,7 +54,8 @@ Hidden Dimension", 1966)."""
 Distances = Annotated[
     tuple[float, ...],
     Rule(
-        "be positive and increase", lambda value: bool(value) and (np.diff((0, *value)) > 0).all()
+        "be positive and increase",
+        lambda value: bool(value) and bool((np.diff((0, *value)) > 0).all()),
     ),
 ]
 Calculus = Literal["b1", "c1", "bc1", "argd", "mos"]

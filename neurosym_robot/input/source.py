@@ -121,7 +121,8 @@ class PeopleSource:
         if not self._stamped:  # Simulated time begins at 0, too, and goes on.
             self._refuse("stamped on arrival", "stamps are 0: the time of arrival is taken")
             seen = seen._replace(stamp=received if clock is None else clock)
-        joins = self._open is not None and _is_part(self._previous, seen)
+        previous = self._previous
+        joins = self._open is not None and previous is not None and _is_part(previous, seen)
         if not (joins or self._is_in_order(seen.stamp, received)):
             return self.release(received)
         if seen.frames and self.frame_id is None:
@@ -155,14 +156,15 @@ class PeopleSource:
 
     def _assemble(self, seen: Seen, received: float) -> None:
         """Add a message to the moment that it belongs to, or begin one."""
-        joins = self._previous is not None and _is_part(self._previous, seen)
-        if joins and len(seen.ids) and len(self._previous.ids) and not self._joins:
+        previous = self._previous or seen._replace(ids=seen.ids[:0])
+        joins = self._previous is not None and _is_part(previous, seen)
+        if joins and len(seen.ids) and len(previous.ids) and not self._joins:
             self._joins = True
             self._say("a moment comes in several messages: they are joined")
         if self._open and joins:
             self._open.parts.append(seen)
             self._span = min(JOIN, max(self._span, 2 * (received - self._open.received) + 5e-3))
-            ids = np.concatenate([self._previous.ids, seen.ids])
+            ids = np.concatenate([previous.ids, seen.ids])
             self._previous = seen._replace(ids=ids)
             return
         self._close()

@@ -78,4 +78,5 @@ def _read_all(limit: int, seconds: int, paths: Sequence[Path]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(_read_all(*map(int, sys.argv[1:3]), [Path(path) for path in sys.argv[3:]]))
+    paths = [Path(path) for path in sys.argv[3:]]
+    sys.exit(_read_all(int(sys.argv[1]), int(sys.argv[2]), paths))

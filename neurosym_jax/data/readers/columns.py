@@ -7,7 +7,7 @@ runs or cameras splits the table into recordings.
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import polars as pl
@@ -252,7 +252,8 @@ def _positions(
     ]
     roles = roles if schema.is_box else ["x", "y"]
     values = table.numbers(*(places[role] for role in roles), missing=True)
-    if (has_position := ~np.isnan(values).any(axis=1)).sum() < len(values):
+    has_position: Any = ~np.isnan(values).any(axis=1)
+    if has_position.sum() < len(values):
         if not has_position.any():
             raise InputError(f"{table.path}: no row has a position")
         lines.append(f"{np.sum(~has_position)} rows have no position, and are taken as not seen")

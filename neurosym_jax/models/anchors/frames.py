@@ -83,10 +83,12 @@ def pair_features(
         ]
     if config.symbols:
         factor = SLOW * config.period
-        thresholds = {"quantisation_factor": factor, "side_quantisation_factor": factor}
+        thresholds: Any = {"quantisation_factor": factor, "side_quantisation_factor": factor}
         for end in (observed.shape[1], max(observed.shape[1] - 3, 2)):
-            tracks = (track[..., end - 2 : end, :] for track in (observed[:, None], seen(observed)))
-            state = observe(*tracks, **thresholds)[..., 0, :].astype(observed.dtype)
+            own_track, other_track = (
+                track[..., end - 2 : end, :] for track in (observed[:, None], seen(observed))
+            )
+            state = observe(own_track, other_track, **thresholds)[..., 0, :].astype(observed.dtype)
             features += [*jnp.moveaxis(state, -1, 0), *jnp.moveaxis(jnp.abs(state), -1, 0)]
     others = seen(valid) & valid[:, None] & (seen(number) != number[:, None])
     stacked = jnp.where(others[..., None], jnp.stack(features, -1), 0)
