@@ -25,7 +25,8 @@ TRANSLATIONS: dict[str, Callable[..., Any]] = {}
 
 def _translates(*primitives: str) -> Callable[[Any], Any]:
     def register(translation: Any) -> Any:
-        TRANSLATIONS.update(dict.fromkeys(primitives, translation))
+        for primitive in primitives:
+            TRANSLATIONS[primitive] = translation
         return translation
 
     return register
