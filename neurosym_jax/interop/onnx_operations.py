@@ -25,8 +25,7 @@ TRANSLATIONS: dict[str, Callable[..., Any]] = {}
 
 def _translates(*primitives: str) -> Callable[[Any], Any]:
     def register(translation: Any) -> Any:
-        for primitive in primitives:
-            TRANSLATIONS[primitive] = translation
+        TRANSLATIONS.update((primitive, translation) for primitive in primitives)
         return translation
 
     return register
