@@ -40,6 +40,9 @@ def stamps_of(
         part: [R] recording of each row.
         position: [R, 2] in the file's unit.
         facts: see `facts_of`.
+
+    Raises:
+        InputError: for witnesses that contradict each other, or a clock that none decides.
     """
     place = schema.places[schema.clock]
     warnings, notes = list[str](), list[str]()

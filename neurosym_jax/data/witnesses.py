@@ -140,7 +140,7 @@ def velocity_ratio(
     """Units of `stamp` in a second by the columns vx, vy: velocity over displacement per stamp.
 
     Over four rows, so that rounding and noise matter little; None without columns that point where
-    people go.
+    people go. `ids`, `stamp` are [R], `position` is [R, 2].
     """
     if not {"vx", "vy"} <= schema.places.keys():
         return None

@@ -200,7 +200,11 @@ def predict_representatives(
 
 
 def checked_scene(model: Model, observed: ArrayLike, recording: str, frame: int) -> Scene:
-    """The scene that `predict` forecasts from its arguments; see there."""
+    """The scene that `predict` forecasts from `observed [N, obs_len, 2]`.
+
+    Raises:
+        InputError: as `predict`.
+    """
     if isinstance(observed, Tracer):
         raise InputError("predict runs on the host; under jit, vmap and grad call nj.forecast")
     scene = make_scene(observed, recording=recording, frame=frame)
@@ -265,6 +269,9 @@ def forecast(
 
     Returns:
         [k, N, pred_len, 2] metres, in the frame of `observed`.
+
+    Raises:
+        InputError: without the noise that the forecaster takes.
     """
     observed = jnp.asarray(observed)
     if observed.dtype.itemsize < 4:  # A loop over steps keeps its type: that of the parameters.

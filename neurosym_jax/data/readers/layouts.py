@@ -26,7 +26,11 @@ class Text(Layout):
         return True
 
     def check(self, table: Table) -> None:
-        """Refuse tracks that are smoother with frame and ped exchanged."""
+        """Refuse tracks that are smoother with frame and ped exchanged.
+
+        Raises:
+            InputError: with the columns that fit.
+        """
         table.whole_numbers(1)
         frame, ped, *position = table.numbers(0, 1, 2, 3).T
         position = np.column_stack(position)
