@@ -70,7 +70,7 @@ def _programs() -> dict[str, float]:
     done("the evaluation of two models on a scene")
     windows = _windows()
     with tempfile.TemporaryDirectory() as folder:
-        how = {"network": GeneratorConfig(pooling=NoPooling()), "recipe": _recipe("ours")}
+        how = {"config": GeneratorConfig(pooling=NoPooling()), "recipe": _recipe("ours")}
         train(windows, windows, Path(folder) / "run", **how)
     done("a training run")
     return found

@@ -63,7 +63,9 @@ def test_torch_has_the_numbers_of_anchors():
     theirs = TorchAnchors(network, recipe, params, batch)
     total = theirs.loss()
     total.backward()
-    np.testing.assert_allclose(total.item(), value, rtol=1e-6)
+    np.testing.assert_allclose(
+        total.item(), value, rtol=1e-4
+    )  # Torch has no limit of displacements.
     ours: Any = flatten_dict(gradient["params"], sep="")
     assert set(ours) == set(theirs.weight)
     for name, array in ours.items():

@@ -1,4 +1,4 @@
-"""Export a model as a StableHLO or ONNX program, to run without this package."""
+"""Export a model as StableHLO or ONNX, to run without this package."""
 
 from pathlib import Path
 

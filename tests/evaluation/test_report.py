@@ -65,6 +65,7 @@ def test_forecasts_that_memory_cannot_hold_are_refused(test_set, monkeypatch):
     """Three copies of two float64 of each position."""
     needed = 24 * 2 * 3 * test_set.windows.agents * 6
     free = "neurosym_jax.runtime.process.available_memory"
+    monkeypatch.setattr("neurosym_jax.runtime.process.SURE", 0)
     monkeypatch.setattr(free, lambda: needed)
     forecasts_of(test_set.entries[1][1], test_set, 3, 0)
     monkeypatch.setattr(free, lambda: needed - 1)

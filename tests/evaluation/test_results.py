@@ -42,10 +42,11 @@ def test_a_test_set_can_be_evaluated_elsewhere(simulated):
 def test_models_are_compared_with_the_best_of_their_test_set(simulated):
     """By hand: the difference of both on the same scenes, and trainings as one model."""
     results = list(evaluate_tests(simulated, Settings(samples=3)))
-    first, second = with_tests(results)
-    assert first["joint_ade"] < second["joint_ade"]
+    rows = with_tests(results)
+    first, second = sorted(rows, key=lambda row: row["joint_ade"])
+    ordered = sorted(results, key=lambda result: result.row["joint_ade"])
     assert first["joint_ade_p"] is None
-    difference = paired_difference([results[0].errors], [results[1].errors])
+    difference = paired_difference([ordered[0].errors], [ordered[1].errors])
     assert second["joint_ade_p"] == pytest.approx(difference.over_both.p_value(0))
     assert 0 < second["joint_ade_p"] < 1
 

@@ -17,6 +17,7 @@ FOLDER = ROOT / "examples"
 TESTED = {
     *("which_pair_matters", "own_loop", "own_weighting", "closest"),
     *("costmap", "evaluate_tracks", "forecast_frames", "train_model", "weighting_gradient"),
+    "encounter_pooling",  # by tests/models/test_network_plugin.py
     "peer_forecasts",  # by tests/examples/test_peer_forecasts.py
     "run_exported",  # by tests/interop/test_export.py
     "run_onnx",  # by tests/interop/test_onnx.py
@@ -80,7 +81,7 @@ NUMBER, POSITIVE = r"([0-9.]+) *(?:± *[0-9.]+)? *", r"[0-9.]*[1-9][0-9.e-]*"
     [
         ("evaluate_tracks", ["TRACKS", MODEL], rf"\nSGAN +{NUMBER}{NUMBER}"),
         ("forecast_frames", ["TRACKS", MODEL], r"^2\.8 s: 4 people, samples \(20, 4, 8, 2\)\n"),
-        ("weighting_gradient", [], rf"_factor: {POSITIVE}\n.* by log_temperature: {POSITIVE}\n"),
+        ("weighting_gradient", [], rf"log_speed: {POSITIVE}\n.* by log_temperature: {POSITIVE}\n"),
         ("train_model", ["OUT", 2], "ADE"),
     ],
 )

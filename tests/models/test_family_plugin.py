@@ -80,7 +80,8 @@ def test_commands_know_it(tmp_path, monkeypatch, capsys):
     run("evaluate", "--checkpoint", "run/model", "--samples", "3", "--no-figures")
     assert "Attention over neighbours" in capsys.readouterr().out
     config = json.loads((tmp_path / "run/model/config.json").read_text())
-    assert (config["forecaster"], config["plugins"]) == ("attention", ["family_plugin.py"])
+    assert config["forecaster"] == "attention"
+    assert "family_plugin.py" in config["plugins"]
     models = ("--model", "attention", "anchor_table")
     run("sweep", *models, *TRAIN, "--steps", "2", "--seed", "0", "--jobs", "1")
     names = {path.name for path in (tmp_path / "runs/sweep").iterdir() if path.is_dir()}

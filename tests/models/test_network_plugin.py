@@ -4,8 +4,10 @@ import json
 from pathlib import Path
 from unittest import mock
 
+import numpy as np
 import pytest
 
+from neurosym_jax import predict
 from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
@@ -13,6 +15,7 @@ from neurosym_jax.models.sgan.config import POOLINGS
 from neurosym_jax.models.sgan.layers import CELLS
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training.catalogue import make_config
+from tests.networks import random_model
 
 PLUGIN = str(Path(__file__).with_name("network_plugin.py"))
 
@@ -52,3 +55,14 @@ def test_what_is_refused():
         make_config(changes=["pooling=neurosym_ros"])
     with pytest.raises(InputError, match="pooling 'nearest' has no symbols"):
         make_config("neurosym", changes=["pooling=nearest"])
+
+
+def test_the_example_pools_neighbours():
+    """Encounter pooling, a plugin in `examples`."""
+    load_plugin(str(Path(__file__).parents[2] / "examples" / "encounter_pooling.py"))
+    config = make_config("neurosym", changes=["pooling=encounter", "weighting=ones"])
+    model, walks = random_model(config, std=0.5), np.zeros((2, 8, 2))
+    walks[..., 0] = 0.3 * np.arange(8)
+    walks[1, :, 1] = 1.0
+    forecast, alone = (predict(model, people, samples=2) for people in (walks, walks[:1]))
+    assert np.abs(forecast[:, :1] - alone).max() > 1e-3

@@ -69,11 +69,11 @@ def read(path: Path, format: str | None = None) -> list[Frame]:
 
 
 def run(folder: Path, **options: Any) -> None:
-    replay.run(replay.Options(**{"recording": folder / "run.bag", "model": (SGAN,), **options}))
+    replay.run(replay.Options(**{"recording": (folder / "run.bag",), "model": (SGAN,), **options}))
 
 
 def show(folder: Path, **options: Any) -> None:
-    run(folder, recording=folder / "tracks.txt", html=folder / "new.html", **options)
+    run(folder, recording=(folder / "tracks.txt",), html=folder / "new.html", **options)
 
 
 def write(folder: Path, stamp: float) -> None:
@@ -106,8 +106,8 @@ CASES = [
     (lambda at: BagWriter(at / "run.bag"), "already there"),
     (lambda at: write(at, -1.0), "does not fit"),
     (lambda at: run(at, read=ReadOptions(format="bag,topic=/nobody")), "/nobody is not there"),
-    (lambda at: run(at, recording=at / "odd.txt"), "row 2"),
-    (lambda at: run(at, recording=at / "none.bag"), "no such file"),
+    (lambda at: run(at, recording=(at / "odd.txt",)), "row 2"),
+    (lambda at: run(at, recording=(at / "none.bag",)), "no such file"),
     (lambda at: run(at, out=at / "run.bag"), "already there"),
     (lambda at: run(at, out=at / "forecasts.csv"), r"ends in \.bag"),
     (lambda at: run(at, rate=0.0), "rate must be positive"),
