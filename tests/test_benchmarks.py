@@ -11,6 +11,7 @@ from flax.traverse_util import flatten_dict
 
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.forecasting import tracking_errors
 from neurosym_jax.models.anchors.forecaster import AnchorsForecaster, apply_anchors
 from neurosym_jax.models.anchors.loss import AnchorStream, anchor_loss, company
 from neurosym_jax.models.anchors.network import AnchorConfig
@@ -43,8 +44,11 @@ def test_no_count_of_programs_flops_or_bytes_has_grown():
     assert not grown, f"was {baseline}; if it must be: python -m benchmarks.counts --write"
 
 
-def test_torch_has_the_numbers_of_anchors():
+def test_torch_has_the_numbers_of_anchors(monkeypatch):
     """The opponent computes what it is timed for: loss and gradient are ours, in crowds of ten."""
+    # Torch's have neither a limit of displacements nor a guard against tracking errors.
+    monkeypatch.setattr(tracking_errors, "TOP_SPEED", 1e3)
+    monkeypatch.setattr(tracking_errors, "TOP_CHANGE", 1e3)
     torch = pytest.importorskip("torch", reason="torch is not installed")
     from benchmarks.torch_anchors import TorchAnchors
 
@@ -63,11 +67,10 @@ def test_torch_has_the_numbers_of_anchors():
     theirs = TorchAnchors(network, recipe, params, batch)
     total = theirs.loss()
     total.backward()
-    # Torch's has no limit of displacements, which moves those of slow people by less than 0.1 %.
-    np.testing.assert_allclose(total.item(), value, rtol=1e-4)
+    np.testing.assert_allclose(total.item(), value, rtol=1e-6)
     ours: Any = flatten_dict(gradient["params"], sep="")
     assert set(ours) == set(theirs.weight)
     for name, array in ours.items():
         found = torch.atleast_1d(theirs.weight[name].grad).numpy()
         found = found.T if name.endswith("kernel") else found
-        np.testing.assert_allclose(found, array, atol=2e-3 * np.abs(array).max())
+        np.testing.assert_allclose(found, array, atol=1e-4 * np.abs(array).max())
