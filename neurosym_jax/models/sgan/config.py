@@ -6,8 +6,9 @@ Defaults are those of the published SGAN checkpoints, which SGAN's own command l
 import dataclasses
 from typing import Annotated, Literal
 
-from neurosym_jax.configuration import Checked, Rule, Size, Whole
+from neurosym_jax.configuration import Checked, Size, Whole
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.models.sgan.layers import CELLS, LSTM, Cell
 from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.sgan.pooling import NoPooling, Pooling, PoolNet, Social
@@ -19,7 +20,6 @@ __all__ = [
     "POOLINGS",
     "DiscriminatorConfig",
     "GeneratorConfig",
-    "Lengths",
     "register_pooling",
 ]
 
@@ -36,18 +36,6 @@ POOLINGS: Registry[type[Pooling]] = Registry(
 )
 
 register_pooling = POOLINGS.register
-
-
-@dataclasses.dataclass(frozen=True)
-class Lengths(Checked):
-    """The configuration of a forecaster that needs nothing else, and a part of all others."""
-
-    obs_len: Size = 8
-    """Observed time steps."""
-    pred_len: Size = 8
-    """Time steps to forecast."""
-    period: Annotated[float, Rule("lie in (0, 3600]", lambda value: 0 < value <= 3600)] = 0.4
-    """Seconds between time steps, in training."""
 
 
 @dataclasses.dataclass(frozen=True)
