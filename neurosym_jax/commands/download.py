@@ -65,7 +65,7 @@ def run(
         there = folder.is_dir() and any(folder.iterdir())
         end = "\n" if there else "\n\nNothing is there yet."
         print(THOR.format(folder=folder.resolve()) + end)
-        return inspect.run(folder) if there else 2
+        return inspect.run(folder, figure=None) if there else 2
     count, came = download(what, folder, mirror, timeout)
     print(f"{folder}: {count} files, every SHA-256 as published, {came} of them fetched now")
     if base.resolve() != data_folder().resolve():

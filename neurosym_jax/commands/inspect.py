@@ -1,37 +1,46 @@
-"""Summarise a recording, or every recording in a folder."""
+"""Summarise a recording, or every recording in a folder, and draw it with a forecast."""
 
+import shlex
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 import tyro
 
-from neurosym_jax.commands._options import Positional, Reading, refuse_given
+from neurosym_jax.commands._options import Positional, Reading, given
 from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.evidence import pace_of, steps_of
 from neurosym_jax.data.formats import FORMATS, files_in, is_folder, read_any
 from neurosym_jax.data.geometry import SWAP, outside
-from neurosym_jax.data.reading import AS_IT_SAYS
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import GAP, Tracks
-from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, InputWarning, printable
+from neurosym_jax.forecasting.model import predict
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.model_places import RECOMMENDED
+from neurosym_jax.runtime.files import refuse_unwritable
 
 __all__ = ["describe", "run"]
 
 
 def run(
     path: Positional[Path],
-    figure: Path | None = None,
+    figure: Path | None = Path("results/figures/tracks.png"),
     underlay: Annotated[tuple[Path, Path] | None, tyro.conf.arg(metavar="IMAGE HOMOGRAPHY")] = None,
     style: Literal["paper", "talk"] = "paper",
     read: Reading = AS_IT_SAYS,
 ) -> int:
-    """Summarise a recording, or every recording in a folder.
+    """Summarise a recording, or every recording in a folder, and draw it with a forecast.
+
+    The figure has all tracks, and what `recommended` forecasts for the moment with the most people.
+    The last lines are commands to go on with, in which guessed columns and rates are spelled out.
 
     Args:
         path: A file, or a folder, which is searched with its subfolders.
-        figure: File for a figure of all tracks: .png, .pdf or .svg.
+        figure: File of the figure: .png, .pdf or .svg.
         underlay: Image of the floor under the tracks, a map or a frame of a video, and a text file
             of 3 x 3 numbers that turn its pixels (column, row, 1) into metres; with
             FILE,row-column those of (row, column, 1), as EWAP's.
@@ -42,11 +51,11 @@ def run(
         The exit status: 2 if no file in a folder could be read.
 
     Raises:
-        InputError: for a single file that cannot be read, a folder without files, or an option
-            that is not used.
+        InputError: for a single file that cannot be read, a folder without files, or a figure that
+            cannot be written.
     """
-    if figure is None:
-        refuse_given("without --figure", underlay=underlay, style=style != "paper")
+    if figure:
+        refuse_unwritable(figure)
     folder = is_folder(path)
     files = files_in(path, "**/*") if folder else [path]
     recordings: list[Tracks] = []
@@ -54,28 +63,89 @@ def run(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)  # They stand in the recordings, too.
             try:
-                found = read_any(file, read)
+                content = read_any(file, read)
             except InputError as error:
                 if not folder:
                     raise
                 print(f"{printable(str(error))}\n")
                 continue
-        names = {tracks.reading.format for tracks in found if tracks.reading}
+        names = {tracks.reading.format for tracks in content if tracks.reading}
         kinds = ", ".join(FORMATS[name].title for name in names if name)
-        said = [describe(tracks, read.max_gap) for tracks in found]
-        print("\n".join([printable(f"{file}: {kinds}"), *said, ""]))
-        recordings += found
+        texts = [describe(tracks, read.max_gap) for tracks in content]
+        print("\n".join([printable(f"{file}: {kinds}"), *texts, ""]))
+        recordings += content
     if len(recordings) > 1:
         print(f"altogether {len(recordings)} recordings of {len(files)} files")
-    if figure and recordings:
-        from neurosym_jax.plotting import plot_tracks, read_underlay, save_figure, use_style
+    if not recordings:
+        return 2
+    moment = _busiest_moment(recordings, read.max_gap)
+    if figure:
+        _draw(recordings, moment, underlay, style, figure)
+    if moment:
+        _print_next(path, [] if folder else recordings, len(moment.agent), read)
+    else:
+        print("no forecast: nobody is seen for 6.4 s")
+    return 0
 
-        use_style(style)
-        floor = underlay and read_underlay(*underlay)
-        if underlay and floor:
-            print(_coverage(recordings, underlay[0], floor[1], floor[0].shape[:2]), end="")
-        print(f"wrote {save_figure(plot_tracks(recordings, floor), figure)}")
-    return 0 if recordings else 2
+
+def _draw(
+    recordings: Sequence[Tracks],
+    moment: Windows | None,
+    underlay: tuple[Path, Path] | None,
+    style: Literal["paper", "talk"],
+    figure: Path,
+) -> None:
+    """Draw the tracks, and the forecast of `moment` if there is one."""
+    from neurosym_jax.plotting import plot_tracks, read_underlay, save_figure, use_style
+
+    use_style(style)
+    floor = underlay and read_underlay(*underlay)
+    if underlay and floor:
+        print(_coverage(recordings, underlay[0], floor[1], floor[0].shape[:2]), end="")
+    scene = None
+    if moment:
+        past, future = np.split(moment.position, [moment.obs_len], axis=1)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)  # A jump is repaired, as in evaluations.
+            samples = predict(load_model(RECOMMENDED), past)
+        scene = past, future, {RECOMMENDED: samples}
+    print(f"wrote {save_figure(plot_tracks(recordings, floor, scene), figure)}")
+
+
+def _busiest_moment(recordings: Sequence[Tracks], max_gap: float) -> Windows | None:
+    """The window of 8 + 8 steps with the most people; None if nobody is seen for so long."""
+    busiest = None
+    for tracks in recordings:
+        try:
+            windows = cut_windows([on_grid(tracks, max_gap=max_gap)], 8, 8, min_agents=1)
+        except InputError:
+            continue
+        at = int(windows.sizes.argmax())
+        if busiest is None or windows.sizes[at] > len(busiest.agent):
+            busiest = windows.take(slice(at, at + 1))
+    return busiest
+
+
+def _print_next(path: Path, recordings: Sequence[Tracks], people: int, read: ReadOptions) -> None:
+    """Print the next commands for `path`, with what was guessed of its recordings."""
+    options = given(read)
+    reading = recordings[0].reading if recordings else None
+    if reading and reading.format:
+        guesses = {"columns": reading.columns, "fps": None if read.eth_stride else reading.rate}
+        uses = FORMATS[reading.format].uses
+        guesses = {name: guess for name, guess in guesses.items() if guess and name in uses}
+        options = guesses | options
+    words = [] if people > 1 else ["--min-agents", "1"]
+    for name, value in options.items():
+        values = value if isinstance(value, list | tuple) else [] if value is True else [value]
+        texts = (f"{item:.12g}" if isinstance(item, float) else item for item in values)
+        words += [f"--{name.replace('_', '-')}", *texts]
+    flags = " ".join(shlex.quote(word) for word in words)
+    file = shlex.quote(str(path))
+    print("\nnext:")
+    print(f"  neurosym evaluate --data {file} --checkpoint {RECOMMENDED} {flags}".rstrip())
+    if people > 1:
+        print(f"  neurosym symbols {file} --model {RECOMMENDED} --forecast {flags}".rstrip())
 
 
 def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
@@ -101,13 +171,15 @@ def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
         f"    scenes 8+8: {_scenes(tracks, 8, max_gap)}, 8+12: {_scenes(tracks, 12, max_gap)}",
     ]
     if tracks.reading:
+        if tracks.reading.rate:
+            lines.append(f"    {tracks.reading.rate:g} frame numbers a second")
         lines += [f"    {printable(note)}" for note in tracks.reading.notes]
         lines += [f"    warning: {printable(line)}" for line in tracks.reading.warnings]
     return "\n".join(lines)
 
 
 def _coverage(
-    recordings: list[Tracks], image: Path, homography: np.ndarray, shape: tuple[int, int]
+    recordings: Sequence[Tracks], image: Path, homography: np.ndarray, shape: tuple[int, int]
 ) -> str:
     """A warning where tracks lie outside a picture of `shape` (height, width), else nothing."""
     position = np.concatenate([tracks.position for tracks in recordings])

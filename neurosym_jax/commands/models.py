@@ -1,4 +1,6 @@
-"""List the models that ship or were downloaded."""
+"""Say which model to take; list the models that ship or were downloaded."""
+
+from collections import Counter
 
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.forecasting.model_folder import load_model
@@ -6,14 +8,37 @@ from neurosym_jax.forecasting.model_places import models_at_hand
 
 __all__ = ["run"]
 
+FAMILIES = {
+    # how its models' names begin: what it is, and what it is for
+    "anchors": "attention over neighbours, 20 futures with probabilities: `recommended`",
+    "anchor_table": "constant velocity and 20 fixed offsets: the baseline beside every model",
+    "sgan": "SGAN, trained for ADE and FDE: comparison with published work",
+    "neurosym": "SGAN with pairs weighted by QTC symbols: research on weighting",
+    "sgan-20v": "SGAN as published, without pooling (neurosym download sgan-checkpoints)",
+    "sgan-20vp": "SGAN as published, with pooling (the same download)",
+}
+DOWNLOADS = {"sgan-models": "sgan-20v", "sgan-p-models": "sgan-20vp"}
 
-def run() -> None:
-    """List the models that --checkpoint and --model take by name.
 
-    `sgan-20v` and `sgan-20vp` name all of SGAN's models without and with pooling. The column
-    neighbours has the share of people with somebody within 2 m whose forecast they change.
-    `recommended` is the anchors model for the data set and horizon that are asked for.
+def run(all: bool = False) -> None:
+    """Say which model to take, and list the models that --checkpoint and --model take by name.
+
+    `recommended` is the anchors model for the data set and horizon that are asked for. `sgan-20v`
+    and `sgan-20vp` name all of SGAN's published models, without and with pooling.
+
+    Args:
+        all: List each model. The column neighbours has the share of people with somebody within
+            2 m whose forecast they change.
     """
+    print("recommended: take this one; it is the anchors model for your data set and horizon\n")
+    if not all:
+        names = [DOWNLOADS.get(name.partition("/")[0], name) for name, _ in models_at_hand()]
+        longest_first = sorted(FAMILIES, key=len, reverse=True)
+        counts = Counter(next(key for key in longest_first if n.startswith(key)) for n in names)
+        for family, meaning in FAMILIES.items():
+            print(f"  {family:14} {counts[family]:2} models  {meaning}")
+        print("\nneurosym models --all lists each, with its data and licence")
+        return
     head = "name", "forecaster", "steps", "period", "neighbours", "test on", "learned from", "where"
     table: list[tuple[str, ...]] = [head]
     for name, path in models_at_hand():

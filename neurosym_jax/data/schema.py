@@ -20,6 +20,7 @@ __all__ = [
     "FLAGS",
     "ROLES",
     "Schema",
+    "column_name",
     "names_in_comments",
     "names_tracks",
     "parse_columns",
@@ -213,7 +214,7 @@ def _refusal(
     guess = dict(places) | {role: named[role][0] for role in required if role in named}
     guess |= propose(table, guess)
     options = " ".join(
-        f"{role}={shlex.quote(_column(table, at))}"
+        f"{role}={shlex.quote(column_name(table, at))}"
         for role in dict.fromkeys(("time", "frame", *ROLES, *guess))
         if (at := guess.get(role)) is not None
     )
@@ -232,7 +233,8 @@ def _refusal(
     return error
 
 
-def _column(table: Table, at: int) -> str:
+def column_name(table: Table, at: int) -> str:
+    """The name of a column as `--columns` takes it, or its number from 1."""
     name = table.names[at]
     plain = name.isprintable() and not name.isdecimal() and list(table.names).count(name) == 1
     return name if plain and name else str(at + 1)

@@ -38,6 +38,7 @@ class Reading:
     warnings: tuple[str, ...] = ()  # what looks wrong, a line each
     notes: tuple[str, ...] = ()  # what the file said of itself, and what was guessed, a line each
     rate: float | None = None  # frame numbers a second, where the file numbers frames
+    columns: tuple[str, ...] = ()  # a table's, ROLE=COLUMN each, named or guessed
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

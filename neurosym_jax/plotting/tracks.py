@@ -1,6 +1,6 @@
 """What is observed, from above: all tracks of recordings, and the symbols and weights of pairs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.plotting import style
-from neurosym_jax.plotting.forecasts import draw_paths
+from neurosym_jax.plotting.forecasts import draw_paths, draw_scene
 from neurosym_jax.symbolic.states import state_texts
 from neurosym_jax.symbolic.weighting import is_constant
 
@@ -40,18 +40,23 @@ BESIDE: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.LABEL
 
 
 def plot_tracks(
-    recordings: Sequence[Tracks], underlay: tuple[ArrayLike, ArrayLike] | None = None
+    recordings: Sequence[Tracks],
+    underlay: tuple[ArrayLike, ArrayLike] | None = None,
+    moment: tuple[np.ndarray, np.ndarray, Mapping[str, np.ndarray]] | None = None,
 ) -> Figure:
-    """The first 24 recordings (at least one is needed), in metres; a colour a person.
+    """The first recordings (at least one is needed), in metres; a colour a person; 24 panels.
 
     Args:
         recordings: what to draw.
         underlay: what lies under each: an image of the floor, [H, W] or [H, W, 3 or 4], and the
             homography [3, 3] from its pixels (column, row, 1) to metres; see `read_underlay`.
+        moment: what one more panel shows: past, future and forecasts of a scene, as
+            `plot_forecasts` takes them.
     """
-    shown = recordings[:PANELS]
-    columns = min(4, int(np.ceil(np.sqrt(len(shown)))))
-    rows = -(-len(shown) // columns)
+    shown = recordings[: PANELS - (moment is not None)]
+    panels = len(shown) + (moment is not None)
+    columns = min(4, int(np.ceil(np.sqrt(panels))))
+    rows = -(-panels // columns)
     width = style.COLUMN if columns == 1 else style.WIDTH
     figure, grid = style.new_figure(width, rows * width / columns, rows, columns)
     for axes, tracks in zip(grid.ravel(), shown):
@@ -63,9 +68,14 @@ def plot_tracks(
         style.dress_floor(axes, tracks.recording[:60])
         if underlay is not None:
             _draw_underlay(axes, *map(np.asarray, underlay))
-    for axes in grid.ravel()[len(shown) :]:
+    for axes in grid.ravel()[panels:]:
         axes.set_visible(False)
-    return figure
+    if moment is None:
+        return figure
+    axes = grid.ravel()[panels - 1]
+    draw_scene(axes, *moment)
+    style.dress_floor(axes, f"the busiest moment, {len(moment[0])} people")
+    return style.add_legend(figure, axes)
 
 
 def read_underlay(image: Path, homography: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -138,7 +138,7 @@ CASES: dict[str, dict[str, Case]] = {
         "WHAT": ("eth-ucy", "sgan-checkpoints"),
         **added("--to here --mirror https://there --timeout 3"),
     },
-    "models": {},
+    "models": {"--all": "--all"},
     "parity": {
         "DIRECTORY": ("one", "other"),
         **added("--torch-module m.py:N --checkpoint d.pt --python python9 --seed 1 --keep here"),
@@ -196,7 +196,8 @@ def inner(data):
             f"{C}.symbols.forecast_rows": [],
             **figure,
         },
-        "inspect": figure | {"neurosym_jax.plotting.plot_tracks": None},
+        "inspect": figure
+        | {"neurosym_jax.plotting.plot_tracks": None, f"{C}.inspect.predict": lambda: None},
         "convert": {
             f"{C}.convert.{name}": SimpleNamespace(name="model")
             for name in ("load_model", "load_torch_checkpoint", "save_model")
@@ -244,8 +245,6 @@ REFUSED = {
     "train --fps 25": "--fps: has no effect on simulations",
     "symbols --forecast --style talk": "--style: has no effect with --forecast",
     "evaluate --no-figures --style talk": "--style: has no effect with --no-figures",
-    "inspect a --style talk": "--style: has no effect without --figure",
-    "inspect a --underlay b c": "--underlay: has no effect without --figure",
     "train absent.yaml": "absent.yaml: cannot be read: No such file or directory",
     "train 'stepps: 3'": "unknown option 'stepps': did you mean --steps?",
     "train 'steps: 3\nsteps: 4'": "the option 'steps' stands twice",

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from neurosym_jax.commands import inspect
 from neurosym_jax.data import ReadOptions, make_tracks, on_grid, read_any, windows_from
 from neurosym_jax.data.evidence import apart_of, judge, pace_of
 from neurosym_jax.data.formats import recordings_in
@@ -185,30 +184,3 @@ def test_gaps_are_filled_alike_on_the_grid_and_off_it(tmp_path):
     assert counts[2][1] < counts[1][1] / 2
     part = whole.take(whole.stamp.round(3) != 4.0)
     assert [len(on_grid(part, max_gap=longest).id) for longest in (1.0, 0.7)] == [180, 177]
-
-
-def test_inspect(tmp_path, capsys):
-    (tmp_path / "walk.csv").write_text("when,x,y,id\n1,1000,0,1\n0,0,0,1\n2,2000,0,1\n")
-    figure = tmp_path / "f/all.png"
-    read = ReadOptions(columns=("time=when",), unit="mm")
-    assert inspect.run(tmp_path / "walk.csv", figure=figure, read=read) == 0
-    out = capsys.readouterr().out
-    assert "walk.csv: table with named columns" in out
-    assert "people 1, points 3, duration 2.0 s, 1 points a second, 0 gaps" in out
-    assert "warning: row 3: time runs backward for agent 1" in out
-    assert figure.read_bytes().startswith(b"\x89PNG")
-    (tmp_path / "sub").mkdir()
-    (tmp_path / "sub/bad.txt").write_text("0 1 2\n")
-    assert inspect.run(tmp_path) == 2
-    (tmp_path / "good.txt").write_text("0 1 2 3\n1 1 2 3\n")
-    assert inspect.run(tmp_path) == 0
-    assert "bad.txt: row 1: 3 columns" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("row", "speeds"), [("0.4,1,2.66,0.88", "median 0.88, fastest 0.88 m/s"), ("", "unknown")]
-)
-def test_inspect_leaves_out_what_few_rows_do_not_say(row, speeds, tmp_path, capsys):
-    (tmp_path / "a.csv").write_text(f"time,person,x,y\n0.0,1,2.31,0.85\n0.0,2,5.02,1.17\n{row}\n")
-    assert inspect.run(tmp_path / "a.csv") == 0
-    assert f" m, speeds {speeds}\n    scenes 8+8: 0" in capsys.readouterr().out

@@ -16,6 +16,7 @@ from neurosym_jax.data.geometry import project, read_homography
 from neurosym_jax.data.reading import Format, Head, ReadOptions, metres_in
 from neurosym_jax.data.schema import (
     Schema,
+    column_name,
     names_in_comments,
     parse_columns,
     role_of,
@@ -152,9 +153,15 @@ def recordings_of(
         times = f"{len(moves)} times a person goes on in another recording: is it one that a"
         warnings.append(f"{times} column splits (--columns camera=camera does not split)?")
     frames = places["frame"] if schema.clock == "frame" else None
-    return table.tracks(
+    recordings = table.tracks(
         stamp, ids, position, extras, parts=(names, part), warnings=warnings, clock=frames
     )
+    columns = tuple(f"{role}={column_name(table, at)}" for role, at in places.items())
+    return [
+        dataclasses.replace(tracks, reading=dataclasses.replace(tracks.reading, columns=columns))
+        for tracks in recordings
+        if tracks.reading
+    ]
 
 
 def _named_by_comments(table: Table) -> Table:
