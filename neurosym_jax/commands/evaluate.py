@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,8 +27,8 @@ from neurosym_jax.forecasting.model_places import (
     shipped_models,
     shipped_name,
 )
-from neurosym_jax.runtime.cluster import cluster_map
-from neurosym_jax.runtime.process import provenance
+from neurosym_jax.runtime.process import cpu_cores, provenance
+from neurosym_jax.runtime.workers import Map, cluster_map, process_map
 
 __all__ = ["Options", "run"]
 
@@ -47,6 +48,9 @@ PROTOCOLS = {
 """SGAN's (Gupta et al., CVPR 2018); and that of E. Weng, H. Hoshino, D. Ramanan and K. Kitani,
 "Joint Metrics Matter", ICCV 2023."""
 
+
+MANY = 8
+"""Models for which it is worth it to start a process for each core."""
 
 AFTER_THE_FIRST_RUN = """
 ADE is the mean error of the positions in metres, FDE the error at the last
@@ -153,11 +157,10 @@ def run(options: Options) -> list[Row]:
         _labels(options, files, tests),
     )
     text = options.table == "text"
-    parallel = cluster_map(options.cluster) if options.cluster else contextlib.nullcontext()
-    with parallel as run_on_cluster:
+    with _parallel(options, len(models), len(tests)) as run_tests:
         if text and not chosen and source and source.about:
             print(f"{source.about}\n")
-        results = list(report.logged(options.json, evaluate_tests(tests, settings, run_on_cluster)))
+        results = list(report.logged(options.json, evaluate_tests(tests, settings, run_tests)))
     rows = with_tests(results)
     readings = {how.recording: how for test in tests for how in test.windows.reading}
     paths = [find_model(path) for test in tests for path, _ in test.entries if path]
@@ -193,6 +196,16 @@ def run(options: Options) -> list[Row]:
         said += [AFTER_THE_FIRST_RUN.format(options.samples)]
     print("\n".join(said), file=sys.stdout if text else sys.stderr)
     return rows
+
+
+def _parallel(
+    options: Options, models: int, tests: int
+) -> contextlib.AbstractContextManager[Map | None]:
+    """Where test sets are evaluated: a cluster, processes of their own, or by None here."""
+    if options.cluster:
+        return cluster_map(options.cluster)
+    whole = "NPROC" not in os.environ and cpu_cores() > 1
+    return process_map() if whole and models >= MANY and tests > 1 else contextlib.nullcontext()
 
 
 def _labels(

@@ -22,7 +22,6 @@ from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.plugins import load_plugin
-from neurosym_jax.runtime.cluster import cluster_map
 from neurosym_jax.runtime.files import new_folder, refuse_unwritable, write_json, write_text
 from neurosym_jax.runtime.process import (
     available_memory,
@@ -31,6 +30,7 @@ from neurosym_jax.runtime.process import (
     run_environment,
     tune,
 )
+from neurosym_jax.runtime.workers import cluster_map, process_map
 from tests.repository import SMALL, run_python
 
 
@@ -145,22 +145,32 @@ def test_an_evaluation_of_too_many_samples_names_what_to_lower():
         score_forecaster(ConstantVelocitySampled(Lengths()), (), batches, samples=10**9, seed=0)
 
 
-@pytest.mark.slow
-def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch):
-    """A real scheduler and worker: tasks have the caller's plugins, and rows are the same."""
+@contextlib.contextmanager
+def dask_map():
     distributed = pytest.importorskip("distributed")
+    here = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.LocalCluster(**here) as cluster, cluster_map(cluster.scheduler_address) as run:
+        yield run
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("elsewhere", [dask_map, process_map])
+def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch, elsewhere):
+    """Real processes: tasks have the caller's plugins, and rows are the same."""
     monkeypatch.setattr("neurosym_jax.plugins._loaded", {})  # Not the plugins of other tests.
-    (tmp_path / "doubling.py").write_text("def double(x):\n    return 2 * x\n")
+    (tmp_path / "doubling.py").write_text("def place(x):\n    import os\n    return 2 * x, os.getpid(), len(os.sched_getaffinity(0))\n")
     load_plugin(str(tmp_path / "doubling.py"))
-    double = next(m for n, m in sys.modules.items() if n.startswith("doubling_")).double
+    double = [m for name, m in sys.modules.items() if name.startswith("doubling_")][-1].place
     stamp, person = np.divmod(np.arange(40), 2)
     tracks = make_tracks("walk", stamp * 0.4, person, np.stack([stamp, 1.0 * person], 1))
     entries = [(None, baseline("constant_velocity_sampled", 4, 2))]
     tests = [make_test(Case(name, 4, 2), entries, [tracks]) for name in "ab"]
     settings = Settings(samples=2)
-    here = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
-    with distributed.LocalCluster(**here) as cluster, cluster_map(cluster.scheduler_address) as run:
-        assert list(run(double, [21, 4])) == [42, 8]
+    with elsewhere() as run:
+        (one, process, cores), (other, *_) = run(double, [21, 4])
+        assert (one, other) == (42, 8)
+        assert process != os.getpid()
+        assert elsewhere is dask_map or cores == 1
         found = list(evaluate_tests(tests, settings, run))
     assert [result.test_set.dataset for result in found] == ["a", "b"]
     for result, other in zip(found, evaluate_tests(tests, settings), strict=True):
