@@ -141,23 +141,27 @@ def run(options: Options) -> list[Row]:
     _validate(options)
     chosen = bool(options.checkpoint or options.forecasts) or options.all
     files = read_named(options.forecasts)
-    if files and not (options.data or options.checkpoint or options.dataset or options.all):
-        tests = [test_of_file(*next(iter(files.items())), options.baselines)]
-        source, models = None, []
-    else:
-        source, models, tests = _read(options, [file.steps for file in files.values()])
-    tests = add_forecasts(tests, files, partial=options.partial)
+    text, models, source = options.table == "text", [], None
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
-    settings = Settings(
-        options.samples,
-        options.seed,
-        metrics.metric_names(further, collisions=options.collisions),
-        options.seeds,
-        PROTOCOLS[options.protocol].by_scene,
-        _labels(options, files, tests),
-    )
-    text = options.table == "text"
-    with _parallel(options, len(models), len(tests)) as run_tests:
+    with contextlib.ExitStack() as stack:
+        if files and not (options.data or options.checkpoint or options.dataset or options.all):
+            run_tests = None
+            tests = [test_of_file(*next(iter(files.items())), options.baselines)]
+        else:
+            steps = [file.steps for file in files.values()]
+            source, models, planned, least = _plan(options, steps)
+            # Processes start while recordings are read.
+            run_tests = stack.enter_context(_parallel(options, len(models), len(planned)))
+            tests = plan.load_tests(source, planned, test_on=options.test_on, min_agents=least)
+        tests = add_forecasts(tests, files, partial=options.partial)
+        settings = Settings(
+            options.samples,
+            options.seed,
+            metrics.metric_names(further, collisions=options.collisions),
+            options.seeds,
+            PROTOCOLS[options.protocol].by_scene,
+            _labels(options, files, tests),
+        )
         if text and not chosen and source and source.about:
             print(f"{source.about}\n")
         results = list(report.logged(options.json, evaluate_tests(tests, settings, run_tests)))
@@ -223,10 +227,11 @@ def _labels(
     return labels
 
 
-def _read(
+def _plan(
     options: Options, steps: Sequence[int]
-) -> tuple[Source, list[tuple[str, Model]], list[plan.Test]]:
-    """The source of recordings, the models (as given, all that ship, or one or two), the tests.
+) -> tuple[Source, list[tuple[str, Model]], dict[plan.TestSet, plan.Entries], int]:
+    """The source of recordings, the models (as given, all that ship, or one or two), what is tested
+    on which test set, and the least number of people of a scene.
 
     `steps` are those of files of forecasts, which need no model beside them.
     """
@@ -266,9 +271,7 @@ def _read(
         # A folder of models, or what ships, is not named model by model.
         only_matching=len(models) != len(options.checkpoint),
     )
-    least = protocol.min_agents if least is None else least
-    tests = plan.load_tests(source, entries, test_on=options.test_on, min_agents=least)
-    return source, models, tests
+    return source, models, entries, protocol.min_agents if least is None else least
 
 
 def default_models(source: Source, dataset: str | None, pred_len: int | None) -> list[str]:

@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
+import jax
+
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import load_entry_points, load_plugin, loaded
 from neurosym_jax.runtime.ending import SIGNALS, when_ended
@@ -46,7 +48,8 @@ def process_map() -> Iterator[Map]:
         os.environ["NPROC"] = "1"  # Inherited; XLA reads it once.
         try:
             for _ in range(cpu_cores()):
-                pool.submit(int)  # A process starts with a task that no process is free for.
+                # A process starts with a task that none is free for, and JAX with its backend.
+                pool.submit(jax.device_count)
         finally:
             del os.environ["NPROC"]
             if earlier is not None:

@@ -158,9 +158,11 @@ def dask_map():
 def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch, elsewhere):
     """Real processes: tasks have the caller's plugins, and rows are the same."""
     monkeypatch.setattr("neurosym_jax.plugins._loaded", {})  # Not the plugins of other tests.
-    (tmp_path / "doubling.py").write_text("def place(x):\n    import os\n    return 2 * x, os.getpid(), len(os.sched_getaffinity(0))\n")
+    code = "import os\ndef place(x):\n    return 2 * x, os.getpid(), len(os.sched_getaffinity(0))\n"
+    (tmp_path / "doubling.py").write_text(code)
     load_plugin(str(tmp_path / "doubling.py"))
-    double = [m for name, m in sys.modules.items() if name.startswith("doubling_")][-1].place
+    (*_, plugin) = (name for name in sys.modules if name.startswith("doubling_"))
+    double = sys.modules[plugin].place
     stamp, person = np.divmod(np.arange(40), 2)
     tracks = make_tracks("walk", stamp * 0.4, person, np.stack([stamp, 1.0 * person], 1))
     entries = [(None, baseline("constant_velocity_sampled", 4, 2))]
