@@ -157,11 +157,8 @@ def recordings_of(
         stamp, ids, position, extras, parts=(names, part), warnings=warnings, clock=frames
     )
     columns = tuple(f"{role}={column_name(table, at)}" for role, at in places.items())
-    return [
-        dataclasses.replace(tracks, reading=dataclasses.replace(tracks.reading, columns=columns))
-        for tracks in recordings
-        if tracks.reading
-    ]
+    readings = [dataclasses.replace(t.reading, columns=columns) for t in recordings if t.reading]
+    return [dataclasses.replace(tracks, reading=how) for tracks, how in zip(recordings, readings)]
 
 
 def _named_by_comments(table: Table) -> Table:
