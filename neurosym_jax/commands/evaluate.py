@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,8 +26,8 @@ from neurosym_jax.forecasting.model_places import (
     shipped_models,
     shipped_name,
 )
-from neurosym_jax.runtime.process import cpu_cores, provenance
-from neurosym_jax.runtime.workers import Map, cluster_map, process_map
+from neurosym_jax.runtime.process import provenance
+from neurosym_jax.runtime.workers import cluster_map, process_map, worth_processes
 
 __all__ = ["Options", "run"]
 
@@ -48,9 +47,6 @@ PROTOCOLS = {
 """SGAN's (Gupta et al., CVPR 2018); and that of E. Weng, H. Hoshino, D. Ramanan and K. Kitani,
 "Joint Metrics Matter", ICCV 2023."""
 
-
-MANY = 8
-"""Models for which it is worth it to start a process for each core."""
 
 AFTER_THE_FIRST_RUN = """
 ADE is the mean error of the positions in metres, FDE the error at the last
@@ -141,17 +137,18 @@ def run(options: Options) -> list[Row]:
     _validate(options)
     chosen = bool(options.checkpoint or options.forecasts) or options.all
     files = read_named(options.forecasts)
-    text, models, source = options.table == "text", [], None
+    text, models, source, run_tests = options.table == "text", [], None, None
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
     with contextlib.ExitStack() as stack:
         if files and not (options.data or options.checkpoint or options.dataset or options.all):
-            run_tests = None
             tests = [test_of_file(*next(iter(files.items())), options.baselines)]
         else:
             steps = [file.steps for file in files.values()]
             source, models, planned, least = _plan(options, steps)
-            # Processes start while recordings are read.
-            run_tests = stack.enter_context(_parallel(options, len(models), len(planned)))
+            if options.cluster:
+                run_tests = stack.enter_context(cluster_map(options.cluster))
+            elif len(planned) > 1 and worth_processes(len(models)):
+                run_tests = stack.enter_context(process_map())  # They start while we read.
             tests = plan.load_tests(source, planned, test_on=options.test_on, min_agents=least)
         tests = add_forecasts(tests, files, partial=options.partial)
         settings = Settings(
@@ -200,16 +197,6 @@ def run(options: Options) -> list[Row]:
         said += [AFTER_THE_FIRST_RUN.format(options.samples)]
     print("\n".join(said), file=sys.stdout if text else sys.stderr)
     return rows
-
-
-def _parallel(
-    options: Options, models: int, tests: int
-) -> contextlib.AbstractContextManager[Map | None]:
-    """Where test sets are evaluated: a cluster, processes of their own, or by None here."""
-    if options.cluster:
-        return cluster_map(options.cluster)
-    whole = "NPROC" not in os.environ and cpu_cores() > 1
-    return process_map() if whole and models >= MANY and tests > 1 else contextlib.nullcontext()
 
 
 def _labels(

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
+from unittest import mock
 
 import jax
 
@@ -17,10 +18,15 @@ from neurosym_jax.plugins import load_entry_points, load_plugin, loaded
 from neurosym_jax.runtime.ending import SIGNALS, when_ended
 from neurosym_jax.runtime.process import cpu_cores, enable_compilation_cache, tune
 
-__all__ = ["Map", "cluster_map", "process_map"]
+__all__ = ["Map", "cluster_map", "process_map", "worth_processes"]
 
 Map = Callable[..., Iterable[Any]]
 """`map` of one argument, whose calls may run at the same time elsewhere."""
+
+
+def worth_processes(tasks: int) -> bool:
+    """Whether `tasks` of a second each are worth the start of `process_map`'s processes."""
+    return tasks >= 8 and cpu_cores() > 1 and "NPROC" not in os.environ
 
 
 @contextlib.contextmanager
@@ -43,17 +49,11 @@ def process_map() -> Iterator[Map]:
         for process in multiprocessing.active_children():
             process.kill()
 
-    earlier = os.environ.get("NPROC")
     with pool, when_ended(stop):
-        os.environ["NPROC"] = "1"  # Inherited; XLA reads it once.
-        try:
+        with mock.patch.dict(os.environ, NPROC="1"):  # Inherited; XLA reads it once.
             for _ in range(cpu_cores()):
                 # A process starts with a task that none is free for, and JAX with its backend.
                 pool.submit(jax.device_count)
-        finally:
-            del os.environ["NPROC"]
-            if earlier is not None:
-                os.environ["NPROC"] = earlier
         yield pool.map
 
 
