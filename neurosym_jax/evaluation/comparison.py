@@ -88,24 +88,24 @@ def evaluate(
         InputError: for what cannot be read or does not match, and where nothing is to be tested.
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
-    known, functions = _apart(models)
+    loaded, functions = _apart(models)
     files = read_named(forecasts)
-    asked = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
-    for name, value in asked.items():
-        for model in known.values():
+    lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
+    for name, value in lengths.items():
+        for model in loaded.values():
             if value not in (None, own := getattr(model.config, name)):
                 raise InputError(f"{name} {value}: {model.name} has {own}")
     if partial and not files:
         raise InputError("partial: there are no files of forecasts")
     if recordings is None:
-        if known or not files:
+        if loaded or not files:
             raise InputError("recordings: there are none to test on")
         tests = [test_of_file(*next(iter(files.items())), baselines)]
     else:
         options = ReadOptions(**read)
         tracks = recordings_in(recordings, options)
         tested: dict[tuple[int, int, float], Entries] = {}
-        for name, model in known.items():
+        for name, model in loaded.items():
             config = model.config
             key = (config.obs_len, config.pred_len, config.period)
             path = name if isinstance(models, Mapping) else None
@@ -124,7 +124,9 @@ def evaluate(
             for (seen, ahead, step), entries in tested.items()
         ]
     tests = add_forecasts(tests, files, functions, partial=partial)
-    labels = {name: name for name in known} | {str(file.path): name for name, file in files.items()}
+    labels = {name: name for name in loaded} | {
+        str(file.path): name for name, file in files.items()
+    }
     settings = Settings(samples, seed, None if metrics is None else tuple(metrics), labels=labels)
     return rows_frame(with_tests(list(evaluate_tests(tests, settings))))
 
@@ -142,15 +144,15 @@ def _apart(models: Any) -> tuple[dict[str, Model], dict[str, Predictor]]:
     for name, model in models.items():
         if not (isinstance(model, Model) or callable(model)):
             raise InputError(f"{name}: is no model or function: {type(model).__name__}")
-    known = {name: model for name, model in models.items() if isinstance(model, Model)}
-    return known, {name: model for name, model in models.items() if name not in known}
+    loaded = {name: model for name, model in models.items() if isinstance(model, Model)}
+    return loaded, {name: model for name, model in models.items() if name not in loaded}
 
 
 def test_of_file(name: str, file: ForecastFile, baselines: Sequence[str] | None) -> Test:
     """The test set that a file holds itself, with what happened, and its baselines."""
     windows = windows_of(file)
     obs_len, pred_len = windows.obs_len, windows.position.shape[1] - windows.obs_len
-    recordings = {how.recording for how in windows.reading} - {""}
+    recordings = {reading.recording for reading in windows.reading} - {""}
     test_set = TestSet("+".join(recordings) or name, obs_len, pred_len)
     return Test(test_set, baselines_of(baselines, obs_len, pred_len), windows)
 
@@ -182,9 +184,9 @@ def add_forecasts(
         if not numbers or (foreign and not partial) or (not own and len(numbers) > 1):
             sets = ", ".join(dict.fromkeys(test.test_set.dataset for test in tests))
             lengths = ", ".join(map(str, sorted({test.test_set.pred_len for test in tests})))
-            of = f"recordings {', '.join(sorted(foreign)[:6])}" if foreign else "one recording"
+            kind = f"recordings {', '.join(sorted(foreign)[:6])}" if foreign else "one recording"
             raise InputError(
-                f"{file.path}: forecasts of {steps} steps of {of}; tested are {sets}, {lengths} "
+                f"{file.path}: forecasts of {steps} steps of {kind}; tested are {sets}, {lengths} "
                 "steps: choose the data set and the steps that were forecast"
             )
         for number in numbers:
@@ -196,7 +198,7 @@ def add_forecasts(
 
 
 def _recordings(test: Test) -> set[str]:
-    return {how.recording for how in test.windows.reading}
+    return {reading.recording for reading in test.windows.reading}
 
 
 def _with_forecasts(
@@ -206,13 +208,13 @@ def _with_forecasts(
     partial: bool,
 ) -> Test:
     windows, rows = test.windows, {}
-    whole = np.ones(windows.scenes, bool)
+    complete = np.ones(windows.scenes, bool)
     for name, file in files.items():
         covered, rows[name] = match(file, windows, partial=partial)
-        whole &= covered
-    if not whole.any():
+        complete &= covered
+    if not complete.any():
         raise InputError(f"{', '.join(files)}: no window is in all of these files")
-    people, windows = np.repeat(whole, windows.sizes), windows.take(whole)
+    people, windows = np.repeat(complete, windows.sizes), windows.take(complete)
     forecasts = [
         (str(file.path), matched(file, name, windows, rows[name][people]))
         for name, file in files.items()
@@ -252,11 +254,13 @@ def _p_values(lines: list[list[Result]]) -> dict[str, list[float | None]]:
 
     @functools.cache
     def difference(best: int, other: int) -> Difference:
-        ours, theirs = ([run.errors for run in lines[number]] for number in (best, other))
-        ours = ours * len(theirs) if len(ours) == 1 else ours
-        return paired_difference(ours, theirs * len(ours) if len(theirs) == 1 else theirs)
+        runs, other_runs = ([run.errors for run in lines[number]] for number in (best, other))
+        runs = runs * len(other_runs) if len(runs) == 1 else runs
+        return paired_difference(
+            runs, other_runs * len(runs) if len(other_runs) == 1 else other_runs
+        )
 
-    found = {}
+    p_by_metric = {}
     for column, metric in enumerate(lines[0][0].errors.scores):
         values = [[run.row[metric] for run in line] for line in lines]
         means = [None if None in trainings else float(np.mean(trainings)) for trainings in values]
@@ -264,5 +268,5 @@ def _p_values(lines: list[list[Result]]) -> dict[str, list[float | None]]:
         def p_value(best: int, other: int, column: int = column) -> float:
             return difference(best, other).over_both.p_value(column)
 
-        found[metric] = against_best(means, METRICS[metric].higher_is_better, p_value)
-    return found
+        p_by_metric[metric] = against_best(means, METRICS[metric].higher_is_better, p_value)
+    return p_by_metric

@@ -92,8 +92,8 @@ def read_forecasts(path: Path) -> ForecastFile:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError) as error:
-        what = printable(str(error))[:200]
-        raise InputError(f"{path}: cannot be read as .npz or .ndjson ({what})") from None
+        reason = printable(str(error))[:200]
+        raise InputError(f"{path}: cannot be read as .npz or .ndjson ({reason})") from None
     if missing := [name for name in PLURAL if name not in arrays]:
         names = ", ".join(sorted(arrays)[:12]) or "none"
         raise InputError(f"{path}: array {missing[0]!r} is missing (its arrays: {names})")
@@ -112,8 +112,8 @@ def read_forecasts(path: Path) -> ForecastFile:
         kinds = "US" if name == "recordings" else "iuf"
         if arrays[name].shape != shape or arrays[name].dtype.kind not in kinds or not agents:
             layout = "[k, A, T, 2]" if name == "samples" else list(shape)
-            said = f"{list(arrays[name].shape)} {arrays[name].dtype}"
-            raise InputError(f"{path}: {name} must be {layout}, not {said}")
+            shape_text = f"{list(arrays[name].shape)} {arrays[name].dtype}"
+            raise InputError(f"{path}: {name} must be {layout}, not {shape_text}")
     if wrong := int(np.sum(~np.isfinite(samples).all(axis=(0, 2, 3)))):
         raise InputError(f"{path}: samples of {wrong} of {agents} rows are not finite")
     if likely is not None and not (
@@ -174,8 +174,10 @@ def last_frames(windows: Windows) -> np.ndarray:
 
 def _readings(windows: Windows) -> list[Reading]:
     """[S] how the recordings of scenes were read."""
-    by_digest = {int(scene_identity(how.recording, 0)[0]): how for how in windows.reading}
-    return [by_digest[int(digest)] for digest in windows.identity[:, 0]]
+    readings = {
+        int(scene_identity(reading.recording, 0)[0]): reading for reading in windows.reading
+    }
+    return [readings[int(digest)] for digest in windows.identity[:, 0]]
 
 
 def match(
@@ -205,20 +207,20 @@ def match(
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     frames = last_frames(windows)
     people = zip(own[scene], np.round(frames, 3)[scene].tolist(), windows.agent.tolist())
-    found = np.array([rows.get(person, -1) for person in people])
-    whole = np.ones(windows.scenes, bool)
-    whole[scene[found < 0]] = False
-    used = np.unique(found[found >= 0])
-    missing, unused = int(np.sum(found < 0)), int(np.isin(names, own).sum()) - len(used)
-    if not whole.any() or ((missing or unused) and not partial):
+    matches = np.array([rows.get(person, -1) for person in people])
+    complete = np.ones(windows.scenes, bool)
+    complete[scene[matches < 0]] = False
+    used = np.unique(matches[matches >= 0])
+    missing, unused = int(np.sum(matches < 0)), int(np.isin(names, own).sum()) - len(used)
+    if not complete.any() or ((missing or unused) and not partial):
         raise InputError(
             f"{file.path}: {missing} of {windows.agents} people in windows have no forecast, and "
             f"{unused} of {len(file.ids)} forecasts are of none of these (matched by frame and id; "
             f"the windows begin with frame {frames[0]:g}, id {windows.agent[0]}, the file with "
             f"{file.frames[0]:g}, {file.ids[0]})"
         )
-    _check_fit(file, windows, found)
-    return whole, found
+    _check_fit(file, windows, matches)
+    return complete, matches
 
 
 def _check_fit(file: ForecastFile, windows: Windows, rows: np.ndarray) -> None:

@@ -155,8 +155,8 @@ def _central(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     the least mean distance to the others."""
     if probability is not None:
         return _distances(forecast, scene)[probability.argmax()]
-    apart = _apart(forecast, _numbers(forecast, None))
-    spread = jnp.where(scene.valid[:, None], apart, 0).sum(axis=(1, 2))
+    distances = _apart(forecast, _numbers(forecast, None))
+    spread = jnp.where(scene.valid[:, None], distances, 0).sum(axis=(1, 2))
     return _distances(forecast, scene)[spread.argmin()]
 
 
@@ -167,8 +167,8 @@ def _apart(forecast: Array, number: Array, length: Callable[[Array], Array] = _l
     [k, N, T] metres or, where `length` has one for each coordinate, [k, N, T, 2].
     """
 
-    def add(total: Array, one: tuple[Array, Array]) -> tuple[Array, None]:
-        sample, times = one
+    def add(total: Array, weighted_sample: tuple[Array, Array]) -> tuple[Array, None]:
+        sample, times = weighted_sample
         return total + times * length(forecast - sample), None
 
     return jax.lax.scan(add, jnp.zeros_like(length(forecast)), (forecast, number))[0]
@@ -202,25 +202,25 @@ def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
     low, high = paths.min(axis=0), paths.max(axis=0) + REACH
     sizes = valid.sum(axis=1)
     pairs = [np.triu_indices(size, 1) for size in sizes]
-    starts = np.repeat(np.cumsum(sizes) - sizes, [len(one) for one, _ in pairs])
-    one, other = np.concatenate(pairs, axis=1) + starts
+    starts = np.repeat(np.cumsum(sizes) - sizes, [len(first) for first, _ in pairs])
+    first, other = np.concatenate(pairs, axis=1) + starts
     # First the boxes around all samples of a pair, then those of each.
-    near = _meet(low.min(axis=-1), high.max(axis=-1), one, other)
-    one, other = one[near], other[near]
-    pair, sample = np.nonzero(_meet(low, high, one, other))
-    ends = np.stack([one[pair], other[pair]]) * len(forecast) + sample
+    near = _meet(low.min(axis=-1), high.max(axis=-1), first, other)
+    first, other = first[near], other[near]
+    pair, sample = np.nonzero(_meet(low, high, first, other))
+    ends = np.stack([first[pair], other[pair]]) * len(forecast) + sample
     flat = paths.reshape(*paths.shape[:2], -1)
     close = _collide(flat.take(ends[0], axis=2) - flat.take(ends[1], axis=2))
     hit = np.zeros((paths.shape[2], len(forecast)), bool)
     hit.reshape(-1)[ends[:, close]] = True
-    found = np.zeros(forecast.shape[:3], bool)
-    found[:, valid] = hit.T
-    return found
+    hits = np.zeros(forecast.shape[:3], bool)
+    hits[:, valid] = hit.T
+    return hits
 
 
-def _meet(low: np.ndarray, high: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _meet(low: np.ndarray, high: np.ndarray, first: np.ndarray, other: np.ndarray) -> np.ndarray:
     """[P, ...] whether boxes from `low [2, A, ...]` to `high` overlap."""
-    meet = (low[:, one] < high[:, other]) & (low[:, other] < high[:, one])
+    meet = (low[:, first] < high[:, other]) & (low[:, other] < high[:, first])
     return meet[0] & meet[1]
 
 

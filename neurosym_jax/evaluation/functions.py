@@ -45,7 +45,7 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
                 raise InputError(f"{name}: probabilities must be [{count}] with a sum of 1")
         parts.append((samples, likely))
     samples, likely = zip(*parts)
-    probability = None if any(one is None for one in likely) else np.stack(likely, axis=1)
+    probability = None if any(weights is None for weights in likely) else np.stack(likely, axis=1)
     return Forecasts(name, np.concatenate(samples, axis=1), probability, float(np.median(seconds)))
 
 

@@ -238,11 +238,11 @@ def against_best(
         p_value: of the paired test of two models, called with the index of the best first.
     """
     adjusted: list[float | None] = [None] * len(means)
-    known = {at: mean for at, mean in enumerate(means) if mean is not None}
-    if higher is None or len(known) < 2:
+    known_means = {at: mean for at, mean in enumerate(means) if mean is not None}
+    if higher is None or len(known_means) < 2:
         return adjusted
-    best = (max if higher else min)(known, key=known.__getitem__)
-    others = [at for at in known if at != best]
+    best = (max if higher else min)(known_means, key=known_means.__getitem__)
+    others = [at for at in known_means if at != best]
     for at, p in zip(others, holm([p_value(best, at) for at in others])):
         adjusted[at] = float(p)
     return adjusted

@@ -151,11 +151,11 @@ def metric_names(further: Sequence[str] = (), *, collisions: bool = True) -> tup
         further: names to add; `all` adds every metric but those of symbols.
         collisions: whether the collision rate is among the defaults.
     """
-    wanted = {name for name in further if name != "all" and METRICS[name]}
-    wanted |= METRICS.keys() - set(SYMBOLS) if "all" in further else set()
+    names = {name for name in further if name != "all" and METRICS[name]}
+    names |= METRICS.keys() - set(SYMBOLS) if "all" in further else set()
     defaults = {name for name, metric in METRICS.items() if metric.by_default}
-    wanted |= defaults if collisions else defaults - {"collision_rate"}
-    return tuple(name for name in METRICS if name in wanted)
+    names |= defaults if collisions else defaults - {"collision_rate"}
+    return tuple(name for name in METRICS if name in names)
 
 
 def known_metric(name: str) -> Metric:

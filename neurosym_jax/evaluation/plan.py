@@ -106,10 +106,18 @@ def make_plan(
     if not tested:
         tested = {TestSet(name, obs_len or LENGTH, pred_len or LENGTH): [] for name in everywhere}
     order = [*everywhere, *source.scenes]
-    sets = sorted(tested, key=lambda of: (order.index(of.dataset), of.obs_len, of.pred_len))
+    sets = sorted(
+        tested,
+        key=lambda test_set: (order.index(test_set.dataset), test_set.obs_len, test_set.pred_len),
+    )
     return {
-        of: [*baselines_of(baselines, of.obs_len, of.pred_len, of.dataset, samples), *tested[of]]
-        for of in sets
+        test_set: [
+            *baselines_of(
+                baselines, test_set.obs_len, test_set.pred_len, test_set.dataset, samples
+            ),
+            *tested[test_set],
+        ]
+        for test_set in sets
     }
 
 
@@ -125,12 +133,12 @@ def _contradiction(
     config = model.config
     if reason := model.forecaster.unfit:
         return reason
-    for option, asked, has in (
+    for option, requested, has in (
         ("obs-len", obs_len, config.obs_len),
         ("pred-len", pred_len, config.pred_len),
     ):
-        if asked not in (None, has):
-            return f"has {option.replace('-', '_')} {has}, but --{option} {asked} is asked for"
+        if requested not in (None, has):
+            return f"has {option.replace('-', '_')} {has}, but --{option} {requested} is asked for"
     if model.dataset == GENERAL and isinstance(source, EthUcy) and not test_on:
         where = "learned from all of ETH/UCY, so it would be tested"
     elif dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
@@ -209,10 +217,10 @@ def make_test(
     windows = cut_windows(recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents)
     for path, model in entries:
         name, period = path or model.name, model.config.period
-        found, looked = seen_before(model.seen, windows)
-        if found:
+        hits, looked = seen_before(model.seen, windows)
+        if hits:
             line = (
-                f"{name}: was trained on these people: {found} of {looked} windows that were "
+                f"{name}: was trained on these people: {hits} of {looked} windows that were "
                 "looked for are among its training windows, so its errors are too small"
             )
             warnings.warn(line, InputWarning, stacklevel=2)

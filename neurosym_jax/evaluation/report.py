@@ -61,8 +61,8 @@ def check_report(path: Path) -> bool:
     if path.suffix == ".jsonl":
         raise InputError(f"{path}: rows are kept in a .jsonl beside the report: name it .json")
     log = path.with_suffix(".jsonl")
-    for each in (path, log):
-        files.refuse_unwritable(each)
+    for target in (path, log):
+        files.refuse_unwritable(target)
     foreign = [log] * (log.exists() and log.read_bytes()[:13] not in (b"", b'{"checkpoint"'))
     foreign += [path] * (path.exists() and not _report(path))
     if foreign:
@@ -73,7 +73,7 @@ def check_report(path: Path) -> bool:
 def _report(path: Path) -> dict[str, Any]:
     """The content of a report; nothing for anything else."""
     try:
-        found = json.loads(path.read_text())
+        content = json.loads(path.read_text())
     except (OSError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) and {"format", "rows"} <= set(found) else {}
+    return content if isinstance(content, dict) and {"format", "rows"} <= set(content) else {}

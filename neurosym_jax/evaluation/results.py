@@ -135,8 +135,8 @@ def _compile(model: Model, scenes: Iterable[Scene], settings: Settings) -> None:
         empty: Any = jax.tree.map(np.zeros_like, scene)
         empty.valid[0, 0] = True
         score_batch(forecaster, model.params, empty, forecaster.count(settings.samples), 0, metrics)
-    one = pad_scene(make_scene(np.zeros((1, model.config.obs_len, 2))), EXAMPLE)
-    SceneForecaster(forecaster, model.params, samples=settings.samples, seed=0)(one)
+    example = pad_scene(make_scene(np.zeros((1, model.config.obs_len, 2))), EXAMPLE)
+    SceneForecaster(forecaster, model.params, samples=settings.samples, seed=0)(example)
 
 
 def _evaluate_test(
@@ -146,16 +146,16 @@ def _evaluate_test(
     for path, entry in [*test.entries, *test.forecasts]:
         compiling = 0.0
         if isinstance(entry, Forecasts):
-            whole = entry.samples, entry.probability, windows, test.batches, settings.metrics
-            runs = [score_samples(*whole)]
+            arguments = entry.samples, entry.probability, windows, test.batches, settings.metrics
+            runs = [score_samples(*arguments)]
         else:
             start = time.perf_counter()
             programs[entry.forecaster].result()
             compiling = time.perf_counter() - start
             runs = _runs(entry, test, settings)
-        found, spread = _averaged(runs, settings)
+        evaluation, spread = _averaged(runs, settings)
         if example is None:
-            number = _telling(test, found)
+            number = _telling(test, evaluation)
             example = single_scene(windows, number)
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))
@@ -166,27 +166,31 @@ def _evaluate_test(
             speed["latency"] = entry.latency
         else:
             speed["latency"], futures = _latency(entry, example, settings)
-            speed["forecasts_per_second"] = found.agents * found.samples / found.seconds
-        single = {name: score for name, score in found.scores.items() if score.total.ndim == 1}
+            speed["forecasts_per_second"] = (
+                evaluation.agents * evaluation.samples / evaluation.seconds
+            )
+        single = {name: score for name, score in evaluation.scores.items() if score.total.ndim == 1}
         errors = ErrorsByScene(single, windows.identity, windows.position.shape[1])
         name = settings.labels.get(path or "", entry.name)
         row = {
             "checkpoint": path,
             "model": name,
             **dataclasses.asdict(test.test_set),
-            "samples": found.samples,
+            "samples": evaluation.samples,
             "seed": settings.seed,
             "seeds": settings.seeds,
             "scenes": windows.scenes,
-            "agents": found.agents,
+            "agents": evaluation.agents,
             "blocks": len(errors.block_sums[0]),
             **_columns(errors, spread, f"{name} on {test.test_set.dataset}"),
             "seconds_compiling": compiling,
-            "seconds_evaluating": found.seconds,
+            "seconds_evaluating": evaluation.seconds,
             **speed,
         }
         horizons = {
-            name: _band(score, errors) for name, score in found.scores.items() if name not in single
+            name: _band(score, errors)
+            for name, score in evaluation.scores.items()
+            if name not in single
         }
         yield Result(test.test_set, row, errors, example, futures, horizons, windows.period)
 
@@ -194,9 +198,9 @@ def _evaluate_test(
 def _runs(model: Model, test: Test, settings: Settings) -> list[Evaluation]:
     """Scores of a model by each seed of the noise."""
     seeds = range(settings.seed, settings.seed + settings.seeds)
-    how: Any = {"samples": settings.samples, "metrics": settings.metrics}
+    options: Any = {"samples": settings.samples, "metrics": settings.metrics}
     return [
-        score_forecaster(model.forecaster, model.params, test.batches, seed=seed, **how)
+        score_forecaster(model.forecaster, model.params, test.batches, seed=seed, **options)
         for seed in (seeds if model.forecaster.noise.dim else seeds[:1])
     ]
 
@@ -219,12 +223,12 @@ def _averaged(
     return runs[0]._replace(scores=scores, seconds=seconds), spread
 
 
-def _columns(errors: ErrorsByScene, spread: dict[str, float], of: str) -> Row:
+def _columns(errors: ErrorsByScene, spread: dict[str, float], source: str) -> Row:
     """Mean, bounds and deviation of each metric with one value, None where nothing was counted."""
     columns: Row = {}
     for name, score in errors.scores.items():
         if not np.isfinite(score.total).all():
-            raise InputError(f"metric {name}: is not finite for {of}")
+            raise InputError(f"metric {name}: is not finite for {source}")
     for name, (low, high) in errors.intervals().items():
         mean = float(errors.scores[name].mean)
         bounds = (low, high) if np.isfinite([mean, low, high]).all() else (None, None)
@@ -236,16 +240,16 @@ def _columns(errors: ErrorsByScene, spread: dict[str, float], of: str) -> Row:
 
 def _band(score: Score, errors: ErrorsByScene) -> np.ndarray:
     """[3, T] mean, low and high of a score with a value for each step, on the same scenes."""
-    each = {str(step): Score(total, score.count) for step, total in enumerate(score.total.T)}
-    bounds = dataclasses.replace(errors, scores=each).intervals().values()
+    step_scores = {str(step): Score(total, score.count) for step, total in enumerate(score.total.T)}
+    bounds = dataclasses.replace(errors, scores=step_scores).intervals().values()
     return np.where(np.isfinite(curves := np.vstack([score.mean, *zip(*bounds)])), curves, np.nan)
 
 
-def _telling(test: Test, found: Evaluation) -> int:
+def _telling(test: Test, evaluation: Evaluation) -> int:
     """Choose the scene to show: of those with at most `EXAMPLE` people the one that is harder for
     the first entry than nine of ten, so people turn, and neither luck nor taste chooses it."""
     sizes = test.windows.sizes
-    error = next(iter(found.scores.values())).total / sizes
+    error = next(iter(evaluation.scores.values())).total / sizes
     small = np.flatnonzero(sizes <= max(EXAMPLE, sizes.min()))
     return int(small[np.argsort(error[small], kind="stable")[9 * len(small) // 10]])
 

@@ -123,15 +123,15 @@ def to_xarray(samples: ArrayLike, *, period: float = 0.4, **arrays: ArrayLike) -
     Raises:
         InputError: where xarray is not installed.
     """
-    known = {name: np.asarray(array) for name, array in {"samples": samples, **arrays}.items()}
+    values = {name: np.asarray(array) for name, array in {"samples": samples, **arrays}.items()}
     variables: dict[str, Any] = {
         name: (DIMENSIONS.get(name, ("agent",))[: array.ndim], array)
-        for name, array in known.items()
+        for name, array in values.items()
     }
     variables["xy"] = ["x", "y"]
-    variables["time"] = period * np.arange(1, known["samples"].shape[2] + 1)
-    if "observed" in known:
-        variables["past"] = period * np.arange(1 - known["observed"].shape[1], 1)
+    variables["time"] = period * np.arange(1, values["samples"].shape[2] + 1)
+    if "observed" in values:
+        variables["past"] = period * np.arange(1 - values["observed"].shape[1], 1)
     dataset = _xarray().Dataset(variables, attrs={"units": "metres", "period": period})
     return dataset.set_coords(arrays.keys() - DIMENSIONS.keys())
 

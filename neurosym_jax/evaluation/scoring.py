@@ -97,10 +97,10 @@ def score_forecaster(
     slots = max(batch.scene.valid.size for batch in batches) * min(cores, len(batches))
     futures = samples + DRAWS * forecaster.calibrated
     refuse_many(forecaster, futures, slots, min(slots, PART * cores))
-    how = {"samples": samples, "seed": seed, "metrics": chosen(metrics)}
-    of_batch = functools.partial(score_batch, forecaster, params, **how)
+    options = {"samples": samples, "seed": seed, "metrics": chosen(metrics)}
+    score_one = functools.partial(score_batch, forecaster, params, **options)
     with ThreadPoolExecutor(cores) as pool:
-        parts = list(pool.map(of_batch, [batch.scene for batch in batches]))
+        parts = list(pool.map(score_one, [batch.scene for batch in batches]))
     return _evaluation(parts, batches, samples, start)
 
 
@@ -117,8 +117,8 @@ def score_samples(
     Metrics of what neighbours change count nothing, for nobody was forecast without them.
     """
     start, k = time.perf_counter(), len(samples)
-    known = chosen(metrics)
-    computed = tuple((name, metric) for name, metric in known if not metric.moves)
+    selected = chosen(metrics)
+    computed = tuple((name, metric) for name, metric in selected if not metric.moves)
 
     def score_part(batch: Batch) -> Scores:
         scenes = batch.index[batch.index >= 0]
@@ -132,9 +132,11 @@ def score_samples(
         return score_scenes(computed, places, batch.scene, likely)
 
     with ThreadPoolExecutor(cpu_cores()) as pool:
-        found = _evaluation(list(pool.map(score_part, batches)), batches, k, start)
+        evaluation = _evaluation(list(pool.map(score_part, batches)), batches, k, start)
     nothing = Score(*np.zeros((2, windows.scenes)))
-    return found._replace(scores={name: found.scores.get(name, nothing) for name, _ in known})
+    return evaluation._replace(
+        scores={name: evaluation.scores.get(name, nothing) for name, _ in selected}
+    )
 
 
 def _evaluation(
@@ -144,7 +146,9 @@ def _evaluation(
     index = np.concatenate([batch.index for batch in batches])
     order = np.argsort(index, kind="stable")[(index < 0).sum() :]
     scores = {
-        name: Score(*(np.concatenate(of)[order] for of in zip(*(part[name] for part in parts))))
+        name: Score(
+            *(np.concatenate(columns)[order] for columns in zip(*(part[name] for part in parts)))
+        )
         for name in parts[0]
     }
     agents = sum(int(batch.scene.valid.sum()) for batch in batches)
@@ -210,12 +214,12 @@ def score(
     """
     refuse_masked({"forecast": forecast, "future": future, "valid": valid, "observed": observed})
     future = np.asarray(future, np.float64)
-    there = np.ones(len(future), bool) if valid is None else np.asarray(valid)
+    present = np.ones(len(future), bool) if valid is None else np.asarray(valid)
     seen = future[:, :1] if observed is None else np.asarray(observed)
-    scene = make_scene(seen[there], future[there])
-    samples = relative_positions(np.asarray(forecast)[:, there], np.asarray(scene.origin))
+    scene = make_scene(seen[present], future[present])
+    samples = relative_positions(np.asarray(forecast)[:, present], np.asarray(scene.origin))
     # A program for each bucket, not for each number of people.
-    padded = pad_scene(scene, int(bucket_of(len(there))))
+    padded = pad_scene(scene, int(bucket_of(len(present))))
     batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], padded)
     places = unpacked(samples.astype(model_dtype()), batch.valid)
     likely = None if probability is None else np.asarray(probability, model_dtype())[:, None]
@@ -238,24 +242,31 @@ def score_scenes(
         InputError: for a metric that fails, gives something else, or lacks `moves`.
     """
     scenes = scenes.replace(origin=None, identity=None)
-    given = (samples, moves, scenes, probability)
-    found = _traced(tuple(each for each in metrics if not each[1].on_host), *given)
+    arguments = (samples, moves, scenes, probability)
+    sums = _traced(tuple(entry for entry in metrics if not entry[1].on_host), *arguments)
     for name, metric in metrics:
         if metric.on_host:
-            values, weights = map(np.asarray, _computed(name, metric, *given))
-            found[name] = _summed(name, values, weights, scenes, np)
-    return {name: Score(*(np.asarray(of, np.float64) for of in found[name])) for name, _ in metrics}
+            values, weights = map(np.asarray, _computed(name, metric, *arguments))
+            sums[name] = _summed(name, values, weights, scenes, np)
+    return {
+        name: Score(*(np.asarray(pair, np.float64) for pair in sums[name])) for name, _ in metrics
+    }
 
 
 @functools.partial(jax.jit, static_argnums=0)
 def _traced(metrics: Metrics, samples: Any, moves: Any, scenes: Scene, probability: Any) -> Any:
     """(total [B] or [B, T], count [B]) of each of `metrics` by name, see `score_scenes`."""
 
-    def of_scene(*given: Any) -> dict[str, Any]:
-        return {each[0]: tuple(map(jnp.asarray, _computed(*each, *given))) for each in metrics}
+    def score_one_scene(*arguments: Any) -> dict[str, Any]:
+        return {
+            entry[0]: tuple(map(jnp.asarray, _computed(*entry, *arguments))) for entry in metrics
+        }
 
-    parts = jax.vmap(of_scene, in_axes=(1, 1, 0, 1))(samples, moves, scenes, probability)
-    return {name: _summed(name, of[0], of[1], scenes, jnp) for name, of in parts.items()}
+    parts = jax.vmap(score_one_scene, in_axes=(1, 1, 0, 1))(samples, moves, scenes, probability)
+    return {
+        name: _summed(name, weighted[0], weighted[1], scenes, jnp)
+        for name, weighted in parts.items()
+    }
 
 
 def _computed(
@@ -265,8 +276,8 @@ def _computed(
     if metric.moves and moves is None:
         raise InputError(f"metric {name}: needs forecasts without neighbours, too")
     try:
-        more = (probability,) if metric.weighted else ()
-        values = metric.compute(moves if metric.moves else samples, scene, *more)
+        optional = (probability,) if metric.weighted else ()
+        values = metric.compute(moves if metric.moves else samples, scene, *optional)
         if isinstance(values, tuple):
             values, weights = values
             return values, weights

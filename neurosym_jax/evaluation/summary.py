@@ -52,7 +52,7 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
     """
     lines = _lines(rows)
     means = pl.DataFrame(_tested(list(_means(lines))), schema=lines.schema)
-    lines = pl.concat([lines, means]).drop("each", "trained")
+    lines = pl.concat([lines, means]).drop("means", "trained")
     group, p = ("dataset", *HORIZON, "metric"), pl.col("p")
     first = pl.col("mean").is_not_null() & p.is_null()
     beyond = (first.sum().over(group) == 1) & (p.max().over(group) < 0.05)
@@ -77,9 +77,9 @@ def unique_suffixes(paths: Sequence[PurePath]) -> list[str]:
         parts = [path[:-1] for path in parts]
     longest = max(map(len, parts), default=0)
     ends = (["/".join(path[-size:]) for path in parts] for size in range(1, longest + 1))
-    found = next((end for end in ends if len({*end}) == len(parts)), list(map(str, paths)))
-    by_path = dict(zip(dict.fromkeys(paths), found))
-    return [by_path[path] for path in paths]
+    unique = next((end for end in ends if len({*end}) == len(parts)), list(map(str, paths)))
+    suffixes = dict(zip(dict.fromkeys(paths), unique))
+    return [suffixes[path] for path in paths]
 
 
 def short_names(names: Iterable[str]) -> dict[str, str]:
@@ -89,11 +89,11 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
     """
     short = {name: re.sub(r",\S+", "", name.replace("constant velocity", "CV")) for name in names}
     brief = list(short.values())
-    return {name: of if brief.count(of) == 1 else name for name, of in short.items()}
+    return {name: label if brief.count(label) == 1 else name for name, label in short.items()}
 
 
 def _lines(rows: pl.DataFrame) -> pl.DataFrame:
-    """Lines of one test set; `each` and `trained` are means and seeds of the trainings."""
+    """Lines of one test set; `means` and `trained` are means and seeds of the trainings."""
     path = pl.col("checkpoint").cast(pl.String)
     seed = path.str.extract(SEED, 1).cast(pl.Int64)
     rows = rows.with_row_index("row").with_columns(checkpoint=path, seed=seed)
@@ -120,11 +120,11 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
         checkpoint=pl.when(pl.len() > 1).then(pl.first("family")).otherwise(pl.first("checkpoint")),
         trainings=pl.len().cast(pl.Int64),
         sets=pl.lit(1),
-        each=pl.col("mean"),
+        means=pl.col("mean"),
         trained=pl.col("seed"),
     )
-    found = [_of_trainings(of) if of["trainings"] > 1 else of for of in lines.to_dicts()]
-    return pl.DataFrame(found, schema=lines.schema).sort("line", maintain_order=True)
+    values = [_over_trainings(line) if line["trainings"] > 1 else line for line in lines.to_dicts()]
+    return pl.DataFrame(values, schema=lines.schema).sort("line", maintain_order=True)
 
 
 def _column(rows: pl.DataFrame, name: str) -> pl.Expr:
@@ -132,46 +132,49 @@ def _column(rows: pl.DataFrame, name: str) -> pl.Expr:
     return (pl.col(name) if name in rows.columns else pl.lit(None)).cast(pl.Float64)
 
 
-def _of_trainings(of: dict[str, Any]) -> dict[str, Any]:
+def _over_trainings(line: dict[str, Any]) -> dict[str, Any]:
     """A line of several trainings with Student's interval of their mean."""
-    if not of["each"] or None in of["each"]:
-        return of | dict.fromkeys(("mean", "low", "high", "std"))
-    mean, half = float(np.mean(of["each"])), student_half(of["each"])
-    std = float(np.std(of["each"], ddof=1))
-    return of | {"mean": mean, "low": mean - half, "high": mean + half, "std": std}
+    means = line["means"]
+    if not means or None in means:
+        return line | dict.fromkeys(("mean", "low", "high", "std"))
+    mean, half = float(np.mean(means)), student_half(means)
+    std = float(np.std(means, ddof=1))
+    return line | {"mean": mean, "low": mean - half, "high": mean + half, "std": std}
 
 
 def _means(lines: pl.DataFrame) -> Iterator[dict[str, Any]]:
     """Means over test sets, at each horizon, of the models that were tested on all of several."""
-    family = [(path or "").replace(of, "*") for path, of in lines["checkpoint", "dataset"].rows()]
+    pairs = lines["checkpoint", "dataset"].rows()
+    family = [(path or "").replace(dataset, "*") for path, dataset in pairs]
     lines = lines.with_columns(family=pl.Series(family))
-    for _, alike in lines.group_by(HORIZON, maintain_order=True):
-        names = alike["dataset"].unique(maintain_order=True).to_list()
-        for _, of in alike.group_by("model", "family", "metric", maintain_order=True):
-            if len(names) > 1 and of["dataset"].to_list() == names:
-                number = len(lines) + of["line"][0]
-                yield _mean(of) | {"line": number, "dataset": f"mean of {', '.join(names)}"}
+    for _, peers in lines.group_by(HORIZON, maintain_order=True):
+        names = peers["dataset"].unique(maintain_order=True).to_list()
+        for _, sets in peers.group_by("model", "family", "metric", maintain_order=True):
+            if len(names) > 1 and sets["dataset"].to_list() == names:
+                number = len(lines) + sets["line"][0]
+                yield _mean(sets) | {"line": number, "dataset": f"mean of {', '.join(names)}"}
 
 
-def _mean(of: pl.DataFrame) -> dict[str, Any]:
-    """The mean of one metric over test sets."""
-    found = of.row(0, named=True)
-    path, trainings, means = found.pop("family") or None, found["trainings"], of["mean"].to_list()
-    found |= dict.fromkeys(("mean", "low", "high", "std", "p", "scenes", "agents", "blocks"))
-    found |= {"sets": len(of), "checkpoint": path, "trainings": 1, "latency": of["latency"].max()}
-    found["forecasts_per_second"] = of["forecasts_per_second"].min()
-    if trainings > 1 and all(seeds == found["trained"] for seeds in of["trained"].to_list()):
+def _mean(sets: pl.DataFrame) -> dict[str, Any]:
+    """The mean of one metric over test sets, a line each."""
+    line = sets.row(0, named=True)
+    path, trainings, means = line.pop("family") or None, line["trainings"], sets["mean"].to_list()
+    line |= dict.fromkeys(("mean", "low", "high", "std", "p", "scenes", "agents", "blocks"))
+    line |= {"sets": len(sets), "checkpoint": path, "trainings": 1}
+    line |= {"latency": sets["latency"].max()}
+    line["forecasts_per_second"] = sets["forecasts_per_second"].min()
+    if trainings > 1 and all(seeds == line["trained"] for seeds in sets["trained"].to_list()):
         # Trainings of one seed are not independent of each other, so they are averaged first.
-        each = [] if None in means else np.mean(of["each"].to_list(), axis=0).tolist()
-        found = _of_trainings(found | {"each": each, "trainings": trainings})
-        return found | {"each": means}
-    found["each"] = means
+        averages = [] if None in means else np.mean(sets["means"].to_list(), axis=0).tolist()
+        line = _over_trainings(line | {"means": averages, "trainings": trainings})
+        return line | {"means": means}
+    line["means"] = means
     if None not in means:
-        found["mean"] = mean = float(np.mean(means))
-        if of["low"].null_count() == 0:
-            half = float(np.linalg.norm((of["high"] - of["low"]) / 2)) / len(of)
-            found |= {"low": mean - half, "high": mean + half}
-    return found
+        line["mean"] = mean = float(np.mean(means))
+        if sets["low"].null_count() == 0:
+            half = float(np.linalg.norm((sets["high"] - sets["low"]) / 2)) / len(sets)
+            line |= {"low": mean - half, "high": mean + half}
+    return line
 
 
 def _tested(means: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -184,7 +187,7 @@ def _tested(means: list[dict[str, Any]]) -> list[dict[str, Any]]:
     for (*_, metric), group in groups.items():
 
         def p_value(best: int, other: int, group: Any = group) -> float:
-            return student_p(np.subtract(group[best]["each"], group[other]["each"]))
+            return student_p(np.subtract(group[best]["means"], group[other]["means"]))
 
         higher = known_metric(metric).higher_is_better
         p_values = against_best([line["mean"] for line in group], higher, p_value)

@@ -68,5 +68,5 @@ def _log_score(
     near = jnp.square(last[:, None] - last[None]).sum(axis=-1) <= NEAR**2
     pairs = near & other_pairs(scene.valid)
     count = pairs.sum()
-    each = jnp.where(pairs, scores.reshape(*pairs.shape, -1).mean(axis=-1), 0)
-    return each.sum() / jnp.maximum(count, 1), count
+    pair_scores = jnp.where(pairs, scores.reshape(*pairs.shape, -1).mean(axis=-1), 0)
+    return pair_scores.sum() / jnp.maximum(count, 1), count

@@ -65,8 +65,8 @@ def format_table(
         pl.col("dataset", "model", "checkpoint").map_elements(printable, pl.String)
     )
     if style == "text":
-        shown = lines if whole else lines.filter(pl.col("sets") == 1)
-        return "\n".join([_text_tables(shown, width, whole), *_notes(lines)])
+        visible = lines if whole else lines.filter(pl.col("sets") == 1)
+        return "\n".join([_text_tables(visible, width, whole), *_notes(lines)])
     if style == "latex":
         return _latex_table(lines, intervals)
     return _csv_table(lines) if style == "csv" else _markdown_table(lines)
@@ -78,9 +78,9 @@ def _text_tables(lines: pl.DataFrame, width: int | None, whole: bool) -> str:
     width = width or shutil.get_terminal_size().columns
     texts = []
     for metrics, members in _by_test_set(lines):
-        of = members[0].facts
-        counts = f", {of['scenes']} scenes, {of['agents']} people" * (of["sets"] == 1)
-        title = [f"{of['dataset']}: {of['obs_len']} + {of['pred_len']} steps{counts}"]
+        facts = members[0].facts
+        counts = f", {facts['scenes']} scenes, {facts['agents']} people" * (facts["sets"] == 1)
+        title = [f"{facts['dataset']}: {facts['obs_len']} + {facts['pred_len']} steps{counts}"]
         models, *rest = _columns(metrics, members)
         while rest:
             taken, left = [models], width - len(models[0])
@@ -100,9 +100,9 @@ def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[lis
     """Cells of equal width of each column, two rows of head first."""
     columns = []
     for name, metric in metrics.items():
-        of_metric = [line.cells[name] for line in members]
-        unmarked = " " if any(cell.best for cell in of_metric) else ""
-        cells = [cell.mean + cell.half + ("*" if cell.best else unmarked) for cell in of_metric]
+        column_cells = [line.cells[name] for line in members]
+        unmarked = " " if any(cell.best for cell in column_cells) else ""
+        cells = [cell.mean + cell.half + ("*" if cell.best else unmarked) for cell in column_cells]
         first, _, rest = metric.title.partition(" ")
         columns.append([first, rest, *cells] if rest else ["", first, *cells])
     heads = (("", "k"), ("forecasts", "a second"), ("latency", "in ms"))
@@ -143,7 +143,9 @@ def _csv_table(lines: pl.DataFrame) -> str:
 def _markdown_table(lines: pl.DataFrame) -> str:
     """Means with 95 % intervals; the significantly best is bold."""
     metrics = _metrics(lines)
-    heads = [each.title if each.unit == "share" else each.label for each in metrics.values()]
+    heads = [
+        metric.title if metric.unit == "share" else metric.label for metric in metrics.values()
+    ]
     body = [
         [
             *map(markdown_text, (facts["dataset"], label)),
@@ -170,15 +172,15 @@ def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
         rests = [rest or word for word, _, rest in parts]
         above.append(rf"\multicolumn{{{len(rests)}}}{{c}}{{{latex_text(first)}}}")
         below += map(latex_text, rests)
-    short = short_names(line.label for of_test in tests for line in of_test)
+    short = short_names(line.label for members in tests for line in members)
     rows = []
-    for of_test in tests:
-        of = of_test[0].facts
-        title = latex_text(f"{of['dataset']}, {of['obs_len']} + {of['pred_len']} steps")
+    for members in tests:
+        facts = members[0].facts
+        title = latex_text(f"{facts['dataset']}, {facts['obs_len']} + {facts['pred_len']} steps")
         rows += [r"\midrule", rf"\multicolumn{{{len(below)}}}{{l}}{{\emph{{{title}}}}} \\"]
-        for label, of, found in of_test:
-            cells = [latex_text(short[label]), str(of["samples"])]
-            for mean, interval, _, best in map(found.__getitem__, metrics):
+        for label, facts, cells_by_metric in members:
+            cells = [latex_text(short[label]), str(facts["samples"])]
+            for mean, interval, _, best in map(cells_by_metric.__getitem__, metrics):
                 text = rf"\textbf{{{latex_text(mean)}}}" if best else latex_text(mean)
                 cells.append(text + rf"{{\scriptsize{interval}}}" * (intervals and bool(interval)))
             rows.append(" & ".join(cells) + r" \\")
@@ -215,38 +217,41 @@ def _cell(metric: Metric, value: Mapping[str, Any]) -> Cell:
 
 def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
     """Explanations below a table for a terminal or, given whether it has `intervals`, a paper."""
-    found = [metric.about for metric in _metrics(lines).values()]
+    notes = [metric.about for metric in _metrics(lines).values()]
     single = lines.filter(pl.col("trainings") == 1)["blocks"].drop_nulls().unique().sort().to_list()
     if single and intervals is not False:
         interval = "[ ]: 95 % interval" if intervals else "±: half of a 95 % interval"
         number = f"{single[0]}" if len(single) == 1 else f"{single[0]} to {single[-1]}"
-        found.append(f"{interval} by Student's t over {number} blocks of scenes")
+        notes.append(f"{interval} by Student's t over {number} blocks of scenes")
         if single[0] < FEWEST:
-            found.append(f"fewer than {FEWEST} blocks say nothing: no interval, no test")
-    if several := lines.filter(pl.col("trainings") > 1)["trainings"].unique().sort().to_list():
-        number = ", ".join(map(str, several))
-        found.append(f"{number} trainings: Student's interval of their mean instead")
+            notes.append(f"fewer than {FEWEST} blocks say nothing: no interval, no test")
+    if counts := lines.filter(pl.col("trainings") > 1)["trainings"].unique().sort().to_list():
+        number = ", ".join(map(str, counts))
+        notes.append(f"{number} trainings: Student's interval of their mean instead")
     if lines["best"].any():
         mark = "*" if intervals is None else "bold"
-        found.append(f"{mark}: significantly better than every other (paired tests, 5 %, Holm)")
-    return [printable(note) for note in dict.fromkeys(found) if note]
+        notes.append(f"{mark}: significantly better than every other (paired tests, 5 %, Holm)")
+    return [printable(note) for note in dict.fromkeys(notes) if note]
 
 
 def _by_test_set(lines: pl.DataFrame) -> Iterator[tuple[dict[str, Metric], list[Line]]]:
     """The metrics that have a value on each test set, and its lines."""
-    for _, of in lines.group_by("dataset", "obs_len", "pred_len", maintain_order=True):
-        values = [line.to_dicts() for _, line in of.group_by("line", maintain_order=True)]
-        names = labels([(each[0]["model"], each[0]["checkpoint"]) for each in values])
+    for _, rows in lines.group_by("dataset", "obs_len", "pred_len", maintain_order=True):
+        groups = [line.to_dicts() for _, line in rows.group_by("line", maintain_order=True)]
+        names = labels([(first["model"], first["checkpoint"]) for first, *_ in groups])
         members = []
-        for name, each in zip(names, values):
-            trainings = each[0]["trainings"]
+        for name, values in zip(names, groups):
+            facts = values[0]
+            trainings = facts["trainings"]
             label = name + f" ({trainings} trainings)" * (trainings > 1)
-            cells = {value["metric"]: _cell(known_metric(value["metric"]), value) for value in each}
-            members.append(Line(label, each[0], cells))
-        yield _metrics(of), members
+            cells = {
+                value["metric"]: _cell(known_metric(value["metric"]), value) for value in values
+            }
+            members.append(Line(label, facts, cells))
+        yield _metrics(rows), members
 
 
 def _metrics(lines: pl.DataFrame) -> dict[str, Metric]:
     """The metrics of which some line has a value."""
-    known = lines.filter(pl.col("mean").is_not_null())["metric"].unique(maintain_order=True)
-    return {name: known_metric(name) for name in known}
+    names = lines.filter(pl.col("mean").is_not_null())["metric"].unique(maintain_order=True)
+    return {name: known_metric(name) for name in names}

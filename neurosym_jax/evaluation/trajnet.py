@@ -84,9 +84,9 @@ def _official(test: Test) -> tuple[Points, list[Seen]] | None:
         for frame, person, xy in zip(frames.tolist(), tracks.id.tolist(), tracks.position)
     }
     step = round(windows.period * (reading.rate or 1))
-    by_frame: dict[int, list[int]] = {}
+    people_at: dict[int, list[int]] = {}
     for frame, person in points:
-        by_frame.setdefault(frame, []).append(person)
+        people_at.setdefault(frame, []).append(person)
     obs_len, pred_len = test.test_set.obs_len, test.test_set.pred_len
     scenes = []
     for scene in listed:
@@ -96,11 +96,13 @@ def _official(test: Test) -> tuple[Points, list[Seen]] | None:
             raise InputError(
                 f"{path}: scene {scene.id} has {len(steps)} steps, not {obs_len} + {pred_len}"
             )
-        seen = {person for frame in past.tolist() for person in by_frame.get(frame, ())}
+        seen = {person for frame in past.tolist() for person in people_at.get(frame, ())}
         people = [scene.person, *sorted(seen - {scene.person})]
         nothing = np.full(2, np.nan)
-        paths = [[points.get((frame, one), nothing) for frame in past.tolist()] for one in people]
-        observed = np.stack([_filled(np.array(walk))[-obs_len:] for walk in paths])
+        walks = [
+            [points.get((frame, person), nothing) for frame in past.tolist()] for person in people
+        ]
+        observed = np.stack([_filled(np.array(walk))[-obs_len:] for walk in walks])
         scenes.append((scene, np.array(people), observed, future))
     return points, scenes
 
@@ -111,12 +113,12 @@ def _filled(path: np.ndarray) -> np.ndarray:
     Raises:
         InputError: for a path without a point.
     """
-    steps, (known,) = np.arange(len(path)), np.nonzero(np.isfinite(path[:, 0]))
-    if not len(known):
+    steps, (seen,) = np.arange(len(path)), np.nonzero(np.isfinite(path[:, 0]))
+    if not len(seen):
         raise InputError("a scene's primary person is not seen at any observed step")
-    filled = np.stack([np.interp(steps, known, path[known, axis]) for axis in range(2)], axis=1)
-    if len(known) > 1:
-        for end, inner in ((known[0], known[1]), (known[-1], known[-2])):
+    filled = np.stack([np.interp(steps, seen, path[seen, axis]) for axis in range(2)], axis=1)
+    if len(seen) > 1:
+        for end, inner in ((seen[0], seen[1]), (seen[-1], seen[-2])):
             velocity = (path[end] - path[inner]) / (end - inner)
             outside = steps < end if end < inner else steps > end
             filled[outside] += velocity * (steps[outside, None] - end)
@@ -128,12 +130,12 @@ def _of_windows(test: Test) -> tuple[Points, list[Seen]]:
     consecutively, because a file is one recording."""
     windows = test.windows
     names, steps = recording_names(windows), windows.position.shape[1]
-    rates = [how.rate or 1 / windows.period for how in windows.reading]
+    rates = [reading.rate or 1 / windows.period for reading in windows.reading]
     stride = round(rates[0] * windows.period)
-    several = len(set(names)) > 1 or len(set(rates)) > 1 or windows.reading[0].rate is None
+    renumbered = len(set(names)) > 1 or len(set(rates)) > 1 or windows.reading[0].rate is None
     last = windows.identity[:, 1].astype(int) + windows.obs_len - 1
-    last = last if several else np.rint(last_frames(windows)).astype(int)
-    stride, shift, numbers = (1 if several else stride), 0, {}
+    last = last if renumbered else np.rint(last_frames(windows)).astype(int)
+    stride, shift, numbers = (1 if renumbered else stride), 0, {}
     points: Points = {}
     scenes = []
     for name in dict.fromkeys(names.tolist()):
@@ -143,9 +145,9 @@ def _of_windows(test: Test) -> tuple[Points, list[Seen]]:
             frames = last[at] + shift + stride * np.arange(1 - windows.obs_len, 1)
             future = frames[-1] + stride * np.arange(1, steps - windows.obs_len + 1)
             people = windows.agent[rows]
-            if several:
-                known = ((name, person) for person in people.tolist())
-                people = np.array([numbers.setdefault(key, len(numbers)) for key in known])
+            if renumbered:
+                keys = ((name, person) for person in people.tolist())
+                people = np.array([numbers.setdefault(key, len(numbers)) for key in keys])
             for person, path in zip(people.tolist(), windows.position[rows]):
                 points |= {
                     (frame, person): xy
@@ -155,7 +157,7 @@ def _of_windows(test: Test) -> tuple[Points, list[Seen]]:
             scene = OfficialScene(int(at), int(people[0]), *ends, round(1 / windows.period, 6), 0)
             observed = windows.position[rows, : windows.obs_len]
             scenes.append((scene._replace(tag=[0, []]), people, observed, future))
-        shift = max(frame for frame, _ in points) + 1 if several else 0
+        shift = max(frame for frame, _ in points) + 1 if renumbered else 0
     return points, scenes
 
 
