@@ -39,12 +39,12 @@ def short_help(command: Callable[..., Any], prog: str) -> str:
     Options that are dataclasses are groups, whose options are only named.
     """
     width = min(shutil.get_terminal_size().columns, 100)
-    found = sorted(every_option(command), key=lambda option: option[1].startswith("--"))
-    found.append(("", PLUGIN, "Your own file or module, imported first", None))
-    positional = [flag for _, flag, *_ in found if not flag.startswith("--")]
+    options = sorted(every_option(command), key=lambda option: option[1].startswith("--"))
+    options.append(("", PLUGIN, "Your own file or module, imported first", None))
+    positional = [flag for _, flag, *_ in options if not flag.startswith("--")]
     text = [" ".join(["usage:", prog, *positional, "[OPTIONS]"]), "", description(command), ""]
     groups: dict[str, list[str]] = {}
-    for group, flag, meaning, default in found:
+    for group, flag, meaning, default in options:
         if group:
             groups.setdefault(group, []).append(flag.split(" ")[0])
         else:
@@ -71,8 +71,8 @@ def every_option(
 ) -> Iterator[tuple[str, str, str, Any]]:
     """Group, `--name VALUE` (no dashes if positional), meaning and default of each option."""
     hints = get_type_hints(command, include_extras=True)
-    of = reversed(command.__mro__[:-1]) if inspect.isclass(command) else [command]
-    parsed = [docstring_parser.parse_from_object(each).params for each in of]
+    sources = reversed(command.__mro__[:-1]) if inspect.isclass(command) else [command]
+    parsed = [docstring_parser.parse_from_object(source).params for source in sources]
     meaning = {param.arg_name: param.description for params in parsed for param in params}
     for name, parameter in inspect.signature(command).parameters.items():
         hint = hints[name]
@@ -93,7 +93,7 @@ def _value(kind: Any) -> str:
     """What stands for a value of this type."""
     if get_origin(kind) is Literal:
         return "|".join(map(str, get_args(kind)))
-    inner = [each for each in get_args(kind) if each not in (type(None), Ellipsis)]
+    inner = [argument for argument in get_args(kind) if argument not in (type(None), Ellipsis)]
     if inner:
         return _value(inner[0]) + (" ..." if get_origin(kind) is tuple else "")
     names = {bool: "", int: "N", float: "NUMBER", str: "NAME"}
@@ -102,14 +102,14 @@ def _value(kind: Any) -> str:
 
 def given(options: Any) -> dict[str, Any]:
     """The options that differ from their defaults, by name, as plain values for YAML."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for field in dataclasses.fields(options):
         value = getattr(options, field.name)
         if dataclasses.is_dataclass(value):
-            found |= given(value)
+            values |= given(value)
         elif value != field.default:
-            found[field.name] = json.loads(json.dumps(value, default=str))
-    return found
+            values[field.name] = json.loads(json.dumps(value, default=str))
+    return values
 
 
 def options_text(options: Any) -> str:
@@ -136,19 +136,19 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
     if not isinstance(values, dict):
         raise InputError(f"{path}: must have a line `option: value` for each option")
     flags = [flag.split() for _, flag, *_ in every_option(options) if flag.startswith("--")]
-    known = {flag: kind for flag, *kind in [*flags, PLUGIN.split()]}
+    kinds = {flag: kind for flag, *kind in [*flags, PLUGIN.split()]}
     read: list[str] = []
     for name, value in values.items():
         flag = f"--{name.replace('_', '-')}"
-        if flag not in known:
-            near = difflib.get_close_matches(flag, known, 1) or [", ".join(known)]
+        if flag not in kinds:
+            near = difflib.get_close_matches(flag, kinds, 1) or [", ".join(kinds)]
             raise InputError(f"{path}: unknown option {name!r}: did you mean {near[0]}?")
         if isinstance(value, dict):
-            value = [f"{key}={each}" for key, each in value.items()]
+            value = [f"{key}={item}" for key, item in value.items()]
         texts = [value] if isinstance(value, str) else value
-        if not known[flag] and value not in ("true", "false"):
+        if not kinds[flag] and value not in ("true", "false"):
             raise InputError(f"{path}: {name}: must be true or false, not {value}")
-        if not known[flag]:
+        if not kinds[flag]:
             read.append(flag if value == "true" else f"--no-{flag[2:]}")
         elif flag == "--plugin":
             read += [part for text in texts for part in (flag, text)]
@@ -183,14 +183,14 @@ def refuse_given(where: str, **options: Any) -> None:
 
 
 def open_data(
-    data: Path | None, read: ReadOptions, dataset: str | None, *files: object, **how: Any
+    data: Path | None, read: ReadOptions, dataset: str | None, *files: object, **options: Any
 ) -> Source:
     """Open the source that --data and --dataset name, see `open_source`.
 
     Raises:
         InputError: for options of reading where neither the source nor any of `files` is read.
     """
-    source = open_source(data, dataset, read=read, **how)
+    source = open_source(data, dataset, read=read, **options)
     if isinstance(source, Synthetic) and not any(files):
         refuse_unused(read, vars(read), "on simulations (--data names recordings)")
     return source

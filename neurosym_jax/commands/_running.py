@@ -99,9 +99,9 @@ def load_plugins(arguments: Sequence[str]) -> list[str]:
             raise InputError(f"{value.removesuffix('=') or name}: is empty")
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--plugin", action="append", default=[])
-    given, others = parser.parse_known_args(arguments)
+    namespace, others = parser.parse_known_args(arguments)
     load_entry_points()
-    for plugin in given.plugin:
+    for plugin in namespace.plugin:
         load_plugin(plugin)
     return others
 

@@ -37,7 +37,7 @@ THOR = """THÖR's recordings have to be fetched by hand:
 
 
 def run(
-    what: Annotated[Literal["eth-ucy", "sgan-checkpoints", "thor"], tyro.conf.Positional],
+    collection: Annotated[Literal["eth-ucy", "sgan-checkpoints", "thor"], tyro.conf.Positional],
     to: Path | None = None,
     mirror: str = HOME,
     timeout: float = PATIENCE,
@@ -47,7 +47,8 @@ def run(
     evaluate.py and train.py find downloaded data by themselves.
 
     Args:
-        what: Recordings of ETH/UCY (5.4 MB), SGAN's 20 published checkpoints (2.6 MB), or THÖR.
+        collection: Recordings of ETH/UCY (5.4 MB), SGAN's 20 published checkpoints (2.6 MB), or
+            THÖR.
         to: Folder for the collection's own folder; default: $NEUROSYM_DATA, else
             neurosym_jax in $XDG_DATA_HOME or ~/.local/share.
         mirror: Address of a copy of the files, with the same paths below it (default: GitHub).
@@ -57,16 +58,16 @@ def run(
         The exit status: 2 if no file of THÖR is there yet.
     """
     base = data_folder() if to is None else to
-    folder = base / what
-    if what == "thor":
+    folder = base / collection
+    if collection == "thor":
         refuse_given(
             "on THÖR, which is fetched by hand", mirror=mirror != HOME, timeout=timeout != PATIENCE
         )
-        there = folder.is_dir() and any(folder.iterdir())
-        end = "\n" if there else "\n\nNothing is there yet."
+        is_filled = folder.is_dir() and any(folder.iterdir())
+        end = "\n" if is_filled else "\n\nNothing is there yet."
         print(THOR.format(folder=folder.resolve()) + end)
-        return inspect.run(folder, figure=None) if there else 2
-    count, came = download(what, folder, mirror, timeout)
+        return inspect.run(folder, figure=None) if is_filled else 2
+    count, came = download(collection, folder, mirror, timeout)
     print(f"{folder}: {count} files, every SHA-256 as published, {came} of them fetched now")
     if base.resolve() != data_folder().resolve():
         print(f"To have it found by name: export NEUROSYM_DATA={to}")
@@ -80,7 +81,9 @@ def published_files(collection: str) -> dict[str, dict[str, str]]:
     return {row["path"]: row for row in rows if row["collection"] == collection}
 
 
-def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0) -> tuple[int, int]:
+def download(
+    collection: str, folder: Path, mirror: str = HOME, timeout: float = 20.0
+) -> tuple[int, int]:
     """Fetch what `folder` lacks of a collection; return the number of its files and of those.
 
     Files are never overwritten. `mirror` is the address of a copy of `HOME`; a connection is given
@@ -93,23 +96,23 @@ def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0)
     import requests
 
     pooch.get_logger().setLevel("WARNING")
-    base, wanted = mirror.rstrip("/") + "/", published_files(what)
+    base, names = mirror.rstrip("/") + "/", published_files(collection)
     into = folder if folder.exists() else folder.with_name(f"{folder.name}.part")
-    collection = pooch.create(
+    fetcher = pooch.create(
         into,
         base_url=base,
-        registry={name: f"sha256:{row['sha256']}" for name, row in wanted.items()},
-        urls={name: base + row["address"] for name, row in wanted.items()},
+        registry={name: f"sha256:{row['sha256']}" for name, row in names.items()},
+        urls={name: base + row["address"] for name, row in names.items()},
         retry_if_failed=2,
     )
     receive: Any = pooch.HTTPDownloader(timeout=timeout)
-    there = {name for name in wanted if (into / name).exists()}
-    for name in there:
-        if pooch.file_hash(str(into / name)) != wanted[name]["sha256"]:
+    present = {name for name in names if (into / name).exists()}
+    for name in present:
+        if pooch.file_hash(str(into / name)) != names[name]["sha256"]:
             raise InputError(f"{into / name}: is not the published file; move it away")
     try:
-        for name in tqdm(wanted.keys() - there, desc=folder.name, unit=" files", disable=None):
-            collection.fetch(name, downloader=receive)
+        for name in tqdm(names.keys() - present, desc=folder.name, unit=" files", disable=None):
+            fetcher.fetch(name, downloader=receive)
         if into != folder:
             into.rename(folder)
     except (requests.RequestException, ValueError) as error:
@@ -119,4 +122,4 @@ def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0)
         ) from None
     except OSError as error:
         raise InputError(f"{folder}: {error.strerror or error}") from None
-    return len(wanted), len(wanted) - len(there)
+    return len(names), len(names) - len(present)

@@ -163,39 +163,39 @@ def run(options: Options) -> list[Row]:
             print(f"{source.about}\n")
         results = list(report.logged(options.json, evaluate_tests(tests, settings, run_tests)))
     rows = with_tests(results)
-    readings = {how.recording: how for test in tests for how in test.windows.reading}
+    readings = {item.recording: item for test in tests for item in test.windows.reading}
     paths = [find_model(path) for test in tests for path, _ in test.entries if path]
     paths += options.forecasts
     facts = {
         "protocol": options.protocol,
-        "provenance": provenance([how.file for how in readings.values() if how.file], paths),
-        "recordings": [dataclasses.asdict(how) for how in readings.values()],
+        "provenance": provenance([item.file for item in readings.values() if item.file], paths),
+        "recordings": [dataclasses.asdict(item) for item in readings.values()],
     }
     report.write_report(options.json, rows, facts)
-    how = {"intervals": options.intervals, "whole": chosen or bool(further)}
-    print(tables.format_table(rows_frame(rows), options.table, **how))
-    said = ["", *filter(None, [describe_readings(readings.values())])]
+    style = {"intervals": options.intervals, "whole": chosen or bool(further)}
+    print(tables.format_table(rows_frame(rows), options.table, **style))
+    notes = ["", *filter(None, [describe_readings(readings.values())])]
     # What torch checkpoints do not say is said once for those that agree.
     for assumed in dict.fromkeys(model.assumed for _, model in models if model.assumed):
         named = [path for path, model in models if model.assumed == assumed]
-        of = named[0] if len(named) == 1 else f"{len(named)} torch checkpoints"
-        said.append(f"assumed of {of}: {'; '.join(assumed)}")
+        subject = named[0] if len(named) == 1 else f"{len(named)} torch checkpoints"
+        notes.append(f"assumed of {subject}: {'; '.join(assumed)}")
     if not paths:
-        said += ["No model was given, or none matches: these are the baselines."]
+        notes += ["No model was given, or none matches: these are the baselines."]
     if options.figures:
         from neurosym_jax.plotting import use_style
         from neurosym_jax.plotting.evaluation import draw_figures
 
         use_style(options.style)
-        first, *more = draw_figures(options.plots, results, together=not chosen)
-        said += [f"figures: {1 + len(more)} in {first.parent}" if more else f"figure: {first}"]
+        first, *others = draw_figures(options.plots, results, together=not chosen)
+        notes += [f"figures: {1 + len(others)} in {first.parent}" if others else f"figure: {first}"]
     if options.save_forecasts:
         written = (options.save_forecasts, tests, options.samples, options.seed)
-        said += [f"forecasts: {path}" for path in saved_forecasts.save_forecasts(*written)]
-    said += [f"rows: {options.json}"]
+        notes += [f"forecasts: {path}" for path in saved_forecasts.save_forecasts(*written)]
+    notes += [f"rows: {options.json}"]
     if text and isinstance(source, Synthetic) and not chosen:
-        said += [AFTER_THE_FIRST_RUN.format(options.samples)]
-    print("\n".join(said), file=sys.stdout if text else sys.stderr)
+        notes += [AFTER_THE_FIRST_RUN.format(options.samples)]
+    print("\n".join(notes), file=sys.stdout if text else sys.stderr)
     return rows
 
 
@@ -204,12 +204,12 @@ def _labels(
 ) -> dict[str, str]:
     """Names by path: those of files of forecasts, and the ones that --label says."""
     labels = {str(file.path): name for name, file in files.items()}
-    known = {path for test in tests for path, _ in test.entries if path} | labels.keys()
+    paths = {path for test in tests for path, _ in test.entries if path} | labels.keys()
     for label in options.label:
         name, _, path = label.partition("=")
-        if not name or path not in known:
-            there = ", ".join(sorted(known)[:12]) or "none"
-            raise InputError(f"--label {label}: NAME=PATH, of one of these paths: {there}")
+        if not name or path not in paths:
+            choices = ", ".join(sorted(paths)[:12]) or "none"
+            raise InputError(f"--label {label}: NAME=PATH, of one of these paths: {choices}")
         labels[path] = name
     return labels
 
@@ -229,8 +229,8 @@ def _plan(
             option = f"--{name.replace('_', '-')} {lengths[name]}"
             raise InputError(f"{option}: the protocol has {has} (--protocol sgan has any)")
     lengths |= protocol.lengths
-    asked = options.data, options.read, options.dataset, options.test_on
-    source, names = open_data(*asked, period=options.period), options.checkpoint
+    arguments = options.data, options.read, options.dataset, options.test_on
+    source, names = open_data(*arguments, period=options.period), options.checkpoint
     if options.all:
         # Baselines are tested beside every model.
         shipped = (path.name for path in shipped_models())
@@ -239,12 +239,12 @@ def _plan(
         lengths["pred_len"] = lengths["pred_len"] or steps[0]
     names = names or default_models(source, options.dataset, lengths["pred_len"]) * (not steps)
     # On ETH/UCY, `recommended` is the model of each data set.
-    several = options.dataset is None and isinstance(source, EthUcy)
-    datasets = source.scenes if several else (options.dataset,)
+    every_set = options.dataset is None and isinstance(source, EthUcy)
+    datasets = source.scenes if every_set else (options.dataset,)
     paths = find_checkpoints(names, datasets, lengths["pred_len"])
     models = [(path, load_model(path)) for path in paths]
     if options.checkpoint:
-        source = open_data(*asked, model_scene=models[0][1].dataset, period=options.period)
+        source = open_data(*arguments, model_scene=models[0][1].dataset, period=options.period)
     elif baselines is None and isinstance(source, Synthetic) and not options.all:
         baselines = plan.BASELINES[:1]
     entries = plan.make_plan(
@@ -279,8 +279,8 @@ def _validate(options: Options) -> None:
     counts = ("samples", "seeds", "min_agents", "obs_len", "pred_len")
     numbers = {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts}
     refuse(Count, numbers, optional=True)
-    for seed, of in ((0, "--seed"), (options.seeds - 1, "--seed and --seeds: the last seed")):
-        refuse(Seed, {of: options.seed + seed})
+    for seed, option in ((0, "--seed"), (options.seeds - 1, "--seed and --seeds: the last seed")):
+        refuse(Seed, {option: options.seed + seed})
     if not (options.checkpoint or options.forecasts or options.baselines != ()):
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
     if not options.forecasts:

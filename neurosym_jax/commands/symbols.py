@@ -85,32 +85,32 @@ def run(
         window = int(sizes.argmax())
     if not 0 <= window < windows.scenes:
         raise InputError(f"--window must lie in [0, {windows.scenes}), not {window}")
-    shown = windows.take(slice(window, window + 1))
+    example = windows.take(slice(window, window + 1))
     title = f"{name}, window {window}"
     if not forecast:
         if weighting is None and network and network.config.weighting is None:
             raise InputError(f"{model}: {network.name} weighs no pairs: name a --weighting")
-        _show_weights(network, weighting, style, title, shown, out / "pairs.png")
+        _show_weights(network, weighting, style, title, example, out / "pairs.png")
     elif network:
-        _show_forecast(network, samples, seed, title, shown, out / "forecast.jsonl")
+        _show_forecast(network, samples, seed, title, example, out / "forecast.jsonl")
     else:
         raise InputError("--forecast needs a --model that forecasts")
 
 
 def _show_forecast(
-    model: Model, samples: int, seed: int, title: str, shown: Windows, path: Path
+    model: Model, samples: int, seed: int, title: str, example: Windows, path: Path
 ) -> None:
     """Print and write the events and states of a window's pairs that the model forecasts."""
-    observed = shown.position[:, : shown.obs_len]
+    observed = example.position[:, : example.obs_len]
     futures = predict(model, observed, samples=samples, seed=seed)
-    rows = forecast_rows(futures, observed, shown.agent, SymbolSettings(shown.period))
+    rows = forecast_rows(futures, observed, example.agent, SymbolSettings(example.period))
     write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-    print(f"{title}: {len(shown.agent)} people, {len(futures)} samples of {model.name}\n")
+    print(f"{title}: {len(example.agent)} people, {len(futures)} samples of {model.name}\n")
     print(f"{format_forecast(rows)}\n\n{path}")
 
 
 def _show_weights(
-    model: Model | None, text: str | None, style: Any, title: str, shown: Windows, path: Path
+    model: Model | None, text: str | None, style: Any, title: str, example: Windows, path: Path
 ) -> None:
     """Print the states of a window, and draw the weights that `text` or the model gives them."""
     from neurosym_jax.plotting import plot_pairs, save_figure, use_style
@@ -121,14 +121,14 @@ def _show_weights(
         text = text or "cnd"
         weighting = component(text, WEIGHTINGS, f"--weighting {text}")
         parameters = initial_parameters(weighting)
-    observed = make_scene(shown.position).observed
+    observed = make_scene(example.position).observed
     codes, alpha = (
-        np.asarray(values(parameters, observed, period=shown.period))
+        np.asarray(values(parameters, observed, period=example.period))
         for values in (weighting.codes, weighting.alpha)
     )
     hint = " is constant here; try --weighting quantised" if is_constant(alpha) else ""
-    print(f"{title}: {len(shown.agent)} people, weighting {weighting.name}{hint}\n")
-    print(format_pairs(codes, shown.agent, shown.period))
+    print(f"{title}: {len(example.agent)} people, weighting {weighting.name}{hint}\n")
+    print(format_pairs(codes, example.agent, example.period))
     use_style(style)
-    figure = plot_pairs(shown, codes, alpha, f"{title}, {weighting.name}{hint}")
+    figure = plot_pairs(example, codes, alpha, f"{title}, {weighting.name}{hint}")
     print(f"\n{save_figure(figure, path)}")

@@ -268,8 +268,8 @@ def refuse_many(
     # Futures, a copy in their places, offsets from the truth; and the noise.
     future = 6 * forecaster.pred_len + 2 * forecaster.noise.dim
     numbers = agents * future + (agents if decoded is None else decoded) * forecaster.state_size
-    what = f"a forecast of {agents} people at once with {samples} samples"
-    refuse_beyond_memory(what, 4.0 * samples * numbers, "ask for fewer samples")
+    request = f"a forecast of {agents} people at once with {samples} samples"
+    refuse_beyond_memory(request, 4.0 * samples * numbers, "ask for fewer samples")
 
 
 def with_weighting(params: Any, weighting: Weighting | None) -> Any:

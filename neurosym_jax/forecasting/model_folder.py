@@ -205,10 +205,10 @@ def _read(folder: Path) -> Model:
 def _refuse_misfit(model: Model) -> None:
     """Refuse parameters that are not finite or do not fit the configuration."""
     shapes, flat = model.forecaster.shapes(), flat_parameters(model.params)
-    wanted = (
+    fields = (
         {name: array.shape for name, array in flat.items()} if shapes is None else shapes_of(shapes)
     )
-    refuse_misfit(flat, wanted, "the configuration describes another network")
+    refuse_misfit(flat, fields, "the configuration describes another network")
 
 
 def _card(model: Model) -> str:

@@ -70,30 +70,30 @@ class Case:
     def noise(self) -> np.ndarray:
         """The stored noise of each agent, [A, D]."""
         noise = self.arrays["noise"][:, : self.config.noise_dim]
-        of_scenes = self.config.noise_mix_type == "global"
-        return np.repeat(noise, np.diff(self.bounds), axis=0) if of_scenes else noise
+        is_global = self.config.noise_mix_type == "global"
+        return np.repeat(noise, np.diff(self.bounds), axis=0) if is_global else noise
 
     def stages(self, alpha: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Our forecast [A, pred_len, 2] and the vectors [A, ...] before it, by torch's names."""
         noise = placed(self.noise, self.valid)
-        found = _stages(self.config, self.params, self.scenes.bare(), noise, alpha)
-        return {name: np.asarray(each)[self.valid] for name, each in found.items()}
+        stages = _stages(self.config, self.params, self.scenes.bare(), noise, alpha)
+        return {name: np.asarray(values)[self.valid] for name, values in stages.items()}
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _stages(config: GeneratorConfig, params: Any, *given: Any) -> dict[str, Array]:
+def _stages(config: GeneratorConfig, params: Any, *scene_arrays: Any) -> dict[str, Array]:
     """[S, N, ...] by torch's names; one scene after another, so memory is that of one."""
 
     def of_scene(network: Generator, scene: Scene, noise: Array, alpha: Array | None) -> Any:
         hidden = network.observe(jnp.asarray(scene.displacement))
         context = network.interact(hidden, scene, alpha)
-        found = {"encoder": hidden, "mlp_decoder_context": context}
+        stages = {"encoder": hidden, "mlp_decoder_context": context}
         if config.pools:
-            found["pool_net"] = network.pool(hidden, scene, alpha)
-        return {**found, "pred_rel": network.decode(context, scene, noise)}
+            stages["pool_net"] = network.pool(hidden, scene, alpha)
+        return {**stages, "pred_rel": network.decode(context, scene, noise)}
 
-    every = functools.partial(Generator(config).apply, {"params": params}, method=of_scene)
-    return jax.lax.map(lambda scene: every(*scene), given)
+    apply = functools.partial(Generator(config).apply, {"params": params}, method=of_scene)
+    return jax.lax.map(lambda scene: apply(*scene), scene_arrays)
 
 
 def read_case(row: Mapping[str, Any], arrays: Arrays, weights: str = "g_state/") -> Case:
@@ -113,9 +113,9 @@ def state_of(arrays: Arrays, prefix: str) -> dict[str, np.ndarray]:
     return {k.removeprefix(prefix): array for k, array in arrays.items() if k.startswith(prefix)}
 
 
-def placed(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+def placed(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """`values [A, ...]` in the A places `there [S, ...]` (bool) of zeros: `[S, ..., ...]`."""
-    return unpacked(values[None], there)[0]
+    return unpacked(values[None], mask)[0]
 
 
 def padded(positions: np.ndarray, moves: np.ndarray, bounds: np.ndarray, obs_len: int) -> Scene:
@@ -123,8 +123,8 @@ def padded(positions: np.ndarray, moves: np.ndarray, bounds: np.ndarray, obs_len
     agents, identity = np.arange(len(positions)), np.zeros((len(bounds) - 1, 2), np.uint32)
     windows = Windows(positions.astype(np.float64), agents, bounds, identity, obs_len)
     scenes = gather_scenes(windows, np.arange(windows.scenes), int(windows.sizes.max()))
-    given = placed(moves[:, :obs_len].astype(scenes.observed.dtype), np.asarray(scenes.valid))
-    return scenes.replace(displacement=given, identity=None)
+    steps = placed(moves[:, :obs_len].astype(scenes.observed.dtype), np.asarray(scenes.valid))
+    return scenes.replace(displacement=steps, identity=None)
 
 
 def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -153,8 +153,8 @@ def forecasts(case: Case) -> Compared:
     scenes, moves = case.scenes, case.stages()["pred_rel"]
     origin = np.repeat(np.asarray(scenes.origin), np.diff(case.bounds), axis=0)[:, None]
     last = np.asarray(scenes.observed)[case.valid][:, -1:]
-    ours = {"pred_rel": moves, "pred_abs": last + np.cumsum(moves, axis=1) + origin}
-    return {name: (each, case.arrays[name]) for name, each in ours.items()}
+    values = {"pred_rel": moves, "pred_abs": last + np.cumsum(moves, axis=1) + origin}
+    return {name: (array, case.arrays[name]) for name, array in values.items()}
 
 
 def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -196,13 +196,13 @@ def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
     with jax.enable_x64(True):
         compiled = jax.jit(observe, static_argnames="convention")
         released = compiled(k, l, convention="as_published")
-        ours = {
+        values = {
             "alpha_reference": RELEASED.state_weights()[encode_state(released)],
             "qtc_reference": released,
             "qtc_signed": compiled(k, l),
             "qtc_signed_q005": compiled(k, l, quantisation_factor=0.05),
         }
-    return {n: (each, np.where(arrays[n] == 10, 0, arrays[n])) for n, each in ours.items()}
+    return {n: (array, np.where(arrays[n] == 10, 0, arrays[n])) for n, array in values.items()}
 
 
 def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -234,11 +234,11 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     clipped, _ = clipping(recipe).update(g_gradient, optax.EmptyState())
     trees = {"d_grad": d_gradient, "d1": state.extra.params}
     trees |= {"g_grad_clipped": clipped, "g1": state.params}
-    compared: Compared = {n: (metrics[of], arrays[n]) for n, of in LOSSES.items()}
+    compared: Compared = {n: (metrics[metric], arrays[n]) for n, metric in LOSSES.items()}
     for name, tree in trees.items():
         network = case.config if name.startswith("g") else critic
-        theirs = {"params": params_from_torch(state_of(arrays, f"{name}/"), network)}
-        compared[name] = ravel_pytree(tree)[0], np.asarray(ravel_pytree(theirs)[0])
+        torch_params = {"params": params_from_torch(state_of(arrays, f"{name}/"), network)}
+        compared[name] = ravel_pytree(tree)[0], np.asarray(ravel_pytree(torch_params)[0])
     return compared
 
 

@@ -180,8 +180,8 @@ def left_out(contents: Mapping[str, Any], model: Model) -> list[str]:
     names = [str(part) for part in contents if part not in back]
     for part, values in back.items():
         for name, value in contents[part].items():
-            kept = name in values and np.array_equal(value, values[name])
-            names += [] if kept else [f"{part} {name}"]
+            is_unchanged = name in values and np.array_equal(value, values[name])
+            names += [] if is_unchanged else [f"{part} {name}"]
     return names
 
 

@@ -134,6 +134,6 @@ def _checked(
     for name, array in arrays.items():
         if array.dtype.kind != "f":
             raise InputError(f"{brief(name)} is not floating point")
-    what = "generator" if isinstance(config, GeneratorConfig) else "discriminator"
-    refuse_misfit(arrays, shapes, f"the {what}'s parameters do not fit its configuration")
+    part = "generator" if isinstance(config, GeneratorConfig) else "discriminator"
+    refuse_misfit(arrays, shapes, f"the {part}'s parameters do not fit its configuration")
     return {name: array.astype(np.float32, copy=False) for name, array in arrays.items()}

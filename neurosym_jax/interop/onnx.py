@@ -147,8 +147,8 @@ class _Graph:
         """Know the symbols among the sizes of an argument."""
         for axis, size in enumerate(shape):
             if not isinstance(size, int) and str(size) not in self.sizes:
-                whole = self.add("Shape", [argument], start=axis, end=axis + 1)
-                self.sizes[str(size)] = whole
+                shape_name = self.add("Shape", [argument], start=axis, end=axis + 1)
+                self.sizes[str(size)] = shape_name
 
     def size(self, size: Any) -> str:
         """The name of a size [1] int64: a number, a symbol, or a polynomial of symbols."""

@@ -73,10 +73,10 @@ def _clamp(graph, eqn, low, x, high):
 
 
 @_translates("select_n")
-def _select_n(graph, eqn, which, *cases):
+def _select_n(graph, eqn, condition, *cases):
     if len(cases) != 2:
         raise InputError("ONNX: a choice among more than two arrays has no translation")
-    return graph.add("Where", [graph.name(which), graph.name(cases[1]), graph.name(cases[0])])
+    return graph.add("Where", [graph.name(condition), graph.name(cases[1]), graph.name(cases[0])])
 
 
 @_translates("convert_element_type")
@@ -260,9 +260,9 @@ def _gather(graph, eqn, x, indices):
         part = graph.slice(x, axes, graph.integers(*inside), graph.shape(ends), [1] * len(axes))
         return graph.reshape(part, out)
     batching = numbers.operand_batching_dims
-    whole = [axis for axis in range(len(shape)) if axis not in (*axes, *batching)]
+    free = [axis for axis in range(len(shape)) if axis not in (*axes, *batching)]
     if set(numbers.collapsed_slice_dims) != set(axes) or any(
-        sizes[axis] != shape[axis] for axis in whole
+        sizes[axis] != shape[axis] for axis in free
     ):
         raise InputError("ONNX: windows at indices that depend on the input have no translation")
     last = [np.int32(shape[axis] - 1) if isinstance(shape[axis], int) else None for axis in axes]
@@ -273,7 +273,7 @@ def _gather(graph, eqn, x, indices):
     inside = graph.add(
         "Min", [inside, graph.name(last if isinstance(last, str) else np.array(last))]
     )
-    order = [*batching, *axes, *whole]
+    order = [*batching, *axes, *free]
     rows = graph.add("Transpose", [graph.name(x)], perm=order)
     if tuple(numbers.start_indices_batching_dims) != tuple(range(len(batching))):
         raise InputError("ONNX: a batch of indices along a later axis has no translation")

@@ -131,8 +131,8 @@ def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: in
     except OSError as error:
         raise InputError(f"--python {python}: {error.strerror}") from None
     if done.returncode:
-        said = done.stderr.strip().splitlines() or ["no reason given"]
-        raise InputError(f"--python {python}: {module} failed: {said[-1][:400]}")
+        messages = done.stderr.strip().splitlines() or ["no reason given"]
+        raise InputError(f"--python {python}: {module} failed: {messages[-1][:400]}")
 
 
 def compare(
@@ -184,11 +184,11 @@ def _compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
         if name == "decoder.decoder" and f"h0/{name}" in arrays:
             start = np.concatenate([stages["mlp_decoder_context"], case.noise], axis=-1)
             compared["decoder, first state"] = start, arrays[f"h0/{name}"][0]
-        theirs = arrays[f"out/{name}"]
+        reference = arrays[f"out/{name}"]
         if name in layers:
-            compared[f"{name} (alone)"] = _alone(arrays, name, layers[name]), theirs
+            compared[f"{name} (alone)"] = _alone(arrays, name, layers[name]), reference
         if name in stages:
-            compared[name] = stages[name], theirs
+            compared[name] = stages[name], reference
     for name in layers.keys() - names.keys():
         compared[f"{name} (alone)"] = np.zeros(1), np.full(1, np.nan)
     return compared
@@ -196,22 +196,22 @@ def _compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
 
 def _layers(case: Case) -> dict[str, Any]:
     """Our layers and perceptrons, by torch's names."""
-    network, found = Generator(case.config).bind({"params": case.params}), {}
+    network, layers = Generator(case.config).bind({"params": case.params}), {}
     for name, (path, _) in torch_names(case.config).items():
         *parts, _ = re.sub(r"/layer_\d", "", path).replace("lstm", "recurrent").split("/")
-        found[re.sub(r"(\.\d)?\.\w+$", "", name)] = functools.reduce(getattr, parts, network)
-    return found
+        layers[re.sub(r"(\.\d)?\.\w+$", "", name)] = functools.reduce(getattr, parts, network)
+    return layers
 
 
 def _alone(arrays: Mapping[str, np.ndarray], name: str, layer: Any) -> np.ndarray:
     """Our layer's output for the inputs that torch's was given."""
-    given = arrays[f"in/{name}"].astype(np.float32)
+    inputs = arrays[f"in/{name}"].astype(np.float32)
     if not isinstance(layer, LSTMNetwork):
-        return np.asarray(layer(given))
-    zeros = np.zeros((1, given.shape[1], layer.features), np.float32)
+        return np.asarray(layer(inputs))
+    zeros = np.zeros((1, inputs.shape[1], layer.features), np.float32)
     state = tuple(arrays.get(f"{part}/{name}", zeros)[0] for part in ("h0", "c0"))
     hidden = []
-    for step in given:
+    for step in inputs:
         state = LSTM().update(layer(step) + state[0] @ layer.recurrent_kernel, state)
         hidden.append(state[0])
     return np.stack(hidden)
@@ -222,39 +222,39 @@ def _compare(
 ) -> list[ParityRow]:
     """The rows of a case `name`, its layers first; the first that misses has the reason."""
     rows: list[ParityRow] = []
-    for output, (ours, theirs) in (layers | compared).items():
-        ours, theirs = np.asarray(ours), np.asarray(theirs)
-        scale, max_abs = float(np.abs(theirs).max()), math.nan
-        if ours.shape == theirs.shape:
-            max_abs = float(np.abs(ours.astype(np.float64) - theirs).max())
+    for output, (values, reference) in (layers | compared).items():
+        values, reference = np.asarray(values), np.asarray(reference)
+        scale, max_abs = float(np.abs(reference).max()), math.nan
+        if values.shape == reference.shape:
+            max_abs = float(np.abs(values.astype(np.float64) - reference).max())
         # Against an output that is all zeros, any difference is infinitely large, and none is none.
         max_rel = max_abs / scale if scale else (math.inf if max_abs else 0.0)
         # A layer's numbers may be of any size, and so is their rounding.
         ok = max_abs <= tolerance * (max(1.0, scale) if output in layers else 1.0)
         first = layers and not ok and all(row.ok for row in rows)
-        reason = _likely_reason(output, ours, theirs, classes) if first else ""
-        rows.append(ParityRow(name, output, theirs.shape, max_abs, max_rel, ok, reason))
+        reason = _likely_reason(output, values, reference, classes) if first else ""
+        rows.append(ParityRow(name, output, reference.shape, max_abs, max_rel, ok, reason))
     return rows
 
 
 def _likely_reason(
-    output: str, ours: np.ndarray, theirs: np.ndarray, classes: Mapping[str, str]
+    output: str, values: np.ndarray, reference: np.ndarray, classes: Mapping[str, str]
 ) -> str:
     """Why the first row that differs does."""
-    if np.isnan(theirs).all():
+    if np.isnan(reference).all():
         return "the checkpoint has it and the module never calls it"
-    if theirs.shape != ours.shape:
-        return f"its shape is {list(theirs.shape)}, ours {list(ours.shape)}"
+    if reference.shape != values.shape:
+        return f"its shape is {list(reference.shape)}, ours {list(values.shape)}"
     if output.endswith("(alone)"):
         within = output.removesuffix(" (alone)") + "."
         kinds = [kind for name, kind in classes.items() if name.startswith(within)]
         if others := [kind for kind in kinds if kind not in NO_RELU]:
             return f"activation {others[0]}, ours is ReLU"
-        if kinds and np.abs(np.maximum(theirs, 0) - ours).max() < TOLERANCE:
+        if kinds and np.abs(np.maximum(reference, 0) - values).max() < TOLERANCE:
             return "no ReLU after its last layer, ours has one"
         return "it computes something else with the same weights"
     for decimals in range(1, 5):
-        if np.abs(theirs - np.round(theirs, decimals)).max() < 1e-7 < np.abs(theirs).max():
+        if np.abs(reference - np.round(reference, decimals)).max() < 1e-7 < np.abs(reference).max():
             return f"it is rounded to {decimals} decimals, ours is not"
     return (
         "its layers agree alone, the module's forward puts them together in another way (order of "

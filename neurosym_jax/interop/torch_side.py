@@ -60,12 +60,12 @@ def random_walks(steps, seed):
 
 def inputs(walks, arguments, seed):
     """Arrays of a case's scenes `walks`, [N, steps, 2] each, and noise for them."""
-    ends, every = np.cumsum([len(walk) for walk in walks]), np.concatenate(walks)
-    rows = len(walks) if arguments["noise_mix_type"] == "global" else len(every)
+    ends, positions = np.cumsum([len(walk) for walk in walks]), np.concatenate(walks)
+    rows = len(walks) if arguments["noise_mix_type"] == "global" else len(positions)
     dim = int(np.sum(arguments.get("noise_dim") or 0))
     return {
-        "traj": every.astype(np.float32),
-        "traj_rel": np.diff(every, axis=1, prepend=every[:, :1]).astype(np.float32),
+        "traj": positions.astype(np.float32),
+        "traj_rel": np.diff(positions, axis=1, prepend=positions[:, :1]).astype(np.float32),
         "scene_start_end": np.stack([np.append(0, ends[:-1]), ends], 1),
         "noise": np.random.RandomState(seed).normal(size=(rows, dim)).astype(np.float32),
     }
@@ -81,14 +81,14 @@ def forecast(torch, network, scenes):
     arrays.update(scenes)
     classes, dtype = {}, next(network.parameters()).dtype
 
-    def keep(name, module, given, result):
+    def keep(name, module, inputs, result):
         if not name or name in classes:
             return
         classes[name] = type(module).__name__
         recurrent = isinstance(module, torch.nn.LSTM)
-        parts = dict(zip(["in"], given), out=result[0] if isinstance(result, tuple) else result)
-        if recurrent and len(given) > 1:
-            parts["h0"], parts["c0"] = given[1]
+        parts = dict(zip(["in"], inputs), out=result[0] if isinstance(result, tuple) else result)
+        if recurrent and len(inputs) > 1:
+            parts["h0"], parts["c0"] = inputs[1]
         for part, array in parts.items():
             if isinstance(array, torch.Tensor):
                 rows = array if recurrent else array.reshape(-1, array.shape[-1])

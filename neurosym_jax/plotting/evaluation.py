@@ -37,13 +37,15 @@ def draw_figures(where: Path, results: Sequence[Result], *, together: bool = Fal
         together: whether to draw all in `overview`.
     """
     sets = list(dict.fromkeys(result.test_set for result in results))
-    drawn = [_drawn([result for result in results if result.test_set == each]) for each in sets]
+    drawn = [
+        _drawn([result for result in results if result.test_set == test_set]) for test_set in sets
+    ]
     named = where.suffix in style.ENDINGS
     if together and len(sets) <= TOGETHER:
         return [style.save_figure(_figure(drawn), where if named else where / "overview.png")]
     paths = []
-    for each, models in zip(sets, drawn):
-        name = f"{each.dataset}_{each.obs_len}_{each.pred_len}"
+    for test_set, models in zip(sets, drawn):
+        name = f"{test_set.dataset}_{test_set.obs_len}_{test_set.pred_len}"
         prefixed = where.with_name(f"{where.stem}_{name}{where.suffix}")
         path = prefixed if named else where / f"{name}.png"
         paths.append(style.save_figure(_figure([models]), path))
@@ -85,7 +87,10 @@ def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
         )
         above, *below = axes[:, place]
         draw_scene(
-            above, past, future, {name: of.forecast[:, valid] for name, of in models.items()}
+            above,
+            past,
+            future,
+            {name: result.forecast[:, valid] for name, result in models.items()},
         )
         title = f"{test.dataset}, {test.obs_len} + {test.pred_len} steps"
         style.dress_floor(above, title, "y [m]" if first_column else "")

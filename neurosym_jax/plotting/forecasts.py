@@ -35,7 +35,7 @@ def plot_forecasts(
     """
     past = np.asarray(observed, float)
     future = None if truth is None else np.asarray(truth, float)
-    samples = {name: np.asarray(of, float) for name, of in forecasts.items()}
+    samples = {name: np.asarray(forecast, float) for name, forecast in forecasts.items()}
     arrays = [array for array in (past, future, *samples.values()) if array is not None]
     points = np.concatenate([array.reshape(-1, 2) for array in arrays])
     low, high = points.min(axis=0), points.max(axis=0)

@@ -53,13 +53,13 @@ def plot_tracks(
         moment: what one more panel shows: past, future and forecasts of a scene, as
             `plot_forecasts` takes them.
     """
-    shown = recordings[: PANELS - (moment is not None)]
-    panels = len(shown) + (moment is not None)
+    drawn = recordings[: PANELS - (moment is not None)]
+    panels = len(drawn) + (moment is not None)
     columns = min(4, int(np.ceil(np.sqrt(panels))))
     rows = -(-panels // columns)
     width = style.COLUMN if columns == 1 else style.WIDTH
     figure, grid = style.new_figure(width, rows * width / columns, rows, columns)
-    for axes, tracks in zip(grid.ravel(), shown):
+    for axes, tracks in zip(grid.ravel(), drawn):
         paths = np.split(tracks.position, np.flatnonzero(np.diff(tracks.id)) + 1)
         colours = [style.PALETTE[person % len(style.PALETTE)] for person in range(len(paths))]
         axes.add_collection(LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7))
@@ -103,7 +103,7 @@ def _draw_underlay(axes: Axes, pixels: np.ndarray, homography: np.ndarray) -> No
     # Points behind the camera have the other sign.
     seen = depth * (homography[2] @ [width / 2, height / 2, 1]) > 0
     depth[~seen] = 1
-    column, row = (np.round(each / depth).astype(int) for each in (column, row))
+    column, row = (np.round(axis / depth).astype(int) for axis in (column, row))
     seen &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
     drawn = pixels[np.where(seen, row, 0), np.where(seen, column, 0)]
     look = {"extent": limits, "origin": "lower", "zorder": 0, "cmap": "gray", "aspect": "auto"}
@@ -121,8 +121,8 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     people, texts = scene.agent, state_texts()
     count, steps = len(people), alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
-    every = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
-    rows = every[:PAIRS]
+    pairs = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
+    rows = pairs[:PAIRS]
     height = max(2.2, 0.8 + 0.19 * len(rows))
     figure, ((where, when),) = style.new_figure(style.WIDTH, height, 1, 2, width_ratios=(1, 2))
     for path, person, colour in zip(scene.position, people, style.PALETTE * count):
@@ -145,8 +145,8 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     when.set_yticks(range(len(rows)), [f"{people[i]} {arrow} {people[j]}" for i, j in rows])
     when.set_xticks(range(0, steps, 2), [f"{scene.period * n:.1f}" for n in range(0, steps, 2)])
     when.grid(visible=False)
-    shown = f", {PAIRS} of {len(every)} pairs" if len(every) > PAIRS else ""
-    style.dress(when, "time [s]", "", f"QTC and alpha: {title}{shown}")
+    suffix = f", {PAIRS} of {len(pairs)} pairs" if len(pairs) > PAIRS else ""
+    style.dress(when, "time [s]", "", f"QTC and alpha: {title}{suffix}")
     if is_constant(alpha):
         image.set_visible(False)  # One colour would show nothing: the title says so.
         return figure

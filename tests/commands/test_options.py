@@ -135,7 +135,7 @@ CASES: dict[str, dict[str, Case]] = {
         "--samples": "--samples 3",
     },
     "download": {
-        "WHAT": ("eth-ucy", "sgan-checkpoints"),
+        "COLLECTION": ("eth-ucy", "sgan-checkpoints"),
         **added("--to here --mirror https://there --timeout 3"),
     },
     "models": {"--all": "--all"},

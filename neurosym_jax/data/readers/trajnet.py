@@ -115,8 +115,8 @@ def read_predictions(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         samples = sorted({sample for sample, _ in points})
         frames = sorted({frame for _, frame in points})
         step = frames[1] - frames[0] if len(frames) > 1 else 1
-        whole = len(samples) * len(frames) == len(points)
-        if not whole or (np.diff(frames) != step).any():
+        is_complete = len(samples) * len(frames) == len(points)
+        if not is_complete or (np.diff(frames) != step).any():
             raise InputError(f"{path}: scene {scene}, person {person}: steps are missing")
         forecast = [[points[sample, frame] for frame in frames] for sample in samples]
         rows.setdefault((person, frames[0] - step), forecast)
