@@ -40,8 +40,8 @@ FORMATS: dict[str, tuple[str, dict[str, Any]]] = {
 
 def recordings_of(folder: Path) -> Iterator[tuple[ReadOptions, Tracks]]:
     """The recordings of a collection, and how they were read."""
-    pattern, how = FORMATS[folder.name]
-    options = ReadOptions(**how, allow=tuple(GUARDS))
+    pattern, rules = FORMATS[folder.name]
+    options = ReadOptions(**rules, allow=tuple(GUARDS))
     for path in sorted(folder.glob(pattern)):
         try:
             yield from ((options, tracks) for tracks in read_any(path, options))

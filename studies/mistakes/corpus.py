@@ -74,9 +74,9 @@ def spelt(*prefixes: str) -> list[str]:
     return [f"{prefixes[at % len(prefixes)]}{id}" for at, id in enumerate(CROWD.id)]
 
 
-def changed(old: str, new: str, of: str = "", count: int = 1) -> str:
+def changed(old: str, new: str, part: str = "", count: int = 1) -> str:
     """A file with other characters."""
-    return (of or text()).replace(old, new, count)
+    return (part or text()).replace(old, new, count)
 
 
 IDS = np.unique(CROWD.id)
@@ -118,7 +118,7 @@ MISTAKES = [
     warned("t at twice its pace", "too fast", table(t=CROWD.t / 2)),
     refused("t at half its pace", "too slow", table(t=CROWD.t * 2)),
     *(
-        refused(f"every {n}th frame of a video", f"frames are {n} apart", text(every=n))
+        refused(f"every {n}th frame of a video", f"frames are {n} apart", text(stride=n))
         for n in (2, 3, 4, 5, 8, 9, 15, 20, 25)
     ),
     refused("every frame of a video at 25 fps", "too slow", text(FAST, 1)),
@@ -163,7 +163,7 @@ MISTAKES = [
     refused(
         "two runs and no column",
         "repeats",
-        changed("run", "note", of=two_runs("run")),
+        changed("run", "note", part=two_runs("run")),
         columns=("note=note",),
     ),
     warned("label robot", "left out", table(label=ROBOT)),
@@ -213,9 +213,9 @@ MISTAKES = [
     ),
     refused("--unit cm of metres", "metres", text(), unit="cm"),
     refused("--unit px", "0.032", text(), unit="px"),
-    read("x is called x [cm]", changed("x,y", "x [cm],y [cm]", of=CENTIMETRES)),
+    read("x is called x [cm]", changed("x,y", "x [cm],y [cm]", part=CENTIMETRES)),
     refused(
-        "y is called y [mm]", "which is right", changed("x,y", "x [cm],y [mm]", of=CENTIMETRES)
+        "y is called y [mm]", "which is right", changed("x,y", "x [cm],y [mm]", part=CENTIMETRES)
     ),
     read("pixels of 3.2 cm, said", text(CROWD.scaled(0.032, 9)), unit="0.032"),
     read("metres in map coordinates", text(CROWD.but(x=CROWD.x + 5e5, y=CROWD.y + 5e6))),
@@ -234,7 +234,7 @@ MISTAKES = [
     refused("ids 1 and 01", "one number", changed("\t1\t", "\t01\t")),
     refused("ids P1 and p1", "one number or word", table(id=spelt("P", "p"))),
     refused("ids P1 and P01", "one number or word", table(id=spelt("P", "P0"))),
-    refused("an id missing", "missing", changed(",7,", ",,", of=table())),
+    refused("an id missing", "missing", changed(",7,", ",,", part=table())),
     refused("an id with a fraction", "not a whole", changed("\t7\t", "\t7.5\t")),
     refused(
         "everybody twice, under other ids", "twice", text() + text(CROWD.but(id=CROWD.id + 500))
@@ -284,7 +284,9 @@ MISTAKES = [
     read("a byte-order mark, Windows lines", "\ufeff" + table().replace("\n", "\r\n")),
     refused("UTF-16", "not text", text().encode("utf-16")),
     refused("a head without rows", "no rows", "t,id,x,y\n"),
-    refused("two columns x", "which column is x", changed("label", "x", of=table(label=CROWD.id))),
+    refused(
+        "two columns x", "which column is x", changed("label", "x", part=table(label=CROWD.id))
+    ),
     refused("no ids", "which column is id", table(id=None)),
     refused("velocities without names", "columns", text(mark=" ").replace("\n", " 1.3 0.0\n")),
     refused(

@@ -52,9 +52,9 @@ def make_crowd(people: int = 48, seed: int = 0, rate: float = 2.5) -> Crowd:
 CROWD = make_crowd()
 
 
-def text(crowd: Crowd = CROWD, every: int = 10, mark: str = "\t") -> str:
-    """Rows `frame ped x y`, frames `every` apart."""
-    rows = zip(crowd.step * every, crowd.id, crowd.x, crowd.y)
+def text(crowd: Crowd = CROWD, stride: int = 10, mark: str = "\t") -> str:
+    """Rows `frame ped x y`, frames `stride` apart."""
+    rows = zip(crowd.step * stride, crowd.id, crowd.x, crowd.y)
     return "".join(mark.join(map(str, row)) + "\n" for row in rows)
 
 

@@ -44,8 +44,8 @@ def seen_from_a_robot(tracks: Tracks, seed: int, ghosts: float = 0.0) -> Labelle
     rows: list[tuple[np.ndarray, ...]] = []
     stamps = np.unique(tracks.stamp)
     for stamp in stamps:
-        here = tracks.stamp == stamp
-        people, places = tracks.id[here], tracks.position[here]
+        present = tracks.stamp == stamp
+        people, places = tracks.id[present], tracks.position[present]
         visible = is_visible(robot, places)
         people, places = people[visible], places[visible]
         if rng.random() < ghosts / RATE:
@@ -72,13 +72,13 @@ class Tracker:
             for id, (when, place) in self._known.items()
             if stamp - when <= MEMORY + 1e-6
         }
-        ids, known = np.full(len(xy), -1), list(self._known)
-        if known:
+        ids, stored_ids = np.full(len(xy), -1), list(self._known)
+        if stored_ids:
             last = np.array([place for _, place in self._known.values()])
             off = np.linalg.norm(xy[:, None] - last, axis=-1)
             for row, column in zip(*linear_sum_assignment(np.where(off <= NEAR, off, 1e3))):
                 if off[row, column] <= NEAR:
-                    ids[row] = known[column]
+                    ids[row] = stored_ids[column]
         new = ids < 0
         ids[new] = self._next + np.arange(new.sum())
         self._next += int(new.sum())
@@ -90,7 +90,7 @@ def is_visible(robot: np.ndarray, places: np.ndarray) -> np.ndarray:
     """[N] bool: whether people at `places` [N, 2] are in range and no nearer person hides them."""
     far = np.linalg.norm(places - robot, axis=1)
     bearing = np.arctan2(*(places - robot).T[::-1])
-    apart = np.abs(np.angle(np.exp(1j * (bearing[:, None] - bearing))))
+    angle = np.abs(np.angle(np.exp(1j * (bearing[:, None] - bearing))))
     width = np.arcsin(np.clip(RADIUS / np.maximum(far, RADIUS), 0, 1))
-    hidden = (apart < width) & (far < far[:, None] - RADIUS)
+    hidden = (angle < width) & (far < far[:, None] - RADIUS)
     return (far <= RANGE) & ~hidden.any(axis=1)

@@ -32,8 +32,8 @@ def options(tmp_path, monkeypatch):
     monkeypatch.setattr(evaluate, "default_models", lambda *_: [])
 
     def make(**fields):
-        both = ("constant_velocity", "constant_velocity_sampled")
-        usual = {"json": tmp_path / "rows.json", "figures": False, "baselines": both}
+        names = ("constant_velocity", "constant_velocity_sampled")
+        usual = {"json": tmp_path / "rows.json", "figures": False, "baselines": names}
         return Options(**(usual | fields))
 
     return make
@@ -55,18 +55,18 @@ def test_the_first_minute(tmp_path, capsys):
     assert lines[-1] == "    neurosym evaluate --data my_tracks.csv --checkpoint recommended"
     assert err.splitlines()[-1].startswith("[6/6] NeuroSyM, cnd on cross-path (")
     report = json.loads((tmp_path / "rows.json").read_text())
-    found = report["provenance"]
-    assert set(found) == {"version", "commit", "command", "data", "checkpoints", "environment"}
+    provenance = report["provenance"]
+    assert set(provenance) == {"version", "commit", "command", "data", "checkpoints", "environment"}
     params = find_model("sgan_simulations_8") / "params.safetensors"
     digest = hashlib.sha256(params.read_bytes()).hexdigest()
-    assert found["checkpoints"][str(params)] == digest
+    assert provenance["checkpoints"][str(params)] == digest
 
 
 @pytest.mark.parametrize("style", ["csv", "latex"])
 def test_a_table_for_a_paper_goes_alone_to_the_output(options, capsys, style):
     intervals = style == "latex"
-    how = {"table": style, "seeds": 2, "intervals": intervals}
-    rows = run(options(samples=2, dataset="cross-path", **how))
+    fields = {"table": style, "seeds": 2, "intervals": intervals}
+    rows = run(options(samples=2, dataset="cross-path", **fields))
     out = capsys.readouterr().out
     assert out == evaluation.format_table(rows_frame(rows), style, intervals=intervals) + "\n"
     assert (r"{\scriptsize [" in out) == intervals
@@ -81,14 +81,14 @@ def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
     )
     report = json.loads((tmp_path / "rows.json").read_text())
     assert report.pop("provenance")["data"] == {}
-    assert [how["recording"][-12:] for how in report.pop("recordings")] == [
+    assert [reading["recording"][-12:] for reading in report.pop("recordings")] == [
         f"cross-path/{number}" for number in range(2)
     ]
     assert report == {"format": 2, "protocol": "sgan", "rows": rows}
     log = (tmp_path / "rows.jsonl").read_text()
     tested = {f"{name}_p" for name in rows[0]} & set(rows[0])
-    kept = [{name: row[name] for name in row if name not in tested} for row in rows]
-    assert [json.loads(line) for line in log.splitlines()] == kept
+    untested = [{name: row[name] for name in row if name not in tested} for row in rows]
+    assert [json.loads(line) for line in log.splitlines()] == untested
     assert {row["joint_ade_p"] is None for row in rows} == {True, False}
     assert [(row["model"], row["samples"]) for row in rows] == [
         ("constant velocity", 1),
@@ -100,8 +100,8 @@ def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
         assert row["joint_ade"] >= row["marginal_ade"] - 1e-9
     assert [path.name for path in (tmp_path / "figures").iterdir()] == ["cross-path_8_8.png"]
     out, err = capsys.readouterr()
-    for said in ("cross-path: 8 + 8 steps, 572 scenes, 1144 people", "these are the baselines"):
-        assert said in out
+    for text in ("cross-path: 8 + 8 steps, 572 scenes, 1144 people", "these are the baselines"):
+        assert text in out
     assert "cross-path_8_8.png" in out
     assert "Next:" not in out
     assert "evaluating" not in err  # No progress bar where no terminal is.
@@ -109,10 +109,10 @@ def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
 
 def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys):
     save_model(tmp_path / "folder", load_model(SMALL))
-    given = (str(SMALL), f"{tmp_path}/./folder/")
-    rows = run(options(checkpoint=given, samples=2, dataset="cross-path", collisions=False, seed=5))
+    paths = (str(SMALL), f"{tmp_path}/./folder/")
+    rows = run(options(checkpoint=paths, samples=2, dataset="cross-path", collisions=False, seed=5))
     assert [(row["checkpoint"], row["seed"]) for row in rows] == [
-        (each, 5) for each in (None, None, *given)
+        (path, 5) for path in (None, None, *paths)
     ]
     assert "collision_rate" not in rows[0]
     assert f"assumed of {SMALL}: forward as in the released code" in capsys.readouterr().out
@@ -131,8 +131,8 @@ def test_one_step_and_one_agent(options, tmp_path):
 
 
 def test_further_metrics_where_they_are_asked_for(options, capsys):
-    given = {"metrics": ("energy_score", "coverage_50"), "symbols": True}
-    velocity, sampled = run(options(**given, dataset="cross-path", samples=4))
+    fields = {"metrics": ("energy_score", "coverage_50"), "symbols": True}
+    velocity, sampled = run(options(**fields, dataset="cross-path", samples=4))
     assert "crps" not in sampled
     assert sampled["energy_score"] < velocity["energy_score"]
     assert velocity["coverage_50"] is None  # A single forecast has no region.
@@ -148,19 +148,19 @@ def test_another_rate_than_in_training_is_told(options, tmp_path):
     model = load_model("sgan_simulations_8")
     config = dataclasses.replace(model.config, period=0.2)
     save_model(tmp_path / "m", dataclasses.replace(model, config=config))
-    given = {"checkpoint": (str(tmp_path / "m"),), "samples": 2, "dataset": "cross-path"}
+    fields = {"checkpoint": (str(tmp_path / "m"),), "samples": 2, "dataset": "cross-path"}
     with pytest.warns(InputWarning, match=r"m: was trained on steps of 0\.2 s and is tested on"):
-        run(options(**given, collisions=False))
+        run(options(**fields, collisions=False))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        rows = run(options(**given, collisions=False, period=0.2))
+        rows = run(options(**fields, collisions=False, period=0.2))
     assert rows[0]["joint_ade"] > 0
 
 
 @pytest.mark.slow
 def test_joint_metrics_matter_counts_these_windows(shared, options):
-    how = {"protocol": "joint-metrics", "baselines": ("constant_velocity",), "collisions": False}
-    rows = run(options(data=shared / "data/eth_ucy", **how))
+    fields = {"protocol": "joint-metrics", "baselines": ("constant_velocity",), "collisions": False}
+    rows = run(options(data=shared / "data/eth_ucy", **fields))
     assert [row["scenes"] for row in rows] == [253, 445, 947, 705, 998]
     # Its mean over scenes, and of the five: .539 / 1.152, see docs/evaluate.md.
     means = [sum(row[f"joint_{error}"] for row in rows) / 5 for error in ("ade", "fde")]
@@ -186,10 +186,10 @@ def test_every_real_sample_of_thor(shared, options):
 @mock.patch.dict(METRICS)
 def test_a_metric_that_is_not_finite_is_named(options):
     register_metric("odd", "odd")(lambda forecast, scene: jnp.inf)
-    given = options(samples=3, dataset="cross-path")
-    log = given.json.with_suffix(".jsonl")
+    asked_options = options(samples=3, dataset="cross-path")
+    log = asked_options.json.with_suffix(".jsonl")
     log.write_text('{"checkpoint": null}\n')
     with pytest.raises(InputError, match="metric odd: is not finite for constant velocity on cr"):
-        run(given)
-    assert not given.json.exists()
+        run(asked_options)
+    assert not asked_options.json.exists()
     assert log.read_text() == ""

@@ -92,8 +92,8 @@ def test_help_fits_a_screen_and_names_every_option(name, capsys, monkeypatch):
     assert max(map(len, lines)) <= 90
     with pytest.raises(SystemExit):
         tyro.cli(options, args=["--help"])
-    every = set(re.findall(r"^│ (--[a-z][a-z0-9.-]*)", capsys.readouterr().out, re.MULTILINE))
-    assert every - set(NAMES.findall(text)) == set()
+    flags = set(re.findall(r"^│ (--[a-z][a-z0-9.-]*)", capsys.readouterr().out, re.MULTILINE))
+    assert flags - set(NAMES.findall(text)) == set()
     assert set(NAMES.findall(text)) >= {"--plugin", "--help-all"}
 
 

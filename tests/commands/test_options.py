@@ -55,9 +55,9 @@ FIGURE = f"{WALK} --figure f.png"
 FLOOR = f"{FIGURE} --underlay {{d}}/%s/floor.png {{d}}/%s.h"
 
 
-def added(said: str, base: str = "") -> dict[str, Case]:
+def added(arguments: str, base: str = "") -> dict[str, Case]:
     """A case for each option of `said`, which is added to `base` or to that of the command."""
-    parts = re.split(r" (?=--)", said)
+    parts = re.split(r" (?=--)", arguments)
     names = ["--" + part.split()[0].removeprefix("--").removeprefix("no-") for part in parts]
     return {name: (base, f"{base} {part}") if base else part for name, part in zip(names, parts)}
 
@@ -83,7 +83,7 @@ CASES: dict[str, dict[str, Case]] = {
             "--weighting ones soft --dataset gap --pred-len 4 12 --seed 0 1 --data {d}/b "
             "--train-also {d}/b --jobs 3 --dry-run"
         ),
-        **{option: said for option, (_, said, *_) in READ.items()},
+        **{option: text for option, (_, text, *_) in READ.items()},
     },
     "evaluate": {
         **added(
@@ -150,9 +150,9 @@ CASES: dict[str, dict[str, Case]] = {
     },
 }
 for command, line in OF_READING.items():
-    for option, (file, said, *error) in READ.items():
+    for option, (file, text, *error) in READ.items():
         base = line.replace("%s", file)
-        CASES[command][option] = (base, f"{base} {said}", *error)
+        CASES[command][option] = (base, f"{base} {text}", *error)
 
 
 @pytest.fixture(scope="module")
@@ -315,8 +315,8 @@ def test_what_cannot_be_done_is_refused_in_a_line(line, data, tmp_path, capsys):
     assert (status, files) == (2, [])
     assert REFUSED[line] in out + error
     if "Parsing error" not in out + error and "Unrecognized" not in out + error:
-        (said,) = (each for each in error.splitlines() if not each.startswith("warning"))
-        assert (said[:7], out) == ("error: ", "")
+        (message,) = (text for text in error.splitlines() if not text.startswith("warning"))
+        assert (message[:7], out) == ("error: ", "")
 
 
 def test_a_file_is_a_command_line_that_options_override(data, inner, tmp_path, capsys):
@@ -333,9 +333,9 @@ def test_a_file_is_a_command_line_that_options_override(data, inner, tmp_path, c
     )
     read = f"--train-on {data}/a/tables/odd.csv --validate-on {data}/b/tables/odd.csv"
     read += f" --columns {TABLE} --obs-len 4 --resume --set ema=0.5 rotate=0 max_agents=null"
-    found = [
+    outcomes = [
         done(["train", *shlex.split(line)], inner["train"], tmp_path / str(at), capsys)
         for at, line in enumerate((f"{file} --seed 1", f"{read} --seed 1", f"{read} --seed 7"))
     ]
-    assert found[0] == found[1] != found[2]
-    assert not found[0][1]
+    assert outcomes[0] == outcomes[1] != outcomes[2]
+    assert not outcomes[0][1]

@@ -51,11 +51,11 @@ def test_an_error_of_ours_is_a_traceback():
 def test_a_plugin_comes_first_and_options_are_those_of_the_command(tmp_path):
     plugin = tmp_path / "mine.py"
     plugin.write_text("import builtins\nbuiltins.plugin_of_a_test = True\n")
-    found = []
+    messages = []
     with pytest.raises(SystemExit):
-        run_command(Options, found.append, ["--plugin", str(plugin), "--samples", "3"])
-    assert found == [Options(samples=3)]
-    assert type(found[0]) is Options
+        run_command(Options, messages.append, ["--plugin", str(plugin), "--samples", "3"])
+    assert messages == [Options(samples=3)]
+    assert type(messages[0]) is Options
     assert builtins.__dict__.pop("plugin_of_a_test")
 
 
@@ -70,8 +70,8 @@ def test_a_real_process(tmp_path):
         "PYTHONPATH": str(ROOT),
     }
     command = [sys.executable, str(ROOT / "evaluate.py"), "--data", "tracks.csv"]
-    how = {"capture_output": True, "text": True, "check": False}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, **how)
-    said = "error: tracks.csv: row 2: y is not a number: 'oops'\n"
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
+    capture = {"capture_output": True, "text": True, "check": False}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, **capture)
+    message = "error: tracks.csv: row 2: y is not a number: 'oops'\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", message)
     assert not list(tmp_path.glob("results/*"))

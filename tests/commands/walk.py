@@ -98,9 +98,9 @@ def plain(value: Any) -> Any:
         names = (field.name for field in dataclasses.fields(value))
         value = {name: getattr(value, name) for name in names if name not in NOT_DONE}
     if isinstance(value, dict):
-        return {str(name): plain(each) for name, each in value.items()}
+        return {str(name): plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple | set | Iterator):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     if isinstance(value, str | int | float | bytes | None | Path):
         return value
     return getattr(value, "__qualname__", type(value).__qualname__)
@@ -129,10 +129,10 @@ def done(argv: list[str], inner: dict[str, Any], cwd: Path, capsys) -> tuple[Any
             stack.enter_context(mock.patch(name, recorder(name, result)))
         with pytest.raises(SystemExit) as ended:
             main(argv)
-    mocks = {id(each): each for each in inner.values() if isinstance(each, mock.Mock)}
-    for each in mocks.values():
-        log.append(re.sub(" at 0x[0-9a-f]+", "", str(each.mock_calls)))
-        each.reset_mock()
+    mocks = {id(item): item for item in inner.values() if isinstance(item, mock.Mock)}
+    for item in mocks.values():
+        log.append(re.sub(" at 0x[0-9a-f]+", "", str(item.mock_calls)))
+        item.reset_mock()
     out, err = capsys.readouterr()
     files = sorted(str(path.relative_to(cwd)) for path in cwd.rglob("*"))
     status = ended.value.code or 0

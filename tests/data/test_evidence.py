@@ -13,10 +13,10 @@ from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError, InputWarning
 
 
-def walk(pace=1.3, people=4, steps=40, period=0.4, apart=0.7):
+def walk(pace=1.3, people=4, steps=40, period=0.4, spacing=0.7):
     """People side by side."""
     frame, person = np.divmod(np.arange(steps * people), people)
-    place = np.stack([frame * period * pace, apart * person], axis=1)
+    place = np.stack([frame * period * pace, spacing * person], axis=1)
     return make_tracks("walk", frame * period, person, place)
 
 
@@ -105,10 +105,10 @@ FINE, DOUBT, NO = [], [False], [True]
     [
         *[(walk(0.89), NO), (walk(0.91), DOUBT), (walk(1.04), DOUBT), (walk(1.06), FINE)],
         *[(walk(2.49), FINE), (walk(2.51), DOUBT), (walk(4.49), DOUBT), (walk(4.51), NO)],
-        *[(walk(apart=0.19), NO), (walk(apart=0.21), DOUBT), (walk(apart=0.34), DOUBT)],
-        *[(walk(apart=0.36), FINE), (walk(apart=900), FINE)],
-        *[(walk(people=2, steps=60, apart=apart), DOUBT) for apart in (0.36, 0.39)],
-        *[(walk(people=2, steps=60, apart=0.41), FINE), (walk(people=1, steps=200), FINE)],
+        *[(walk(spacing=0.19), NO), (walk(spacing=0.21), DOUBT), (walk(spacing=0.34), DOUBT)],
+        *[(walk(spacing=0.36), FINE), (walk(spacing=900), FINE)],
+        *[(walk(people=2, steps=60, spacing=spacing), DOUBT) for spacing in (0.36, 0.39)],
+        *[(walk(people=2, steps=60, spacing=0.41), FINE), (walk(people=1, steps=200), FINE)],
         # Few steps are no reason to refuse.
         *[(walk(9, steps=26), NO), (walk(9, steps=25), DOUBT)],
         # 160 points: one in a hundred and one in ten; a leap is 1.6 strides, or half a usual one.
@@ -166,21 +166,21 @@ def test_known_recordings_are_accepted(shared):
 
 
 def test_gaps_are_filled_alike_on_the_grid_and_off_it(tmp_path):
-    whole = walk(people=3, steps=60)
-    kept = np.random.default_rng(0).random(180) >= 0.1
+    complete = walk(people=3, steps=60)
+    is_present = np.random.default_rng(0).random(180) >= 0.1
     counts = []
     for moved, max_gap in ((0.0, 1.0), (0.001, 1.0), (0.001, 0.5)):
-        stamp = whole.stamp + moved * (np.arange(180) == 90)
-        write(tmp_path / "a.csv", dataclasses.replace(whole, stamp=stamp).take(kept))
+        stamp = complete.stamp + moved * (np.arange(180) == 90)
+        write(tmp_path / "a.csv", dataclasses.replace(complete, stamp=stamp).take(is_present))
         read = ReadOptions(max_gap=max_gap)
         windows = windows_from(tmp_path / "a.csv", 8, 8, min_agents=1, read=read)
         counts.append((windows.scenes, windows.agents))
         (reading,) = windows.reading
         if max_gap == 1.0:
-            assert 5 < reading.filled <= (~kept).sum() + 1
+            assert 5 < reading.filled <= (~is_present).sum() + 1
             assert f"{reading.filled} points filled in gaps" in describe_readings(windows.reading)
     assert reading.filled == 0
     assert counts[0] == counts[1]
     assert counts[2][1] < counts[1][1] / 2
-    part = whole.take(whole.stamp.round(3) != 4.0)
+    part = complete.take(complete.stamp.round(3) != 4.0)
     assert [len(on_grid(part, max_gap=longest).id) for longest in (1.0, 0.7)] == [180, 177]

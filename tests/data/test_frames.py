@@ -59,15 +59,15 @@ def test_as_text(tmp_path, library, name):
         # Rows are counted from 0 and without a header; a library writes in its way what is missing.
         told_of = r"(?:.*dataframe(?:\.csv)?: )(?:row (\d+): )?([^:(]*)"
         (row, reason), (row_here, same) = (
-            re.match(told_of, each).groups() for each in (expected, result)
+            re.match(told_of, outcome).groups() for outcome in (expected, result)
         )
         assert same == reason
         assert row is None or int(row_here) == int(row) - 2
         return
     for tracks, other in zip(result, expected, strict=True):
         assert tracks.reading == dataclasses.replace(other.reading, file=None)
-        for each in ("recording", "stamp", "id", "position", "extras"):
-            np.testing.assert_equal(getattr(tracks, each), getattr(other, each))
+        for outcome in ("recording", "stamp", "id", "position", "extras"):
+            np.testing.assert_equal(getattr(tracks, outcome), getattr(other, outcome))
 
 
 def test_wherever_recordings_are_taken(tmp_path):

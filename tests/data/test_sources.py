@@ -61,10 +61,10 @@ def test_simulations_of_each_split_have_their_own_seeds(monkeypatch):
     walk = make_tracks("walk", [0, 0.2, 0.4], [1] * 3, [[0, 0]] * 3)
     seen = []
     monkeypatch.setattr(scenarios, "simulate", lambda *options: seen.append(options) or walk)
-    for split, wanted in seeds.items():
+    for split, split_seeds in seeds.items():
         seen.clear()
         assert {len(tracks.id) for tracks in Synthetic().recordings("cross-path", split)} == {2}
-        assert seen == [("cross-path", seed) for seed in wanted]
+        assert seen == [("cross-path", seed) for seed in split_seeds]
 
 
 def test_there_is_no_test_set_of_all():
@@ -199,7 +199,9 @@ def test_what_is_there_is_checked_and_never_overwritten(served, tmp_path, capsys
     (folder / "val/biwi_eth_val.txt").write_text("mine")
     with pytest.raises(InputError, match=r"biwi_eth_val\.txt: is not the published file"):
         run("eth-ucy", **options)
-    assert {(folder / of).read_text() for of in ("mine.txt", "val/biwi_eth_val.txt")} == {"mine"}
+    assert {(folder / name).read_text() for name in ("mine.txt", "val/biwi_eth_val.txt")} == {
+        "mine"
+    }
 
 
 def test_thor_by_hand(home, capsys):

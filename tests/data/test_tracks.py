@@ -122,5 +122,5 @@ def test_properties_against_an_agent_by_agent_reference(table, period, max_gap, 
                 where = [np.interp(point, stamp, position[:, axis]) for axis in (0, 1)]
                 expected.append((agent, point, *where))
     assert len(grid.id) == len(expected)
-    found = np.column_stack([grid.id, grid.stamp, grid.position])
-    np.testing.assert_allclose(found, np.reshape(expected, (-1, 4)), rtol=0, atol=1e-4)
+    points = np.column_stack([grid.id, grid.stamp, grid.position])
+    np.testing.assert_allclose(points, np.reshape(expected, (-1, 4)), rtol=0, atol=1e-4)

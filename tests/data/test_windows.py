@@ -136,8 +136,8 @@ def test_what_is_observed_knows_nothing_of_the_future(seed, step, jitter, lost, 
     stamp = [rng.uniform(0, 0.4) + np.cumsum(step + jitter * rng.random(60)) for _ in range(3)]
     ids = np.repeat(np.arange(3), 60)
     stamp, position = np.concatenate(stamp), rng.normal(size=(180, 2)).cumsum(axis=0)
-    kept = rng.random(180) >= lost
-    stamp, ids, position = stamp[kept], ids[kept], position[kept]
+    is_present = rng.random(180) >= lost
+    stamp, ids, position = stamp[is_present], ids[is_present], position[is_present]
     moment = stamp.min() + 0.4 * line
     other = np.where((stamp > moment + SNAP)[:, None], rng.normal(size=position.shape), position)
 
@@ -155,8 +155,8 @@ def test_what_is_observed_knows_nothing_of_the_future(seed, step, jitter, lost, 
     if result is None or changed is None:
         assert result is changed
         return
-    (before, early, which), (after, _, same) = result, changed
-    assert_array_equal(which, same)
+    (before, early, agents), (after, _, same) = result, changed
+    assert_array_equal(agents, same)
     assert_array_equal(before.position[early, :4], after.position[early, :4])
 
 
@@ -172,14 +172,14 @@ def test_what_is_foreseen():
 
 
 def test_extras_of_all_recordings_or_of_none():
-    one, other = (
+    first, other = (
         make_tracks(name, np.arange(5) * 0.4, [1] * 5, np.zeros((5, 2)), extras)
         for name, extras in (("one", {"group": [1, 2, 3, 4, 5]}), ("other", {}))
     )
-    windows = cut_windows([one, one], 2, 1, min_agents=1)
+    windows = cut_windows([first, first], 2, 1, min_agents=1)
     assert windows.extras["group"].tolist() == [2, 3, 4] * 2, "at the last observed step"
     with pytest.raises(InputError, match="one, other: their extras differ"):
-        cut_windows([one, other], 2, 1, min_agents=1)
+        cut_windows([first, other], 2, 1, min_agents=1)
 
 
 SIZES = (1, 4, 5, 2, 70, 9, 4, 33, 16)

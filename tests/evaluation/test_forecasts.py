@@ -59,8 +59,8 @@ def errors(rows, model):
 
 
 def test_a_file_scores_as_the_model_that_it_is_of(recording, file):
-    how = {"baselines": ["constant_velocity", "constant_velocity_sampled"]}
-    rows = nj.evaluate((), recording, forecasts=file, **how)
+    options = {"baselines": ["constant_velocity", "constant_velocity_sampled"]}
+    rows = nj.evaluate((), recording, forecasts=file, **options)
     assert errors(rows, "mine") == pytest.approx(errors(rows, "constant velocity"), abs=1e-5)
     mine = rows.filter(model="mine").row(0, named=True)
     assert (mine["scenes"], mine["samples"], mine["latency"]) == (rows["scenes"][0], 1, None)
@@ -79,13 +79,13 @@ def test_rows_in_any_order_and_names_by_mapping(recording, file, tmp_path):
         for name, array in arrays.items()
     }
     np.savez(tmp_path / "mine.npz", **shuffled)
-    given = {"one": file, "other": tmp_path / "mine.npz"}
-    rows = nj.evaluate((), recording, forecasts=given, baselines=[])
+    files = {"one": file, "other": tmp_path / "mine.npz"}
+    rows = nj.evaluate((), recording, forecasts=files, baselines=[])
     assert rows["model"].to_list() == ["one", "other"]
     assert errors(rows, "one") == errors(rows, "other")
-    rows = nj.evaluate((), recording, forecasts=list(given.values()), baselines=[])
+    rows = nj.evaluate((), recording, forecasts=list(files.values()), baselines=[])
     assert sorted(rows["model"].to_list()) == sorted(
-        {f"{path.parent.name}" for path in given.values()}
+        {f"{path.parent.name}" for path in files.values()}
     )
 
 
@@ -101,8 +101,11 @@ def test_functions_of_numpy_and_torch_score_as_a_model_does(recording):
         ahead = tensor[:, -1:] + velocity * torch.arange(1, 9)[:, None]
         return torch.stack([ahead, ahead + 99]), torch.tensor([0.9, 0.1])
 
-    how = {"baselines": ["constant_velocity"], "metrics": [*SAME, "central_ade", "neighbour_move"]}
-    rows = nj.evaluate([stay, weighted, lambda observed: stay(observed)], recording, **how)
+    options = {
+        "baselines": ["constant_velocity"],
+        "metrics": [*SAME, "central_ade", "neighbour_move"],
+    }
+    rows = nj.evaluate([stay, weighted, lambda observed: stay(observed)], recording, **options)
     assert rows["model"].to_list() == ["constant velocity", "stay", "weighted 1", "lambda 2"]
     assert errors(rows, "weighted 1")[:4] == pytest.approx(
         errors(rows, "constant velocity")[:4], abs=1e-5
@@ -120,7 +123,7 @@ def test_functions_of_numpy_and_torch_score_as_a_model_does(recording):
         ("constant", "is no model or function: str"),
     ):
         with pytest.raises(InputError, match=message):
-            nj.evaluate([wrong], recording, **how)
+            nj.evaluate([wrong], recording, **options)
 
 
 def changed(file, tmp_path, **arrays):
@@ -163,9 +166,9 @@ def test_what_does_not_match_is_refused_with_counts(recording, file, tmp_path):
     )
     refused("have a sum of 1", probabilities=np.full(1, 0.5))
     refused("recordings elsewhere", recordings=np.full(count, "elsewhere"))
-    two = {"samples": np.repeat(arrays["samples"], 2, axis=0)}
+    doubled = {"samples": np.repeat(arrays["samples"], 2, axis=0)}
     uneven = np.array([np.linspace(0.1, 0.9, count), np.linspace(0.9, 0.1, count)])
-    refused("are not those of others in their scene", probabilities=uneven, **two)
+    refused("are not those of others in their scene", probabilities=uneven, **doubled)
     np.savez(tmp_path / "less.npz", samples=arrays["samples"])
     for path, message in (
         (tmp_path / "less.npz", "array 'ids' is missing"),
@@ -186,8 +189,8 @@ def test_partial_files_are_tested_on_the_windows_that_all_have(recording, file, 
         ids=arrays["ids"][late],
         frames=arrays["frames"][late],
     )
-    how = {"forecasts": [path, file], "baselines": ["constant_velocity"], "partial": True}
-    rows = nj.evaluate((), recording, **how)
+    options = {"forecasts": [path, file], "baselines": ["constant_velocity"], "partial": True}
+    rows = nj.evaluate((), recording, **options)
     assert set(rows["agents"]) == {int(late.sum())}
     assert errors(rows, "changed") == pytest.approx(errors(rows, "constant velocity"), abs=1e-5)
     assert errors(rows, "changed") == errors(rows, "mine")
@@ -205,11 +208,11 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     label = (f"ours={files[0]}",)
     metrics = ("energy_score", "central_ade")
     rows = run(Options(**where, **data, **model, forecasts=files, label=label, metrics=metrics))
-    by_name = {row["model"]: row for row in rows}
-    assert list(by_name)[2:] == ["ours", files[1].stem]
-    for name, model_name in zip(list(by_name)[2:], ("anchors", "constant velocity, sampled")):
+    named = {row["model"]: row for row in rows}
+    assert list(named)[2:] == ["ours", files[1].stem]
+    for name, model_name in zip(list(named)[2:], ("anchors", "constant velocity, sampled")):
         for metric in (*SAME[:4], *metrics):
-            assert by_name[name][metric] == pytest.approx(by_name[model_name][metric], abs=2e-4)
+            assert named[name][metric] == pytest.approx(named[model_name][metric], abs=2e-4)
     alone = run(Options(**where, forecasts=files, baselines=("constant_velocity_sampled",)))
     assert [row["dataset"] for row in alone] == ["walk"] * 3
     assert alone[1]["joint_ade"] == pytest.approx(first[1]["joint_ade"], abs=2e-4)
@@ -233,9 +236,9 @@ def test_figures_draw_forecasts_of_files(recording, file, tmp_path):
 
 def test_several_recordings_need_names(recording, file, tmp_path):
     (other := tmp_path / "other.txt").write_text(recording.read_text())
-    both = [recording, other]
+    recordings = [recording, other]
     with pytest.raises(InputError, match="has no `recordings`, and the test set has 2"):
-        nj.evaluate((), both, forecasts=file, baselines=[])
+        nj.evaluate((), recordings, forecasts=file, baselines=[])
     arrays = dict(np.load(file))
     count = len(arrays["ids"])
     named = {
@@ -245,10 +248,10 @@ def test_several_recordings_need_names(recording, file, tmp_path):
         "recordings": np.repeat(["walk", "other"], count),
     }
     path = changed(file, tmp_path, **named)
-    rows = nj.evaluate((), both, forecasts=path, baselines=["constant_velocity"])
-    one = nj.evaluate((), recording, forecasts=file, baselines=[])
+    rows = nj.evaluate((), recordings, forecasts=path, baselines=["constant_velocity"])
+    alone_first = nj.evaluate((), recording, forecasts=file, baselines=[])
     moved = changed(file, tmp_path, samples=arrays["samples"] + 0.5)
-    two = nj.evaluate((), other, forecasts=moved, baselines=[])
-    mean = (errors(one, "mine")[0] + errors(two, "changed")[0]) / 2
+    alone_second = nj.evaluate((), other, forecasts=moved, baselines=[])
+    mean = (errors(alone_first, "mine")[0] + errors(alone_second, "changed")[0]) / 2
     assert errors(rows, "changed")[0] == pytest.approx(mean)
     assert isinstance(rows, pl.DataFrame)

@@ -97,8 +97,8 @@ def runs(better_by=0.0, spread=0.0, seeds=3, noise=0.02):
     agents = draw.integers(2, 6, 400).astype(float)
     hard = draw.uniform(0.2, 2.0, 400)
     worse = -better_by - spread * draw.normal(size=(seeds, 1))
-    ours = [scored(hard + draw.normal(0, noise, 400) + shift, agents) for shift in worse]
-    return ours, [scored(hard, agents)] * seeds
+    better = [scored(hard + draw.normal(0, noise, 400) + shift, agents) for shift in worse]
+    return better, [scored(hard, agents)] * seeds
 
 
 def test_a_difference_is_per_agent_and_found_where_it_is():
@@ -108,8 +108,8 @@ def test_a_difference_is_per_agent_and_found_where_it_is():
         assert -0.06 < low < high < -0.04
     assert difference.over_both.p_value(0) < 1e-6
     # A single seed has the interval of the scenes.
-    of_one = paired_difference(*runs(seeds=1)).intervals("joint_ade")
-    assert (of_one["seeds"], of_one["both"]) == (None, of_one["scenes"])
+    single = paired_difference(*runs(seeds=1)).intervals("joint_ade")
+    assert (single["seeds"], single["both"]) == (None, single["scenes"])
 
 
 def test_seeds_that_differ_widen_the_interval_as_student_says():

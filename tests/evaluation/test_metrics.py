@@ -38,9 +38,9 @@ def test_best_of_k_by_hand():
     truth = np.array([[[0.0, 0.0], [1.0, 0.0]], [[5.0, 5.0], [5.0, 6.0]]])
     # Sample 0: ADE 1 and 2, FDE 2 and 3; sample 1: ADE 2 and 1.5, FDE 1 and 1.
     forecast = truth + offsets([[[0, 2], [1, 3]], [[3, 1], [2, 1]]])
-    found = score(forecast, truth)
-    assert all(each.count.tolist() == [2] for each in found.values())
-    wanted = {
+    scores = score(forecast, truth)
+    assert all(value.count.tolist() == [2] for value in scores.values())
+    expected = {
         "joint_ade": [3.0],  # Sample 0: 1 + 2.
         "joint_fde": [2.0],  # Sample 1: 1 + 1.
         "marginal_ade": [1 + 1.5],
@@ -48,9 +48,9 @@ def test_best_of_k_by_hand():
         "horizon": [[0 + 1, 2 + 3]],  # Sample 0.
         "collision_rate": [0],
     }
-    assert found.keys() == wanted.keys()
-    for name, total in wanted.items():
-        assert_allclose(found[name].total, total, atol=1e-6, err_msg=name)
+    assert scores.keys() == expected.keys()
+    for name, total in expected.items():
+        assert_allclose(scores[name].total, total, atol=1e-6, err_msg=name)
     far = offsets([[[0, 2.1], [9, 1.9], [0, 3]], [[0, 2.2], [0, 9], [5, 0.5]]])
     assert mean("miss_rate", far, np.zeros((3, 2, 2))) == pytest.approx(1 / 3)
 
@@ -62,9 +62,9 @@ def test_agents_that_are_not_valid_change_nothing():
     forecast[:, 1], truth[4] = np.nan, np.nan
     names = [n for n, metric in METRICS.items() if not metric.moves and n not in SYMBOLS]
     alone = score(forecast[:, valid] + 5e6, truth[valid] + 5e6, metrics=names)
-    for name, each in score(forecast, truth, valid, metrics=names).items():
-        assert each.count == 4
-        assert_allclose(each.total, alone[name].total, rtol=1e-5, err_msg=name)
+    for name, value in score(forecast, truth, valid, metrics=names).items():
+        assert value.count == 4
+        assert_allclose(value.total, alone[name].total, rtol=1e-5, err_msg=name)
 
 
 def test_only_metrics_asked_for_are_computed():
@@ -85,14 +85,16 @@ def test_symbols_by_hand():
     standing = np.repeat(observed[:, -1:], 3, axis=1)
     for right, wrong in ((3, 0), (0, 1), (2, 1)):
         forecast = np.stack([future] * right + [standing] * wrong)
-        found = score(forecast, future, observed=observed, metrics=SYMBOLS)
-        assert found["state_log"].count == 2  # Ordered pairs.
-        wanted = -np.log((right + 1 / 81) / (right + wrong + 1))
-        assert found["state_log"].mean == pytest.approx(wanted, rel=1e-5)
+        scores = score(forecast, future, observed=observed, metrics=SYMBOLS)
+        assert scores["state_log"].count == 2  # Ordered pairs.
+        expected = -np.log((right + 1 / 81) / (right + wrong + 1))
+        assert scores["state_log"].mean == pytest.approx(expected, rel=1e-5)
         # Approaching and meeting happen, at the last step, and none of the other events.
-        two, others = (-np.log((n + 0.5) / (right + wrong + 1)) for n in (right, right + wrong))
-        wanted = (2 * two + (len(EVENTS) - 2) * others) / len(EVENTS)
-        assert found["event_log"].mean == pytest.approx(wanted, rel=1e-5)
+        pair_scores, others = (
+            -np.log((n + 0.5) / (right + wrong + 1)) for n in (right, right + wrong)
+        )
+        expected = (2 * pair_scores + (len(EVENTS) - 2) * others) / len(EVENTS)
+        assert scores["event_log"].mean == pytest.approx(expected, rel=1e-5)
 
 
 SINGLE, TRUTH = scene(k=1, seed=1)
@@ -102,12 +104,12 @@ CLOSE = SINGLE + 30 + 1e-3 * SAMPLES
 
 @pytest.mark.parametrize("forecast", [SAMPLES, SINGLE, SINGLE.repeat(5, axis=0), CLOSE])
 def test_proper_scores_and_the_central_sample_by_their_formulas(forecast):
-    apart = np.sqrt(np.square(forecast[:, None] - forecast).sum(axis=(2, 3, 4)))
+    distances = np.sqrt(np.square(forecast[:, None] - forecast).sum(axis=(2, 3, 4)))
     error = np.sqrt(np.square(forecast - TRUTH).sum(axis=(1, 2, 3)))
-    wanted = (error.mean() - apart.mean() / 2) / np.sqrt(4 * 6)
-    assert_allclose(mean("energy_score", forecast, TRUTH), wanted, rtol=1e-5)
-    wanted = np.abs(forecast - TRUTH).mean() - np.abs(forecast[:, None] - forecast).mean() / 2
-    assert_allclose(mean("crps", forecast, TRUTH), wanted, rtol=1e-5)
+    expected = (error.mean() - distances.mean() / 2) / np.sqrt(4 * 6)
+    assert_allclose(mean("energy_score", forecast, TRUTH), expected, rtol=1e-5)
+    expected = np.abs(forecast - TRUTH).mean() - np.abs(forecast[:, None] - forecast).mean() / 2
+    assert_allclose(mean("crps", forecast, TRUTH), expected, rtol=1e-5)
     medoid = np.linalg.norm(forecast[:, None] - forecast, axis=-1).mean(axis=(1, 2, 3)).argmin()
     error = np.linalg.norm(forecast[medoid] - TRUTH, axis=-1)
     assert_allclose(mean("central_ade", forecast, TRUTH), error.mean(), rtol=1e-5)
@@ -128,9 +130,9 @@ def test_a_calibrated_forecast_covers_what_it_should(k):
 def test_a_region_needs_two_samples_and_holds_its_share_of_equals():
     _, truth = scene()
     assert np.isnan(mean("coverage_90", truth[None], truth))
-    still = np.repeat(truth[None], 20, axis=0)
-    assert mean("coverage_90", still, truth) == pytest.approx(0.9)
-    assert mean("coverage_90", still + 0.01, truth) == 0
+    standing = np.repeat(truth[None], 20, axis=0)
+    assert mean("coverage_90", standing, truth) == pytest.approx(0.9)
+    assert mean("coverage_90", standing + 0.01, truth) == 0
 
 
 def straight(start, end, steps=2):
@@ -138,7 +140,7 @@ def straight(start, end, steps=2):
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "expected"),
+    ("first", "other", "expected"),
     [
         # Both cross the middle at the same time, far from it at every step.
         (straight((-1, 0), (1, 0)), straight((0, -1), (0, 1)), True),
@@ -159,9 +161,9 @@ def straight(start, end, steps=2):
         (straight((1, 0), (2, 0)), straight((0, 1), (0, 2)), False),
     ],
 )
-def test_collisions_between_steps(one, other, expected):
+def test_collisions_between_steps(first, other, expected):
     """Slots of padding, all at one place, collide with no person."""
-    forecast = np.stack([one, other, 0 * one, 0 * one])[None]
+    forecast = np.stack([first, other, 0 * first, 0 * first])[None]
     hit = collisions(forecast, np.array([True, True, False, False]))
     assert hit.tolist() == [[expected, expected, False, False]]
 
@@ -170,10 +172,10 @@ def test_collisions_of_a_batch_are_those_of_its_scenes():
     valid = np.arange(4) < np.array([[2], [4], [3]])
     forecast = np.random.default_rng(0).uniform(0, 1.5, (2, 3, 4, 3, 2))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *[make_scene(forecast[0, 0])] * 3)
-    found = collision_rate(forecast, batch.replace(valid=valid))
+    rates = collision_rate(forecast, batch.replace(valid=valid))
     alone = [collisions(forecast[:, at], valid[at]).mean(axis=0) for at in range(3)]
-    assert_allclose(found, alone)
-    assert 0 < found[valid].mean() < 1
+    assert_allclose(rates, alone)
+    assert 0 < rates[valid].mean() < 1
 
 
 def test_collisions_against_dense_sampling():
@@ -188,9 +190,9 @@ def test_collisions_against_dense_sampling():
     distance[:, range(5), range(5)] = np.inf
     clear = np.abs(distance - COLLISION_DISTANCE).min(axis=-1) > 0.01
     hit = np.asarray(collisions(forecast, np.ones(5, bool)))
-    wanted = (distance < COLLISION_DISTANCE).any(axis=-1)
-    assert (hit == wanted)[clear].all()
-    assert 0.2 < wanted.mean() < 0.95
+    expected = (distance < COLLISION_DISTANCE).any(axis=-1)
+    assert (hit == expected)[clear].all()
+    assert 0.2 < expected.mean() < 0.95
 
 
 @pytest.fixture(scope="module")
@@ -203,16 +205,16 @@ def crowd():
 
 def test_boxes_change_nothing(crowd, monkeypatch):
     valid = np.arange(40) % 7 > 0
-    found = collisions(crowd, valid)
-    assert 0.02 < found.mean() < 0.6
+    hits = collisions(crowd, valid)
+    assert 0.02 < hits.mean() < 0.6
     monkeypatch.setattr(formulas, "REACH", np.inf)
-    assert (collisions(crowd, valid) == found).all()
+    assert (collisions(crowd, valid) == hits).all()
 
 
 def test_the_excess_is_what_forecasts_collide_more_than_the_truth(crowd):
     truth = crowd[3]
     names = ("collision_rate", "truth_collision_rate", "excess_collisions")
-    rate, true, excess = (each.mean for each in score(crowd, truth, metrics=names).values())
+    rate, true, excess = (value.mean for value in score(crowd, truth, metrics=names).values())
     assert rate == pytest.approx(collisions(crowd, np.ones(40, bool)).mean(), rel=1e-6)
     assert true == pytest.approx(collisions(truth[None], np.ones(40, bool)).mean(), rel=1e-6)
     assert excess == pytest.approx(rate - true)
@@ -242,11 +244,11 @@ def effect(bias: float, **changes):
     model = random_model(GeneratorConfig(obs_len=OBS, pred_len=PRED, **changes))
     layer = model.params["params"]["pooling"]["mlp"]["layer_1"]
     layer["bias"] = layer["bias"] + bias
-    how = {"samples": 3, "seed": 0, "metrics": NEIGHBOURS}
-    found = score_forecaster(model.forecaster, model.params, BATCHES, **how)
-    assert found.scores["neighbour_share"].count.sum() == 19  # Without the scene of one.
-    assert found.scores["neighbour_near"].count.sum() == 14  # Without the last of each scene.
-    return [found.mean(name) for name in NEIGHBOURS]
+    options = {"samples": 3, "seed": 0, "metrics": NEIGHBOURS}
+    scores = score_forecaster(model.forecaster, model.params, BATCHES, **options)
+    assert scores.scores["neighbour_share"].count.sum() == 19  # Without the scene of one.
+    assert scores.scores["neighbour_near"].count.sum() == 14  # Without the last of each scene.
+    return [scores.mean(name) for name in NEIGHBOURS]
 
 
 @pytest.mark.parametrize("changes", [{"pooling": "as_described"}, {"noise_mix_type": "ped"}])
@@ -262,8 +264,8 @@ def test_a_living_pooling_moves_people_and_a_dead_one_does_not(changes):
 def test_moves_by_hand():
     moves = np.zeros((2, 3, 2, 2))
     moves[0, 0], moves[0, 1, 0], moves[:, 2] = [[0, 0.3], [3, 4]], [2e-3, 0], 9
-    for apart, near in ((1.9, True), (2.1, False)):
-        seen = np.array([[0.0, 0], [apart, 0], [0, 0]])[:, None]
+    for gap, near in ((1.9, True), (2.1, False)):
+        seen = np.array([[0.0, 0], [gap, 0], [0, 0]])[:, None]
         case = make_scene(np.repeat(seen, 2, axis=1)).replace(valid=np.arange(3) < 2)
         assert formulas.neighbour_near(moves, case)[1].tolist() == [near, near, False]
     move, company = formulas.neighbour_move(moves, case)

@@ -21,13 +21,13 @@ MODELS = {
 }
 
 
-def planned(*names, source=None, **asked):
+def planned(*names, source=None, **options):
     """The paths of what is tested on each test set, without the baselines."""
     models = [(f"m/{name}", MODELS[name]) for name in names]
-    plan = make_plan(source or EthUcy(), models, **asked)
+    plan = make_plan(source or EthUcy(), models, **options)
     for test, entries in plan.items():
         baselines = [model for path, model in entries if path is None]
-        ships = test.obs_len == 8 and test.pred_len in (8, 12) and asked.get("samples", 20) <= 20
+        ships = test.obs_len == 8 and test.pred_len in (8, 12) and options.get("samples", 20) <= 20
         kinds = ["constant_velocity", "constant_velocity_sampled", *["anchor_table"][:ships]]
         assert [model.family for model in baselines] == kinds
         assert {model.forecaster.pred_len for model in baselines} == {test.pred_len}
@@ -41,9 +41,9 @@ def test_each_model_is_tested_on_the_set_that_it_left_out():
     names = ["eth", "hotel", "univ", "zara1", "zara2"]
     assert planned() == {Case(name, 8, 8): [] for name in names}
     assert planned(dataset="hotel", pred_len=12, obs_len=4) == {Case("hotel", 4, 12): []}
-    found = planned("zara1_12", "eth_8", "eth_8")
-    assert found == {Case("eth", 8, 8): ["m/eth_8"] * 2, Case("zara1", 8, 12): ["m/zara1_12"]}
-    assert [test.dataset for test in found] == ["eth", "zara1"]
+    sets = planned("zara1_12", "eth_8", "eth_8")
+    assert sets == {Case("eth", 8, 8): ["m/eth_8"] * 2, Case("zara1", 8, 12): ["m/zara1_12"]}
+    assert [test.dataset for test in sets] == ["eth", "zara1"]
     assert len(planned("anywhere")) == 5
     assert list(planned("anywhere", dataset="univ")) == [Case("univ", 8, 8)]
     assert len(planned("eth_8", source=Synthetic())) == 2
@@ -55,7 +55,7 @@ def test_each_model_is_tested_on_the_set_that_it_left_out():
 
 
 @pytest.mark.parametrize(
-    ("asked", "message"),
+    ("options", "message"),
     [
         ({"pred_len": 8}, "zara1_12: has pred_len 12, but --pred-len 8 is asked for"),
         ({"obs_len": 4}, "zara1_12: has obs_len 8, but --obs-len 4 is asked for"),
@@ -65,9 +65,9 @@ def test_each_model_is_tested_on_the_set_that_it_left_out():
         ({"baselines": ("anchors",)}, "anchors: cannot be a baseline, it has parameters"),
     ],
 )
-def test_contradictions(asked, message):
+def test_contradictions(options, message):
     with pytest.raises(InputError, match=message):
-        make_plan(EthUcy(), [("m/zara1_12", MODELS["zara1_12"])], **asked)
+        make_plan(EthUcy(), [("m/zara1_12", MODELS["zara1_12"])], **options)
 
 
 def test_models_of_all_data_are_tested_elsewhere():
@@ -78,24 +78,24 @@ def test_models_of_all_data_are_tested_elsewhere():
     assert list(make_plan(Files(("mine",)), [general])) == [Case("mine", 8, 8)]
 
 
-@pytest.mark.parametrize(("period", "told"), [(0.395, 1), (0.397, 0), (0.403, 0), (0.405, 1)])
-def test_steps_that_differ_by_one_per_cent_from_those_of_training_are_told(period, told):
+@pytest.mark.parametrize(("period", "warned"), [(0.395, 1), (0.397, 0), (0.403, 0), (0.405, 1)])
+def test_steps_that_differ_by_one_per_cent_from_those_of_training_are_told(period, warned):
     frame, person = np.divmod(np.arange(40), 2)
     tracks = make_tracks("walk", period * frame, person, np.stack([0.5 * frame, person], axis=1))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         test = make_test(Case("walk", 8, 8), [("m/eth_8", MODELS["eth_8"])], [tracks])
     assert test.windows.scenes == 5
-    assert sum("trained on steps of 0.4 s" in str(each.message) for each in caught) == told
+    assert sum("trained on steps of 0.4 s" in str(warning.message) for warning in caught) == warned
 
 
 def test_only_matching():
-    def found(**asked):
-        return list(planned("zara1_12", "eth_8", "earlier", **asked, only_matching=True).values())
+    def matching(**options):
+        return list(planned("zara1_12", "eth_8", "earlier", **options, only_matching=True).values())
 
-    assert found(pred_len=12) == [["m/zara1_12"]]
-    assert found(pred_len=20) == [[]] * 5
-    assert found() == [["m/eth_8"], ["m/zara1_12"]]
+    assert matching(pred_len=12) == [["m/zara1_12"]]
+    assert matching(pred_len=20) == [[]] * 5
+    assert matching() == [["m/eth_8"], ["m/zara1_12"]]
 
 
 def test_default_models_fit_the_data():

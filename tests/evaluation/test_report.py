@@ -42,23 +42,23 @@ def test_set():
 
 def test_saved_forecasts_are_those_that_were_scored(test_set, tmp_path):
     model = test_set.entries[1][1]
-    found = forecasts_of(model, test_set, 3, 7)
-    assert found["samples"].shape == (3, test_set.windows.agents, 6, 2)
+    arrays = forecasts_of(model, test_set, 3, 7)
+    assert arrays["samples"].shape == (3, test_set.windows.agents, 6, 2)
     evaluated = score_forecaster(model.forecaster, {}, test_set.batches, samples=3, seed=7)
     for scene in range(test_set.windows.scenes):
-        of = found["scene"] == scene
-        own = score(found["samples"][:, of], found["truth"][of])["joint_ade"]
+        rows = arrays["scene"] == scene
+        own = score(arrays["samples"][:, rows], arrays["truth"][rows])["joint_ade"]
         assert own.total[0] == pytest.approx(evaluated.scores["joint_ade"].total[scene], abs=1e-4)
-    assert set(found["recordings"]) == {"a", "b"}
-    assert np.abs(found["samples"][:, found["recordings"] == "a"] - ORIGIN).max() < 100
+    assert set(arrays["recordings"]) == {"a", "b"}
+    assert np.abs(arrays["samples"][:, arrays["recordings"] == "a"] - ORIGIN).max() < 100
     paths = save_forecasts(tmp_path / "out.npz", [test_set], 3, 7)
     assert [path.name for path in paths] == [
         "out_walk_4_6_constant_velocity.npz",
         "out_walk_4_6_constant_velocity_sampled.npz",
     ]
     saved = np.load(paths[1])
-    assert set(saved) == set(found)
-    np.testing.assert_allclose(saved["samples"], found["samples"], atol=1e-4)
+    assert set(saved) == set(arrays)
+    np.testing.assert_allclose(saved["samples"], arrays["samples"], atol=1e-4)
 
 
 def test_forecasts_that_memory_cannot_hold_are_refused(test_set, monkeypatch):
@@ -75,20 +75,20 @@ def test_forecasts_that_memory_cannot_hold_are_refused(test_set, monkeypatch):
 
 def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
     xarray = pytest.importorskip("xarray")
-    wanted = forecasts_of(test_set.entries[1][1], test_set, 3, 0)
+    arrays = forecasts_of(test_set.entries[1][1], test_set, 3, 0)
     path = save_forecasts(tmp_path / "out.nc", [test_set], 3, 0)[1]
-    with xarray.open_dataset(path, engine="scipy") as found:
-        people = found.isel(agent=np.flatnonzero(wanted["scene"] == 4)).sel(time=0.8, xy="y")
-        moved = wanted["samples"][:, wanted["scene"] == 4, 1, 1]
+    with xarray.open_dataset(path, engine="scipy") as stored:
+        people = stored.isel(agent=np.flatnonzero(arrays["scene"] == 4)).sel(time=0.8, xy="y")
+        moved = arrays["samples"][:, arrays["scene"] == 4, 1, 1]
         np.testing.assert_allclose(people.samples, moved, atol=1e-4)
         assert people.samples.dims == ("sample", "agent")
-        assert found.ids.values.tolist() == wanted["ids"].tolist()
-        np.testing.assert_allclose(found.past, [-1.2, -0.8, -0.4, 0])
-        np.testing.assert_allclose(found.observed, wanted["observed"], atol=1e-4)
-        assert set(found.recordings.values.astype(str)) == {"a", "b"}
-    own = to_xarray(wanted["samples"], probabilities=[0.5, 0.3, 0.2], period=0.5)
+        assert stored.ids.values.tolist() == arrays["ids"].tolist()
+        np.testing.assert_allclose(stored.past, [-1.2, -0.8, -0.4, 0])
+        np.testing.assert_allclose(stored.observed, arrays["observed"], atol=1e-4)
+        assert set(stored.recordings.values.astype(str)) == {"a", "b"}
+    own = to_xarray(arrays["samples"], probabilities=[0.5, 0.3, 0.2], period=0.5)
     assert float(own.weighted(own.probabilities).mean("sample").samples[0, 0, 0]) == pytest.approx(
-        np.average(wanted["samples"][:, 0, 0, 0], weights=[0.5, 0.3, 0.2])
+        np.average(arrays["samples"][:, 0, 0, 0], weights=[0.5, 0.3, 0.2])
     )
     assert own.time.values[0] == 0.5
     monkeypatch.setitem(sys.modules, "xarray", None)
@@ -107,21 +107,21 @@ def test_trajnet_has_what_happened_and_what_was_forecast(test_set, tmp_path):
     assert all(scene["e"] - scene["s"] == 9 and scene["fps"] == 2.5 for scene in scenes)
     forecasts = [row["track"] for row in rows if "prediction_number" in row.get("track", {})]
     assert len(forecasts) == 3 * test_set.windows.agents * 6
-    of_first = [track for track in forecasts if track["scene_id"] == 0]
-    assert min(track["f"] for track in of_first) == scenes[0]["s"] + 4
+    first_scene = [track for track in forecasts if track["scene_id"] == 0]
+    assert min(track["f"] for track in first_scene) == scenes[0]["s"] + 4
 
 
 def test_trajnet_has_the_most_probable_forecast_first(tmp_path):
     model = random_model(AnchorConfig(obs_len=4, pred_len=6, samples=4, hidden=8))
     test = make_test(Case("walk", 4, 6), [("m", model)], [walk("a", 3)])
-    found = forecasts_of(model, test, 4, 0)
-    best = found["probabilities"].argmax(axis=0)
+    arrays = forecasts_of(model, test, 4, 0)
+    best = arrays["probabilities"].argmax(axis=0)
     assert best.all()  # Not the first.
     path = save_forecasts(tmp_path / "out.ndjson", [test], 4, 0)[0]
     tracks = (json.loads(line).get("track", {}) for line in path.read_text().splitlines())
     first = [[track["x"], track["y"]] for track in tracks if track.get("prediction_number") == 0]
-    wanted = found["samples"][best, np.arange(len(best))]
-    np.testing.assert_allclose(np.reshape(first, wanted.shape), wanted, atol=1e-4)
+    expected = arrays["samples"][best, np.arange(len(best))]
+    np.testing.assert_allclose(np.reshape(first, expected.shape), expected, atol=1e-4)
 
 
 def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):
@@ -136,8 +136,8 @@ def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):
         "protocol": "sgan",
         "rows": [{"model": "a"}, {"model": "b", "crps": 1.0}],
     }
-    wanted = pl.DataFrame({"model": ["a", "b"], "crps": [None, 1.0]})
-    assert read_report(path).equals(wanted)
+    expected = pl.DataFrame({"model": ["a", "b"], "crps": [None, 1.0]})
+    assert read_report(path).equals(expected)
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,8 @@ def simulated():
     return load_tests(source, make_plan(source, [], dataset="cross-path", baselines=baselines))
 
 
-def rows(*how):
-    return [result.row for result in evaluate_tests(*how)]
+def rows(*arguments):
+    return [result.row for result in evaluate_tests(*arguments)]
 
 
 def test_the_mean_and_deviation_are_those_of_the_seeds(simulated):
@@ -28,15 +28,15 @@ def test_the_mean_and_deviation_are_those_of_the_seeds(simulated):
     assert one_guess["joint_ade_std"] is None
     single = [rows(simulated, Settings(samples=3, seed=seed))[0] for seed in (5, 6, 7)]
     for name in ("joint_ade", "marginal_fde"):
-        values = [each[name] for each in single]
+        values = [result_row[name] for result_row in single]
         assert len(set(values)) == 3
         assert row[name] == pytest.approx(np.mean(values))
         assert row[f"{name}_std"] == pytest.approx(np.std(values, ddof=1))
 
 
 def test_a_test_set_can_be_evaluated_elsewhere(simulated):
-    here, there = rows(simulated, Settings(samples=3)), rows(simulated, Settings(samples=3), map)
-    assert [row["joint_ade"] for row in here] == [row["joint_ade"] for row in there]
+    local, mapped = rows(simulated, Settings(samples=3)), rows(simulated, Settings(samples=3), map)
+    assert [row["joint_ade"] for row in local] == [row["joint_ade"] for row in mapped]
 
 
 def test_models_are_compared_with_the_best_of_their_test_set(simulated):
@@ -55,16 +55,16 @@ def test_models_are_compared_with_the_best_of_their_test_set(simulated):
         dataclasses.replace(results[0], row=results[0].row | {"checkpoint": path, "joint_ade": ade})
         for path, ade in zip(paths, (0.1, 0.5, 0.4))
     ]
-    one, two, other = with_tests([*runs, results[1]])[:3]
-    assert (one["joint_ade_p"], two["joint_ade_p"]) == (None, None)
+    seed0, seed1, other = with_tests([*runs, results[1]])[:3]
+    assert (seed0["joint_ade_p"], seed1["joint_ade_p"]) == (None, None)
     assert other["joint_ade_p"] == 1  # The errors of all three are the same.
 
 
 def test_the_seed_is_0_by_default():
     model, tracks = nj.load_model("sgan_simulations_8"), Synthetic().recordings("cross-path")
-    how = {"samples": 3, "metrics": ["joint_ade"], "baselines": []}
-    found, same, other = (
-        nj.evaluate(model, tracks, **how, **seed)["joint_ade"].item()
+    options = {"samples": 3, "metrics": ["joint_ade"], "baselines": []}
+    default, same, other = (
+        nj.evaluate(model, tracks, **options, **seed)["joint_ade"].item()
         for seed in ({}, {"seed": 0}, {"seed": 1})
     )
-    assert found == same != other
+    assert default == same != other

@@ -60,19 +60,19 @@ def direct(windows, samples, spec):
 
 
 @pytest.mark.parametrize(
-    ("of", "slots", "samples"),
+    ("family", "slots", "samples"),
     [(ConstantVelocitySampled, 8, 5), (ConstantVelocitySampled, 256, 5), (ConstantVelocity, 8, 1)],
 )
-def test_equal_to_a_direct_loop(of, slots, samples):
-    forecaster = of(Lengths())
+def test_equal_to_a_direct_loop(family, slots, samples):
+    forecaster = family(Lengths())
     result = score_forecaster(forecaster, (), make_batches(WINDOWS, slots), samples=5, seed=3)
     assert len(set(WINDOWS.sizes.tolist())) > 1
-    wanted, horizon = direct(WINDOWS, samples, forecaster.noise)
-    assert wanted["collision_rate"] > 0
-    for name, value in wanted.items():
+    expected, horizon = direct(WINDOWS, samples, forecaster.noise)
+    assert expected["collision_rate"] > 0
+    for name, value in expected.items():
         assert_allclose(result.mean(name), value, rtol=1e-5, err_msg=name)
     assert_allclose(result.scores["horizon"].mean, horizon, rtol=1e-5)
-    assert_allclose(result.scores["horizon"].mean.mean(), wanted["joint_ade"], rtol=1e-5)
+    assert_allclose(result.scores["horizon"].mean.mean(), expected["joint_ade"], rtol=1e-5)
     assert (result.samples, result.agents) == (samples, WINDOWS.agents)
     assert result.scores["joint_ade"].count.tolist() == WINDOWS.sizes.tolist()
     assert result.seconds > 0
@@ -84,31 +84,33 @@ def own(compute, windows=WINDOWS):
         register_metric("own", "own metric")(compute)
         with pytest.raises(InputError, match="another metric 'own' already"):
             register_metric("own", "own metric")(print)
-        how = {"samples": 1, "seed": 0, "metrics": ("own",)}
-        found = score_forecaster(ConstantVelocity(Lengths()), (), make_batches(windows), **how)
-    assert tuple(found.scores) == ("own",)
-    return found.scores["own"]
+        options = {"samples": 1, "seed": 0, "metrics": ("own",)}
+        evaluation = score_forecaster(
+            ConstantVelocity(Lengths()), (), make_batches(windows), **options
+        )
+    assert tuple(evaluation.scores) == ("own",)
+    return evaluation.scores["own"]
 
 
 def test_own_metrics():
     sizes, group = WINDOWS.sizes, np.arange(WINDOWS.agents) % 3
-    of_scene = own(lambda forecast, scene: (jnp.where(scene.valid, 1.0, 0).sum() ** 2, 1))
-    assert of_scene.mean == pytest.approx(np.mean(sizes**2))
-    of_scenes = own(lambda forecast, scene: scene.valid.sum().astype(float))
-    assert of_scenes.mean == pytest.approx(np.sum(sizes**2) / np.sum(sizes))
+    per_scene = own(lambda forecast, scene: (jnp.where(scene.valid, 1.0, 0).sum() ** 2, 1))
+    assert per_scene.mean == pytest.approx(np.mean(sizes**2))
+    unweighted = own(lambda forecast, scene: scene.valid.sum().astype(float))
+    assert unweighted.mean == pytest.approx(np.sum(sizes**2) / np.sum(sizes))
     nothing = own(lambda forecast, scene: (forecast[0, ..., 0], 0 * scene.valid))
     assert nothing.total.shape == (WINDOWS.scenes, 8)
     assert np.isnan(nothing.mean).all()
     # Weights of slots without a person are ignored.
-    of_agents = own(
+    per_agent = own(
         lambda forecast, scene: (scene.observed[:, 0, 0] + 9, 1 + 0 * forecast[0, :, 0, 0])
     )
-    assert of_agents.count.tolist() == sizes.tolist()
-    firsts = [each.scene.observed[each.scene.valid][:, 0, 0] for each in make_batches(WINDOWS)]
-    assert of_agents.mean == pytest.approx(np.concatenate(firsts).mean() + 9, rel=1e-5)
+    assert per_agent.count.tolist() == sizes.tolist()
+    firsts = [batch.scene.observed[batch.scene.valid][:, 0, 0] for batch in make_batches(WINDOWS)]
+    assert per_agent.mean == pytest.approx(np.concatenate(firsts).mean() + 9, rel=1e-5)
     grouped = dataclasses.replace(WINDOWS, extras={"group": group})
-    of_group = own(lambda forecast, scene: scene.extras["group"] == 2, grouped)
-    assert of_group.mean == pytest.approx((group == 2).mean())
+    in_group = own(lambda forecast, scene: scene.extras["group"] == 2, grouped)
+    assert in_group.mean == pytest.approx((group == 2).mean())
 
 
 @pytest.mark.parametrize(
@@ -137,13 +139,13 @@ def test_means_are_of_people_and_not_of_scenes():
         for ids in ([0, 1], [2, 3, 4])
     ]
     model = nj.load_model("anchors_zara1_8")
-    found = nj.evaluate(
+    rows = nj.evaluate(
         model,
         frames,
         baselines=("constant_velocity",),
         allow=("fast", "pixels", "together", "held"),
     )
-    row = found.row(0, named=True)
+    row = rows.row(0, named=True)
     assert (row["model"], row["scenes"], row["agents"]) == ("constant velocity", 2, 5)
     # 0.4 m to 3.2 m behind are 1.8 m in the mean; by scenes it would be 1.8 / 2 / 2.
     assert row["joint_ade"] == pytest.approx(1.8 / 5, abs=1e-5)

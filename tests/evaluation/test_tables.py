@@ -22,9 +22,9 @@ from tests.repository import ROOT
 from tests.rows import result_row
 
 
-def row(model, scene, ade, checkpoint=None, **how):
+def row(model, scene, ade, checkpoint=None, **fields):
     means = {"joint_ade": ade, "collision_rate": 0.05, "own": None}
-    return result_row(model, scene, means, checkpoint, **how)
+    return result_row(model, scene, means, checkpoint, **fields)
 
 
 SCENES = ("eth", "zara1")
@@ -38,8 +38,8 @@ ROWS = [row("constant velocity", scene, 0.5, p=0.001) for scene in SCENES] + TRA
 
 def lines_of(rows, metric="joint_ade"):
     """The values of a metric, those of test sets and those of means."""
-    found = summarise(rows_frame(rows)).filter(metric=metric)
-    return found.filter(sets=1).to_dicts(), found.filter(pl.col("sets") > 1).to_dicts()
+    values = summarise(rows_frame(rows)).filter(metric=metric)
+    return values.filter(sets=1).to_dicts(), values.filter(pl.col("sets") > 1).to_dicts()
 
 
 def test_trainings_that_differ_in_their_seed_are_one_line():
@@ -53,8 +53,8 @@ def test_trainings_that_differ_in_their_seed_are_one_line():
     assert value["best"]
     assert not lines[0]["best"]
     # Without a seed in their names they are models of their own, even of the same file.
-    alike = [row("SGAN", "eth", 0.2, "a.pt"), row("SGAN", "eth", 0.2, "a.pt")]
-    assert len(lines_of(alike)[0]) == 2
+    same_rows = [row("SGAN", "eth", 0.2, "a.pt"), row("SGAN", "eth", 0.2, "a.pt")]
+    assert len(lines_of(same_rows)[0]) == 2
     assert lines_of(ROWS, "own")[0][2]["mean"] is None
 
 
@@ -98,9 +98,9 @@ def test_means_over_test_sets_are_compared_set_by_set():
         for model, values in errors.items()
         for number, error in enumerate(values)
     ]
-    _, (ours, theirs) = lines_of(rows)
-    assert (ours["p"], ours["best"], theirs["best"]) == (None, True, False)
-    assert theirs["p"] == pytest.approx(2 * t.sf(0.03 / (0.005**0.5 / 10 / 5**0.5), 4))
+    _, (leader, follower) = lines_of(rows)
+    assert (leader["p"], leader["best"], follower["best"]) == (None, True, False)
+    assert follower["p"] == pytest.approx(2 * t.sf(0.03 / (0.005**0.5 / 10 / 5**0.5), 4))
     with mock.patch.dict(METRICS):
         METRICS["joint_ade"] = dataclasses.replace(METRICS["joint_ade"], higher_is_better=True)
         assert [line["best"] for line in lines_of(rows)[1]] == [False, True]
@@ -146,7 +146,7 @@ def test_too_few_blocks_are_said():
 
 def test_csv_has_the_numbers_as_they_are():
     table = list(csv.DictReader(io.StringIO(format_table(rows_frame(ROWS), "csv"))))
-    assert [of["dataset"] for of in table[:4]] == ["eth", "zara1", "eth", "zara1"]
+    assert [line["dataset"] for line in table[:4]] == ["eth", "zara1", "eth", "zara1"]
     assert float(table[0]["joint_ade"]) == 0.5
     assert float(table[0]["joint_ade_low"]) == 0.49
     assert table[2]["trainings"] == "3"
@@ -182,7 +182,7 @@ def test_latex_is_well_formed_and_names_are_short():
     assert r"\textbf{0.300}{\scriptsize [0.290, 0.310]}" in with_intervals
     assert "95 % interval by Student's t" in with_intervals
     # Names that would be the same without their options keep them.
-    same = [row(f"NeuroSyM, quantised,factor={each}", "zara1", 0.4) for each in (1, 2)]
+    same = [row(f"NeuroSyM, quantised,factor={factor}", "zara1", 0.4) for factor in (1, 2)]
     assert "factor=1" in format_table(rows_frame(same), "latex")
 
 
@@ -201,7 +201,9 @@ def test_latex_fits_one_column_of_a_paper():
             ends = ("", "_low", "_high", "_std", "_p")
             report_row |= {f"{name}{end}": report_row[f"joint_ade{end}"] for end in ends}
     lines = [line.split("&") for line in format_table(rows_frame(rows), "latex").splitlines()]
-    widths = [max(map(points, column)) for column in zip(*(of for of in lines if len(of) == 7))]
+    widths = [
+        max(map(points, column)) for column in zip(*(cells for cells in lines if len(cells) == 7))
+    ]
     assert len(widths) == 7
     assert sum(widths) + 6 * (len(widths) - 1) < 241
 
@@ -212,7 +214,7 @@ def test_from_a_pandas_frame_to_a_latex_table_in_five_lines(tmp_path, monkeypatc
     page = (ROOT / "docs/evaluate.md").read_text()
     (code,) = re.findall(r"```python\n(import pandas.*?)```", page, re.DOTALL)
     assert len([line for line in code.splitlines() if line]) <= 5
-    stamp, person = (each.ravel() for each in np.mgrid[0:20, 0:3])
+    stamp, person = (axis.ravel() for axis in np.mgrid[0:20, 0:3])
     frame = {"time": 0.4 * stamp, "person": person, "x": 0.5 * stamp, "y": person + 0.1 * stamp}
     monkeypatch.chdir(tmp_path)
     pandas.DataFrame(frame).to_csv("my_tracks.csv", index=False)
@@ -246,17 +248,17 @@ def test_a_table_fits_the_terminal():
 def test_columns_that_do_not_fit_are_in_further_tables():
     """At least one, else as many as fit: with names of 5 characters ADE and k take 5 + 13 + 4."""
     rows = rows_frame([row("SGAN", "eth", 0.3)])
-    ade, people, k, rate, delay = every = ["ADE", "in collision", "k", "a second", "in ms"]
+    ade, people, k, rate, delay = heads_in_order = ["ADE", "in collision", "k", "a second", "in ms"]
     for width, tables in (
-        (1, [[name] for name in every]),
+        (1, [[name] for name in heads_in_order]),
         (21, [[ade], [people], [k, rate], [delay]]),
         (22, [[ade, k], [people], [rate], [delay]]),
-        (99, [every]),
+        (99, [heads_in_order]),
     ):
-        for whole in (True, False):
-            lines = format_table(rows, width=width, whole=whole).splitlines()
+        for complete in (True, False):
+            lines = format_table(rows, width=width, whole=complete).splitlines()
             heads = [re.split(r"  +", line)[1:] for line in lines if line.startswith("model ")]
-            assert heads == (tables if whole else tables[:1])
+            assert heads == (tables if complete else tables[:1])
 
 
 def test_markdown_marks_the_best_and_keeps_its_cells_apart():

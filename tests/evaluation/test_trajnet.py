@@ -68,8 +68,8 @@ def test_official_scenes_are_forecast_as_given(official, forecast):
     assert rows_of(truth, "scene") == rows_of(official, "scene") == rows_of(forecast, "scene")
     assert read_scenes(truth) == read_scenes(official)
     assert read_scenes(official)[0].tag == [3, [1, 3]]
-    by_place = {(row["f"], row["p"]): row for row in rows_of(official)}
-    assert {(row["f"], row["p"]): row for row in rows_of(truth)} == by_place
+    places = {(row["f"], row["p"]): row for row in rows_of(official)}
+    assert {(row["f"], row["p"]): row for row in rows_of(truth)} == places
     # Whoever was seen at any observed step is forecast, in every sample, at the scene's frames.
     for scene, people, first in ((40, {5, 7, 9, 12}, 1180), (41, {5, 7, 9}, 1280)):
         rows = [row for row in rows_of(forecast) if row["scene_id"] == scene]
@@ -88,12 +88,12 @@ def test_forecasts_of_official_scenes_are_scored(official, tmp_path):
     # Steps at which a person was not seen are walked on: 12 was last seen at step 3.
     assert ends[1160, 12] == pytest.approx((0.4 * 20, 12))
     assert ends[1160, 9] == pytest.approx((0.4 * 20, 9))
-    how = {"forecasts": forecast, "baselines": ["constant_velocity"], "allow": tuple(GUARDS)}
+    options = {"forecasts": forecast, "baselines": ["constant_velocity"], "allow": tuple(GUARDS)}
     with pytest.raises(
         InputError, match="people in windows have no forecast, and 2 of 7 forecasts"
     ):
-        nj.evaluate((), official, **how)
-    rows = nj.evaluate((), official, **how, partial=True)
+        nj.evaluate((), official, **options)
+    rows = nj.evaluate((), official, **options, partial=True)
     assert rows["scenes"].to_list() == [2, 2]
     assert rows["joint_ade"].to_list() == pytest.approx([0, 0], abs=1e-4)
 
@@ -116,11 +116,11 @@ def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
     assert rows["agents"].to_list() == [6, 6]
     # Of two recordings, frames and people are numbered one after the other.
     stamp, person = (part.ravel() for part in np.mgrid[0:20, 0:2])
-    both = [
+    recordings = [
         make_tracks(name, 0.4 * stamp, person, np.stack([0.4 * stamp, person], axis=1))
         for name in ("one", "two")
     ]
-    forecast, truth = saved(None, both, tmp_path / "two.ndjson")
+    forecast, truth = saved(None, recordings, tmp_path / "two.ndjson")
     assert [(scene.start, scene.person) for scene in read_scenes(forecast)] == [(0, 0), (20, 2)]
     assert {row["p"] for row in rows_of(truth)} == {0, 1, 2, 3}
 

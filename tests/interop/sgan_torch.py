@@ -40,8 +40,8 @@ class PoolHiddenNet(nn.Module):
         hidden, pooled = hidden.reshape(-1, hidden.shape[-1]), []
         for start, end in bounds.tolist():
             h, p = hidden[start:end], position[start:end]
-            apart = self.spatial_embedding((p[None] - p[:, None]).reshape(-1, 2))
-            pairs = torch.cat([apart, h.repeat(len(h), 1)], dim=1)
+            offsets = self.spatial_embedding((p[None] - p[:, None]).reshape(-1, 2))
+            pairs = torch.cat([offsets, h.repeat(len(h), 1)], dim=1)
             pooled.append(self.mlp_pre_pool(pairs).reshape(len(h), len(h), -1).max(1)[0])
         return torch.cat(pooled)
 

@@ -181,10 +181,10 @@ def test_export_refuses_what_sgan_cannot_build(config, message):
 def test_export_reads_back_and_opens_in_torch(tmp_path, torch, config):
     path, model = tmp_path / "a.pt", model_of(config)
     export_torch_checkpoint(path, model)
-    theirs = torch.load(path, weights_only=True)
-    assert type(theirs["g_state"]) is OrderedDict
+    stored = torch.load(path, weights_only=True)
+    assert type(stored["g_state"]) is OrderedDict
     state = params_to_torch(model.params["params"], config)
-    assert_same({k: v.numpy() for k, v in theirs["g_state"].items()}, state)
+    assert_same({k: v.numpy() for k, v in stored["g_state"].items()}, state)
     loaded = load_model(path)
     assert (loaded.config, loaded.dataset) == (config, "eth")
     assert_same(loaded.params, model.params)
@@ -196,15 +196,15 @@ def test_published_checkpoints_equal_torch_load(shared, torch):
     paths = sorted((shared / "checkpoints").glob("*/*.pt"))
     assert len(paths) == 20
     for path in paths:
-        theirs = torch.load(path, map_location="cpu", weights_only=True)
-        ours = load_torch_checkpoint(path)
+        stored = torch.load(path, map_location="cpu", weights_only=True)
+        loaded = load_torch_checkpoint(path)
         pooling = "pool_net" if path.parent.name == "sgan-p-models" else "none"
         pred_len = int(path.name.split("_")[1])
-        assert ours.config == GeneratorConfig(pooling=pooling, pred_len=pred_len)
-        assert ours.dataset == path.name.split("_")[0]
-        assert ours.assumed == ("forward as in the released code", "activation relu")
-        state = params_to_torch(ours.params["params"], ours.config)
-        assert_same({k: v.numpy() for k, v in theirs["g_state"].items()}, state)
+        assert loaded.config == GeneratorConfig(pooling=pooling, pred_len=pred_len)
+        assert loaded.dataset == path.name.split("_")[0]
+        assert loaded.assumed == ("forward as in the released code", "activation relu")
+        state = params_to_torch(loaded.params["params"], loaded.config)
+        assert_same({k: v.numpy() for k, v in stored["g_state"].items()}, state)
 
 
 @pytest.mark.parametrize("zip_form", [False, True])
@@ -237,5 +237,5 @@ def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form, capsys)
     assert loaded.config == SMALL
     assert_same(loaded.params, model.params)
     convert.run(tmp_path / "a.pt", tmp_path / "a")
-    said = "not kept: G_losses, counters, norm_g, g_best_state, g_optim_state, d_state, empty, "
-    assert f"{said}args d_type, args encoder_h_dim_d\n" in capsys.readouterr().out
+    message = "not kept: G_losses, counters, norm_g, g_best_state, g_optim_state, d_state, empty, "
+    assert f"{message}args d_type, args encoder_h_dim_d\n" in capsys.readouterr().out

@@ -28,11 +28,11 @@ def assert_same_forecasts(made, samples, peoples, rounded):
         observed = (np.round(walks * 1024) / 1024 if rounded else walks).astype(np.float32)
         identity, slots = make_scene(observed).identity, people if spec.per_agent else 1
         noise = np.asarray(scene_noise(spec, jax.random.key(0), identity, samples, slots))
-        given = [noise if spec.per_agent else noise.reshape(samples, -1)] if spec.dim else []
-        forecasts, probabilities = program.call(observed, *given)
-        wanted, likely = predict_representatives(made, observed, samples=samples)
+        inputs = [noise if spec.per_agent else noise.reshape(samples, -1)] if spec.dim else []
+        forecasts, probabilities = program.call(observed, *inputs)
+        expected, likely = predict_representatives(made, observed, samples=samples)
         within = {"atol": 2e-6, "rtol": 3e-7} if rounded else {"atol": 2e-5}
-        np.testing.assert_allclose(forecasts, wanted, **within)
+        np.testing.assert_allclose(forecasts, expected, **within)
         np.testing.assert_allclose(probabilities, likely, atol=1e-6)
 
 

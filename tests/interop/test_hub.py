@@ -97,8 +97,8 @@ def test_folders_have_the_header_of_the_hub(model, tmp_path, data, licence):
         text = (folder / "README.md").read_text()
         (head,) = re.findall(r"\A---\n(.*?)---\n\n# ", text, re.DOTALL)
         header = yaml.safe_load(head)
-        found = tuple(header.get(name) for name in ("license", "datasets", "library_name"))
-        assert found == facts
+        fields = tuple(header.get(name) for name in ("license", "datasets", "library_name"))
+        assert fields == facts
         assert from_pretrained(folder).data == data
 
 

@@ -55,7 +55,7 @@ UNCALLED = "self.spatial_embedding(move)[None]", "move.new_zeros(1, len(move), 6
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("change", "arguments", "wanted"),
+    ("change", "arguments", "outcome"),
     [
         (RELU, {}, "pool_net.mlp_pre_pool (alone): activation LeakyReLU, ours is ReLU"),
         (("512", "300"), OTHER_SIZES, EQUAL),
@@ -72,20 +72,20 @@ UNCALLED = "self.spatial_embedding(move)[None]", "move.new_zeros(1, len(move), 6
         (UNCALLED, {}, "decoder.spatial_embedding (alone): the checkpoint has it and the module"),
     ],
 )
-def test_a_changed_module_is_equal_refused_or_told_apart(torch, change, arguments, wanted):
+def test_a_changed_module_is_equal_refused_or_told_apart(torch, change, arguments, outcome):
     network = network_of(torch, ARGUMENTS | arguments, change)
     state = {name: value.numpy() for name, value in network.state_dict().items()}
     try:
         model = model_from_torch({"args": ARGUMENTS | arguments, "g_state": state})
         parity = compare(network, model)
     except InputError as error:
-        found = [f"refused: {error}"]
+        outcomes = [f"refused: {error}"]
     else:
         assert "forward as in the released code; activation relu" in str(parity)
-        found = [f"{row.output}: {row.reason}" for row in parity.rows if row.reason]
-        assert len(found) == (not parity.ok)
-    assert [each[: len(wanted)] for each in found] == [wanted] * (wanted != EQUAL)
-    assert "\n" not in "".join(found)
+        outcomes = [f"{row.output}: {row.reason}" for row in parity.rows if row.reason]
+        assert len(outcomes) == (not parity.ok)
+    assert [text[: len(outcome)] for text in outcomes] == [outcome] * (outcome != EQUAL)
+    assert "\n" not in "".join(outcomes)
 
 
 def test_modules_are_compared_on_scenes_of_ones_own_and_left_as_they_are(torch):
@@ -116,14 +116,14 @@ def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsy
     (tmp_path / "sgan" / "__init__.py").write_text("")
     models = tmp_path / "sgan" / "models.py"
     models.write_text(SGAN.read_text())
-    path, kept = tmp_path / "mine.pt", tmp_path / "kept"
+    path, folder = tmp_path / "mine.pt", tmp_path / "kept"
     state = network_of(torch, ARGUMENTS).state_dict()
     losses = defaultdict(list, L=[1.0])  # As SGAN's train.py saves them.
     torch.save({"g_state": state, "args": ARGUMENTS, "G_losses": losses}, path)
     module = f"{models}:TrajectoryGenerator"
-    assert run(torch_module=module, checkpoint=path, keep=kept) == 0
+    assert run(torch_module=module, checkpoint=path, keep=folder) == 0
     assert "activation relu" in capsys.readouterr().out
-    assert run(kept) == 0
+    assert run(folder) == 0
     # What we export runs in the module and is the same network.
     convert.run(path, tmp_path / "folder")
     convert.run(tmp_path / "folder", tmp_path / "again.pt")
@@ -151,14 +151,14 @@ def test_a_module_that_does_not_run(module, python, message):
 
 
 def test_people_of_the_default_scenes_are_in_each_others_grid_of_social_pooling():
-    apart = [
+    distances = [
         np.abs(walk[:, None, time] - walk[:, time]).max(axis=-1)[np.triu_indices(len(walk), 1)]
         for walk in torch_side.random_walks(16, 0)
         for time in (7, -1)
     ]
-    near = [(pairs < 1).any() for pairs in apart if len(pairs)]
+    near = [(pairs < 1).any() for pairs in distances if len(pairs)]
     assert sum(near) >= 4
-    assert max(pairs.max(initial=0) for pairs in apart) > 1
+    assert max(pairs.max(initial=0) for pairs in distances) > 1
 
 
 def test_the_script_is_of_an_old_python_too():

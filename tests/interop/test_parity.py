@@ -79,18 +79,18 @@ def test_released_code(golden):
     """The 40 outputs of SGAN, NeuroSyM, its symbols and a training step."""
     parity = run_parity(golden)
     assert parity.ok, parity
-    found = {f"{row.case} {row.output}": row for row in parity.rows}
-    assert len(found) == 40
+    rows = {f"{row.case} {row.output}": row for row in parity.rows}
+    assert len(rows) == 40
     exact = [
         *(f"qtc.npz {name}" for name in ("qtc_reference", "qtc_signed", "qtc_signed_q005")),
         "qtc.npz alpha_reference",
         *(f"neurosym_ijcnn_{case}.npz alpha_rows_used" for case in (0, 1)),
     ]
-    assert [found[name].max_abs for name in exact] == [0] * len(exact)
+    assert [rows[name].max_abs for name in exact] == [0] * len(exact)
     # The table as printed; what remains is its float32.
     shipped = [f"neurosym_{name}.npz alpha" for name in ("ros_0", "ros_2", "ijcnn_1")]
-    assert max(found[name].max_abs for name in shipped) < 1e-9
-    assert all(row.max_abs < ROUNDING for name, row in found.items() if "d1" not in name)
+    assert max(rows[name].max_abs for name in shipped) < 1e-9
+    assert all(row.max_abs < ROUNDING for name, row in rows.items() if "d1" not in name)
     # Training proves little where clipping does not act or nothing moves.
     with np.load(golden / "train_step.npz") as arrays:
         assert arrays["g_grad_norm"] > 1
@@ -141,9 +141,9 @@ OF_CRITIC = {"d_scores_fake"}
 def test_a_planted_difference_is_found(request, tmp_path, file, change, missed):
     source = GOLDEN / "fresh" if file == POOLED else request.getfixturevalue("golden")
     parity = run_parity(copied(tmp_path, source, file, change))
-    found = {row.output for row in parity.rows if not row.ok}
+    misses = {row.output for row in parity.rows if not row.ok}
     # A training step has many outputs that depend on its noise.
-    assert missed <= found <= (found if {"d1", "g1"} & missed and len(missed) > 1 else missed)
+    assert missed <= misses <= (misses if {"d1", "g1"} & missed and len(missed) > 1 else missed)
     assert ("MISS" in str(parity)) == (not parity.ok) == bool(missed)
 
 

@@ -57,7 +57,7 @@ def test_forecasts_draw_every_agent_once_a_model(agents):
     assert legend_texts(figure) == ["start", "observed", "ground truth", *MODELS]
     assert [len(labelled(axes, label)) for label in legend_texts(figure)] == [agents] * 6
     colours = [to_hex(line.get_color()).upper() for line in legend.get_lines()]
-    assert colours == [INK, INK, TRUTH, *(of["color"] for of in model_looks(MODELS).values())]
+    assert colours == [INK, INK, TRUTH, *(look["color"] for look in model_looks(MODELS).values())]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert axes.get_title(loc="left") == "A title"
     assert axes.get_aspect() == 1
@@ -139,18 +139,21 @@ def test_curves(name):
 
 
 def test_intervals_are_bands_by_horizon_and_lines_by_event():
-    by_horizon, by_event = (
-        DRAWN[f"errors by {what}"][0]().axes[0] for what in ("horizon", "event")
+    horizon_axes, event_axes = (
+        DRAWN[f"errors by {kind}"][0]().axes[0] for kind in ("horizon", "event")
     )
-    (band,) = by_horizon.collections
+    (band,) = horizon_axes.collections
     corners = {tuple(np.round(corner, 6)) for corner in band.get_paths()[0].vertices}
     assert corners == {(0.5, 0.1), (0.5, 0.4), (1.0, 0.3), (1.0, 0.7)}
-    looks = [of["color"] for of in model_looks(["cv", "SGAN"]).values()]
-    assert [line.get_color() for line in by_horizon.lines] == looks
-    ends = np.array(by_event.collections[0].get_segments())[..., 0]
+    looks = [look["color"] for look in model_looks(["cv", "SGAN"]).values()]
+    assert [line.get_color() for line in horizon_axes.lines] == looks
+    ends = np.array(event_axes.collections[0].get_segments())[..., 0]
     np.testing.assert_allclose(ends, [[0.1, 0.4], [0.3, 0.7]])
-    assert [of.get_text() for of in by_event.get_yticklabels()] == ["crossing (3)", "passing (4)"]
-    assert by_event.get_ylim()[0] > by_event.get_ylim()[1]
+    assert [label.get_text() for label in event_axes.get_yticklabels()] == [
+        "crossing (3)",
+        "passing (4)",
+    ]
+    assert event_axes.get_ylim()[0] > event_axes.get_ylim()[1]
 
 
 def test_files_have_the_kind_of_their_name_and_the_style(tmp_path):
@@ -173,7 +176,7 @@ def test_files_have_the_kind_of_their_name_and_the_style(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("paths", "shown"),
+    ("paths", "suffixes"),
     [
         (["a/x/1.pt", "a/y/1.pt"], ["x", "y"]),
         (["a/1.pt", "b/1.pt", "b/2.pt"], ["a/1.pt", "b/1.pt", "b/2.pt"]),
@@ -181,9 +184,9 @@ def test_files_have_the_kind_of_their_name_and_the_style(tmp_path):
         (["m/1.pt"], [""]),
     ],
 )
-def test_checkpoints_where_they_tell_models_apart(paths, shown):
-    given = [("cv", None), *(("SGAN", path) for path in paths)]
-    assert labels(given) == ["cv", *(f"SGAN {name}".strip() for name in shown)]
+def test_checkpoints_where_they_tell_models_apart(paths, suffixes):
+    models = [("cv", None), *(("SGAN", path) for path in paths)]
+    assert labels(models) == ["cv", *(f"SGAN {name}".strip() for name in suffixes)]
 
 
 def test_occupancy_is_the_probability_that_a_person_is_near():
@@ -199,11 +202,11 @@ def test_occupancy_is_the_probability_that_a_person_is_near():
         corners = floor.get_coordinates()
         cells = (corners[:-1, :-1] + corners[1:, 1:]) / 2
         values = floor.get_array().filled(0)
-        found = [
+        shades = [
             values[np.unravel_index(i, values.shape)]
             for i in (np.linalg.norm(cells - place, axis=-1).argmin() for place in places)
         ]
-        np.testing.assert_allclose(found, [1, 1, 0, at_8, 1 - at_8, 0], atol=1e-9)
+        np.testing.assert_allclose(shades, [1, 1, 0, at_8, 1 - at_8, 0], atol=1e-9)
 
 
 def test_anchors_have_the_colour_and_the_bar_of_their_probability():
@@ -214,7 +217,7 @@ def test_anchors_have_the_colour_and_the_bar_of_their_probability():
     # The most probable sample is on top.
     assert [end for end, _ in drawn] == [2, 2, 0, 0, 1, 1]
     np.testing.assert_allclose(
-        [heights[of] for _, of in drawn[::2]], [[3, 0.1], [2, 0.2], [1, 0.7]]
+        [heights[colour] for _, colour in drawn[::2]], [[3, 0.1], [2, 0.2], [1, 0.7]]
     )
 
 
@@ -233,8 +236,8 @@ def test_alpha_is_an_arrow_from_the_agent_that_weighs():
     observed = np.zeros((3, 4, 2)) + np.array([[0, 0], [4, 0], [0, 3]])[:, None]
     alpha = np.array([[9, 0.5, 0], [0, 9, 0.04], [0.25, 0, 9]])
     axes, bar = plotting.plot_alpha(observed, alpha).axes
-    arrows = [each for each in axes.texts if each.arrow_patch is not None]
-    drawn = [(*each.xyann, *each.xy, each.arrow_patch.get_linewidth()) for each in arrows]
+    arrows = [arrow for arrow in axes.texts if arrow.arrow_patch is not None]
+    drawn = [(*arrow.xyann, *arrow.xy, arrow.arrow_patch.get_linewidth()) for arrow in arrows]
     # From 2 to 0 by half of the largest, from 0 to 1; 0.04 is too little.
     np.testing.assert_allclose(drawn, [[0, 3, 0, 0, 1.3], [0, 0, 4, 0, 2.2]])
     assert bar.get_ylim() == (0, 0.5)

@@ -34,10 +34,10 @@ def strict():
 @pytest.fixture
 def walks():
     """Four people [4, 8, 2], and the same with one coordinate of the second missing at a time."""
-    whole = np.random.default_rng(0).normal(0, 0.3, (4, STEPS + 1, 2)).cumsum(axis=1)
-    gappy = whole.copy()
+    complete = np.random.default_rng(0).normal(0, 0.3, (4, STEPS + 1, 2)).cumsum(axis=1)
+    gappy = complete.copy()
     gappy[1, GAP, 0] = np.nan
-    return whole, gappy
+    return complete, gappy
 
 
 def pairs_of_the_second(steps=STEPS):
@@ -50,10 +50,10 @@ def pairs_of_the_second(steps=STEPS):
 @pytest.mark.parametrize("convention", literal.CONVENTIONS)
 @pytest.mark.parametrize("calculus", [*literal.CALCULI, "argd", "mos"])
 def test_a_state_is_absent_at_both_steps_of_a_gap_and_no_other_changes(walks, calculus, convention):
-    whole, gappy = (observe(x[:, None], x, calculus, convention=convention) for x in walks)
+    complete, gappy = (observe(x[:, None], x, calculus, convention=convention) for x in walks)
     absent = pairs_of_the_second()
     assert (np.asarray(gappy)[absent] == ABSENT).all()
-    np.testing.assert_array_equal(gappy[~absent], whole[~absent])
+    np.testing.assert_array_equal(gappy[~absent], complete[~absent])
     rows = np.asarray(state_index(calculus, gappy))
     assert (rows[absent] == len(all_states(calculus))).all()
     assert rows[~absent].max() < len(all_states(calculus))
@@ -70,26 +70,26 @@ def test_soft_symbols_have_no_probability_and_gradients_of_zero(walks, straight_
         probabilities = soft_symbols(positions[:, None], positions, **arguments)
         return (soft_alpha(probabilities) + soft_alpha(probabilities, table)).sum()
 
-    whole, gappy = (np.asarray(soft_symbols(x[:, None], x, **options)) for x in walks)
+    complete, gappy = (np.asarray(soft_symbols(x[:, None], x, **options)) for x in walks)
     absent = pairs_of_the_second()
     assert not gappy[absent].any()
     assert not np.asarray(soft_alpha(gappy))[absent].any()
-    np.testing.assert_array_equal(gappy[~absent], whole[~absent])
-    gradient, by_temperature = jax.grad(total, argnums=(0, 1))(jnp.asarray(walks[1]), 0.05)
+    np.testing.assert_array_equal(gappy[~absent], complete[~absent])
+    gradient, temperature_gradient = jax.grad(total, argnums=(0, 1))(jnp.asarray(walks[1]), 0.05)
     assert np.isfinite(gradient).all()
     assert not np.asarray(gradient[1, GAP]).any()
     assert np.asarray(gradient[1, GAP + 1]).any()
-    assert np.isfinite(by_temperature)
+    assert np.isfinite(temperature_gradient)
 
 
 @pytest.mark.parametrize("text", [*WEIGHTINGS, "soft,learned=true", "quantised,learned=true"])
 def test_alpha_is_zero_there_and_nobody_elses_changes(walks, text):
     weigh = make_weighting(text)
-    whole, gappy = (np.asarray(weigh(positions)) for positions in walks)
+    complete, gappy = (np.asarray(weigh(positions)) for positions in walks)
     absent = pairs_of_the_second(STEPS + 1)
     assert not gappy[absent].any()
     if text != "shuffled":  # It gives a pair the weights of another one.
-        np.testing.assert_array_equal(gappy[~absent], whole[~absent])
+        np.testing.assert_array_equal(gappy[~absent], complete[~absent])
     gradient = jax.grad(lambda positions: weigh(positions).sum())(jnp.asarray(walks[1]))
     assert np.isfinite(gradient).all()
     assert not np.asarray(gradient[1, GAP]).any()
