@@ -1,15 +1,10 @@
-from .curves import plot_calibration as plot_calibration
-from .curves import plot_event_errors as plot_event_errors
 from .curves import plot_horizon_errors as plot_horizon_errors
 from .curves import plot_training as plot_training
-from .forecasts import plot_anchors as plot_anchors
 from .forecasts import plot_forecasts as plot_forecasts
-from .forecasts import plot_occupancy as plot_occupancy
 from .style import PALETTE as PALETTE
 from .style import model_looks as model_looks
 from .style import save_figure as save_figure
 from .style import use_style as use_style
-from .tracks import plot_alpha as plot_alpha
 from .tracks import plot_pairs as plot_pairs
 from .tracks import plot_tracks as plot_tracks
 from .tracks import read_underlay as read_underlay

@@ -1,4 +1,4 @@
-"""Curves: errors by horizon and by event, calibration, and training runs."""
+"""Curves: errors by horizon, and training runs."""
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.plotting import style
 
-__all__ = ["draw_horizon", "plot_calibration", "plot_event_errors", "plot_horizon_errors"]
-__all__ += ["plot_training"]
+__all__ = ["draw_horizon", "plot_horizon_errors", "plot_training"]
 
 Curve = tuple[Sequence[float], Sequence[float]]
 """Steps and values."""
@@ -50,48 +49,6 @@ def draw_horizon(axes: Axes, errors: Mapping[str, ArrayLike], period: float) -> 
         if bounds:
             axes.fill_between(seconds, *bounds, color=looks[name]["color"], alpha=0.2, linewidth=0)
     axes.set(xlim=(0, None), ylim=(0, None))
-
-
-def plot_event_errors(
-    events: Sequence[str], errors: Mapping[str, ArrayLike], label: str = "joint ADE [m]"
-) -> Figure:
-    """Errors of models for the people to whom an event happens, a row an event.
-
-    Args:
-        events: E names, such as "overtaking (31 people)".
-        errors: [E], or [3, E] with the bounds of an interval, by the model's name.
-        label: name of the error, with its unit.
-    """
-    figure, ((axes,),) = style.new_figure(style.COLUMN, 0.7 + 0.3 * len(events))
-    rows = np.arange(len(events))
-    for number, (name, look) in enumerate(style.model_looks(errors).items()):
-        mean, *bounds = np.atleast_2d(np.asarray(errors[name], float))
-        place = rows + 0.16 * (number - (len(errors) - 1) / 2)
-        if bounds:
-            axes.hlines(place, *bounds, color=look["color"], linewidth=1.2)
-        axes.plot(mean, place, "o", color=look["color"], markersize=3.5, label=name)
-    axes.set_yticks(rows, events)
-    axes.set(xlim=(0, None), ylim=(len(rows) - 0.5, -0.5))
-    style.dress(axes, label)
-    return style.add_legend(figure, axes)
-
-
-def plot_calibration(nominal: ArrayLike, observed: Mapping[str, ArrayLike]) -> Figure:
-    """Coverage that regions should have against the coverage that they have.
-
-    A curve below the diagonal is overconfident, one above is too wide.
-
-    Args:
-        nominal: [L] shares of the truth that the regions should hold.
-        observed: [L] shares that they hold, by the model's name.
-    """
-    figure, ((axes,),) = style.new_figure(style.COLUMN, style.COLUMN)
-    axes.plot([0, 1], [0, 1], color=style.INK, linewidth=0.8, label="calibrated")
-    for name, look in style.model_looks(observed).items():
-        axes.plot(nominal, observed[name], label=name, linewidth=1.6, marker="o", ms=2.5, **look)
-    axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
-    style.dress(axes, "nominal coverage", "observed coverage")
-    return style.add_legend(figure, axes)
 
 
 def plot_training(

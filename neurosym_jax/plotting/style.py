@@ -13,16 +13,14 @@ from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import new_file
 
-__all__ = ["COLUMN", "ENDINGS", "INK", "LABEL", "PALETTE", "SEQUENTIAL", "SMALL", "TRUTH", "WIDTH"]
+__all__ = ["COLUMN", "ENDINGS", "INK", "LABEL", "PALETTE", "SMALL", "TRUTH", "WIDTH"]
 __all__ += ["Style", "add_legend", "colour_bar", "dress", "dress_floor", "model_looks"]
 __all__ += ["new_figure", "save_figure", "use_style"]
 
@@ -43,8 +41,6 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4
 BLUE, RED, GREEN, PURPLE, AMBER, SKY, GREY = PALETTE
 INK = "#222222"
 """Colour of observed paths and text."""
-SEQUENTIAL = LinearSegmentedColormap.from_list("blues", colormaps["Blues"](np.linspace(0.15, 1)))
-"""Colours of values from little to much, which all can be seen on white."""
 TRUTH = GREEN
 """Colour of the true future, as in the live view."""
 

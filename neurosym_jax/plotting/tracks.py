@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from numpy.typing import ArrayLike
@@ -23,7 +22,7 @@ from neurosym_jax.plotting.forecasts import draw_paths, draw_scene
 from neurosym_jax.symbolic.states import state_texts
 from neurosym_jax.symbolic.weighting import is_constant
 
-__all__ = ["plot_alpha", "plot_pairs", "plot_tracks", "read_underlay"]
+__all__ = ["plot_pairs", "plot_tracks", "read_underlay"]
 
 PANELS = 24
 """Recordings that a figure has room for."""
@@ -151,36 +150,3 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
         image.set_visible(False)  # One colour would show nothing: the title says so.
         return figure
     return style.colour_bar(figure, image, when, "alpha")
-
-
-def plot_alpha(observed: ArrayLike, alpha: ArrayLike) -> Figure:
-    """Weights of pairs on a still scene: arrows from each person to those who count for them.
-
-    Weights below a tenth of the largest one have no arrow; the arrows of both ways lie apart.
-
-    Args:
-        observed: [N, obs_len, 2] metres.
-        alpha: [N, N] the weight of j for i: alpha, or an attention's.
-    """
-    past, share = np.asarray(observed, float), np.abs(np.asarray(alpha, float))
-    share = np.where(np.eye(len(share), dtype=bool), 0, share)
-    largest = share.max() or 1.0
-    share /= largest
-    figure, ((axes,),) = style.new_figure(style.COLUMN, 3.0)
-    draw_paths(axes, past[:, -3:], color=style.INK, lw=1.2)
-    last = past[:, -1]
-    axes.plot(*last.T, "o", color=style.INK, ms=4, zorder=4)
-    for person, place in enumerate(last):
-        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}
-        axes.annotate(f"{person}", place, (5, 4), zorder=5, **BESIDE, color=style.INK, bbox=box)
-    for flat in share.argsort(axis=None, kind="stable"):  # The largest on top.
-        i, j = np.unravel_index(flat, share.shape)
-        if share[i, j] >= 0.1:
-            look = {"arrowstyle": "-|>", "connectionstyle": "arc3,rad=0.15", "shrinkA": 4}
-            look |= {"lw": 0.4 + 1.8 * share[i, j], "shrinkB": 4}
-            colour = style.SEQUENTIAL(share[i, j])
-            axes.annotate("", last[j], last[i], arrowprops={**look, "color": colour})
-    axes.margins(0.12)
-    style.dress_floor(axes)
-    scale = ScalarMappable(Normalize(0, largest), style.SEQUENTIAL)
-    return style.colour_bar(figure, scale, axes, "weight")

@@ -109,16 +109,6 @@ DRAWN = {
         {"SGAN": [[0.5, 0.2], [1.0, 0.4]], "cv": [[0.5, 0.2], [1.0, 0.8]]},
         ["cv", "SGAN"],  # The worst first.
     ),
-    "errors by event": (
-        lambda: plotting.plot_event_errors(["crossing (3)", "passing (4)"], ERRORS),
-        {"SGAN": [[0.2, -0.08], [0.4, 0.92]], "cv": [[0.2, 0.08], [0.8, 1.08]]},
-        ["SGAN", "cv"],
-    ),
-    "calibration": (
-        lambda: plotting.plot_calibration([0.5, 0.9], {"SGAN": [0.4, 0.7]}),
-        {"SGAN": [[0.5, 0.4], [0.9, 0.7]], "calibrated": [[0, 0], [1, 1]]},
-        ["calibrated", "SGAN"],
-    ),
     "training": (
         lambda: plotting.plot_training(LOSSES, {"ADE": ([0, 100], [0.8, 0.5])}, "run"),
         # The running mean of a straight line is that line, centred, without its ends.
@@ -138,22 +128,13 @@ def test_curves(name):
     assert_neat(figure)
 
 
-def test_intervals_are_bands_by_horizon_and_lines_by_event():
-    horizon_axes, event_axes = (
-        DRAWN[f"errors by {kind}"][0]().axes[0] for kind in ("horizon", "event")
-    )
-    (band,) = horizon_axes.collections
+def test_intervals_are_bands():
+    axes = DRAWN["errors by horizon"][0]().axes[0]
+    (band,) = axes.collections
     corners = {tuple(np.round(corner, 6)) for corner in band.get_paths()[0].vertices}
     assert corners == {(0.5, 0.1), (0.5, 0.4), (1.0, 0.3), (1.0, 0.7)}
     looks = [look["color"] for look in model_looks(["cv", "SGAN"]).values()]
-    assert [line.get_color() for line in horizon_axes.lines] == looks
-    ends = np.array(event_axes.collections[0].get_segments())[..., 0]
-    np.testing.assert_allclose(ends, [[0.1, 0.4], [0.3, 0.7]])
-    assert [label.get_text() for label in event_axes.get_yticklabels()] == [
-        "crossing (3)",
-        "passing (4)",
-    ]
-    assert event_axes.get_ylim()[0] > event_axes.get_ylim()[1]
+    assert [line.get_color() for line in axes.lines] == looks
 
 
 def test_files_have_the_kind_of_their_name_and_the_style(tmp_path):
@@ -189,38 +170,6 @@ def test_checkpoints_where_they_tell_models_apart(paths, suffixes):
     assert labels(models) == ["cv", *(f"SGAN {name}".strip() for name in suffixes)]
 
 
-def test_occupancy_is_the_probability_that_a_person_is_near():
-    """Two people at two places each: certain where they stand in all samples."""
-    samples = np.zeros((4, 2, 1, 2))
-    samples[:, 0] = [2, 0]
-    samples[:, 1] = [5, 3]
-    samples[0, 1] = [8, 0]
-    places = [[2, 0], [2.25, 0], [2.4, 0], [8, 0], [5, 3], [6.5, 1.5]]
-    for probability, at_8 in ((None, 0.25), ([0.7, 0.1, 0.1, 0.1], 0.7)):
-        axes, _ = plotting.plot_occupancy(np.zeros((2, 3, 2)), samples, probability).axes
-        (floor,) = axes.collections
-        corners = floor.get_coordinates()
-        cells = (corners[:-1, :-1] + corners[1:, 1:]) / 2
-        values = floor.get_array().filled(0)
-        shades = [
-            values[np.unravel_index(i, values.shape)]
-            for i in (np.linalg.norm(cells - place, axis=-1).argmin() for place in places)
-        ]
-        np.testing.assert_allclose(shades, [1, 1, 0, at_8, 1 - at_8, 0], atol=1e-9)
-
-
-def test_anchors_have_the_colour_and_the_bar_of_their_probability():
-    samples = np.arange(3.0)[:, None, None, None] * np.ones((2, 4, 2))
-    where, bars = plotting.plot_anchors(np.zeros((2, 3, 2)), samples, [0.2, 0.7, 0.1]).axes
-    drawn = [(line.get_xdata()[-1], tuple(line.get_color())) for line in where.lines[2:]]
-    heights = {bar.get_facecolor(): (bar.get_x() + 0.4, bar.get_height()) for bar in bars.patches}
-    # The most probable sample is on top.
-    assert [end for end, _ in drawn] == [2, 2, 0, 0, 1, 1]
-    np.testing.assert_allclose(
-        [heights[colour] for _, colour in drawn[::2]], [[3, 0.1], [2, 0.2], [1, 0.7]]
-    )
-
-
 @pytest.mark.parametrize(("people", "title"), [(5, "zara"), (6, "zara, 12 of 15 pairs")])
 def test_the_title_says_how_many_pairs_are_left_out(people, title):
     recording = make_tracks(
@@ -230,17 +179,6 @@ def test_the_title_says_how_many_pairs_are_left_out(people, title):
     axes = plotting.plot_pairs(cut_windows([recording], 1, 1), codes, alpha, "zara").axes[1]
     assert axes.get_title("left") == f"QTC and alpha: {title}"
     assert len(axes.get_yticks()) == min(12, people * (people - 1) // 2)
-
-
-def test_alpha_is_an_arrow_from_the_agent_that_weighs():
-    observed = np.zeros((3, 4, 2)) + np.array([[0, 0], [4, 0], [0, 3]])[:, None]
-    alpha = np.array([[9, 0.5, 0], [0, 9, 0.04], [0.25, 0, 9]])
-    axes, bar = plotting.plot_alpha(observed, alpha).axes
-    arrows = [arrow for arrow in axes.texts if arrow.arrow_patch is not None]
-    drawn = [(*arrow.xyann, *arrow.xy, arrow.arrow_patch.get_linewidth()) for arrow in arrows]
-    # From 2 to 0 by half of the largest, from 0 to 1; 0.04 is too little.
-    np.testing.assert_allclose(drawn, [[0, 3, 0, 0, 1.3], [0, 0, 4, 0, 2.2]])
-    assert bar.get_ylim() == (0, 0.5)
 
 
 @pytest.mark.parametrize("horizon", [0.02, -0.02])
