@@ -1,8 +1,14 @@
 """Errors and warnings about a user's input; commands print each as a single line."""
 
+import contextlib
 import reprlib
+import shlex
+from collections.abc import Iterator
 
-__all__ = ["InputError", "InputWarning", "TrainingError", "brief", "printable"]
+__all__ = ["InputError", "InputWarning", "TrainingError", "brief", "option", "printable"]
+__all__ += ["spoken_as_flags"]
+
+_spoken = {"flags": False}  # of the process: threads read for a command, too
 
 
 class InputError(ValueError):
@@ -15,6 +21,29 @@ class InputWarning(UserWarning):
 
 class TrainingError(InputError):
     """Training cannot continue or be resumed; saved states are kept."""
+
+
+@contextlib.contextmanager
+def spoken_as_flags() -> Iterator[None]:
+    """Let `option` name flags of a command in this context, in place of arguments of Python."""
+    before = _spoken["flags"]
+    _spoken["flags"] = True
+    try:
+        yield
+    finally:
+        _spoken["flags"] = before
+
+
+def option(name: str, value: object = "") -> str:
+    """An option as the caller writes it, for a message: `fps=25`, or `--fps 25` in a command.
+
+    Values of a tuple are texts; without a value only the name is said.
+    """
+    values = value if isinstance(value, tuple) else (value,) if value != "" else ()
+    if _spoken["flags"]:
+        flag = f"--{name.replace('_', '-')}"
+        return " ".join([flag, *(shlex.quote(str(part)) for part in values if part is not True)])
+    return f"{name}={value!r}" if values else name
 
 
 def printable(text: str) -> str:

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from neurosym_jax.errors import InputError, InputWarning, brief
+from neurosym_jax.errors import InputError, InputWarning, brief, option
 
 __all__ = ["Registry", "entry_points", "load_entry_points", "load_plugin", "loaded", "names"]
 
@@ -108,7 +108,7 @@ class Registry(dict[str, T]):
     def __missing__(self, name: str) -> T:
         near = difflib.get_close_matches(str(name)[:80], self, 1)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        known = f"there are {', '.join(self)} (--plugin FILE adds one)"
+        known = f"there are {', '.join(self)} ({option('plugin', 'FILE')} adds one)"
         raise InputError(f"unknown {self.kind} {brief(name)}: {hint}{known}")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import tyro
 
 from neurosym_jax.commands._options import description, short_help, with_file
-from neurosym_jax.errors import InputError, printable
+from neurosym_jax.errors import InputError, printable, spoken_as_flags
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.ending import interruptible
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
@@ -42,7 +42,7 @@ def run_command(
     """
     tune()
     enable_compilation_cache()
-    with interruptible() as signals:
+    with spoken_as_flags(), interruptible() as signals:
         try:
             status = _run(options, action, arguments, prog, prepare)
         except BaseException as error:

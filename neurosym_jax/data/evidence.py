@@ -10,6 +10,7 @@ import polars as pl
 
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import GAP, PERIOD, Tracks
+from neurosym_jax.errors import option
 
 __all__ = ["APART", "DOUBTED", "REFUSED", "apart_of", "judge", "pace_of", "steps_of"]
 
@@ -111,8 +112,10 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[str, bool, str
             guard,
             enough and not REFUSED[0] <= pace <= REFUSED[1] and not (agreed and guard == "slow"),
             f"one step in twenty is faster than {pace:.2f} m/s, of walking people 1.2 to 2.1: is "
-            f"the clock too {guard} (--fps, --time-unit; SGAN's eth needs --eth-stride 6), or are "
-            f"coordinates {unit} (--unit)?" + f" {agreed}" * bool(agreed),
+            f"the clock too {guard} ({option('fps')}, {option('time_unit')}; SGAN's eth needs "
+            f"{option('eth_stride', 6)}), or are coordinates {unit} ({option('unit')})?"
+            + f" {agreed}"
+            * bool(agreed),
         )
     thin = _every_period(tracks)
     length = np.linalg.norm(np.diff(thin.position, axis=0), axis=1)
@@ -131,7 +134,8 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[str, bool, str
     are_whole = np.all(tracks.position == np.rint(tracks.position))
     unscaled = options.unit is None and options.homography is None
     if are_whole and unscaled and len(tracks.id) > 20 and np.ptp(tracks.position) > 20:
-        line = "all coordinates are whole numbers, as pixels are: say --unit m, cm, mm, .."
+        units = f"{option('unit', 'm')}, cm, mm, .."
+        line = f"all coordinates are whole numbers, as pixels are: say {units}"
         yield "pixels", enough, line
     ids, first, count = np.unique(thin.id, return_index=True, return_counts=True)
     last = first + count - 1
@@ -179,7 +183,8 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[str, bool, str
             "near",
             enough and spacing < APART[0],
             f"a quarter of the people are within {spacing:.2f} m of another, usually 0.5 m or "
-            "more: are coordinates more than metres (--unit), or is everybody there twice?",
+            f"more: are coordinates more than metres ({option('unit')}), or is everybody there "
+            "twice?",
         )
     step = np.where(np.isnan(length), np.nan, np.diff(tracks.stamp))
     count = np.isfinite(step).sum()

@@ -13,7 +13,7 @@ from neurosym_jax.data.readers import columns, layouts, storage, thor, trajnet
 from neurosym_jax.data.reading import AS_IT_SAYS, Format, ReadOptions, read_head
 from neurosym_jax.data.schema import names_in_comments, names_tracks
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
-from neurosym_jax.errors import InputError, InputWarning, printable
+from neurosym_jax.errors import InputError, InputWarning, option, printable
 from neurosym_jax.plugins import Registry, load_entry_points
 
 __all__ = ["FORMATS", "data_files", "files_in", "format_of", "is_folder", "read_any"]
@@ -90,11 +90,12 @@ def read_any(
     path = FRAME if is_frame(data) else Path(data)
     form = columns.Columns() if is_frame(data) else format_of(path, options)
     if is_frame(data) and options.format not in (None, "columns"):
-        raise InputError(f"{path}: it is a {form.title}, not --format {options.format}")
-    for option in columns.Columns.uses - form.uses:
-        if getattr(options, option):
-            flag = option.replace("_", "-")
-            raise InputError(f"{path}: --{flag} is of no use for {form.title}, which fixes it")
+        raise InputError(f"{path}: it is a {form.title}, not {option('format', options.format)}")
+    for name in columns.Columns.uses - form.uses:
+        if getattr(options, name):
+            raise InputError(
+                f"{path}: {option(name)} is of no use for {form.title}, which fixes it"
+            )
     if isinstance(form, columns.Columns) and is_frame(data):
         recordings = form.take(table_of(data), options, frame_period)
     else:
@@ -107,7 +108,8 @@ def read_any(
         lines = reading.warnings
         for guard, refused, line in judge(tracks, options):
             if refused and guard not in options.allow:
-                raise InputError(f"{path}: {line} (where it is true all the same: --allow {guard})")
+                waive = option("allow", (guard,))
+                raise InputError(f"{path}: {line} (where it is true all the same: {waive})")
             lines = (*lines, f"allowed {guard}: {line}" if refused else line)
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)

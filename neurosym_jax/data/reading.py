@@ -19,7 +19,7 @@ import numpy as np
 
 from neurosym_jax.configuration import NotNegative, Positive, refuse
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 
 __all__ = ["AS_IT_SAYS", "GUARDS", "Format", "Head", "ReadOptions", "header_in", "metres_in"]
 __all__ += ["read_head", "read_text_file", "separator_of"]
@@ -82,18 +82,19 @@ class ReadOptions:
         Raises:
             InputError: naming the option.
         """
-        refuse(Positive, {"--fps": self.fps, "--eth-stride": self.eth_stride}, optional=True)
-        refuse(NotNegative, {"--max-gap": self.max_gap}, optional=True)
+        rates = {option(name): getattr(self, name) for name in ("fps", "eth_stride")}
+        refuse(Positive, rates, optional=True)
+        refuse(NotNegative, {option("max_gap"): self.max_gap}, optional=True)
         if unknown := [name for name in self.allow if name not in GUARDS]:
-            raise InputError(f"--allow is one of {', '.join(GUARDS)}, not {unknown[0]!r}")
+            raise InputError(f"{option('allow')} is one of {', '.join(GUARDS)}, not {unknown[0]!r}")
         for _, _, unit in (part.rpartition("=") for part in (self.unit or "m").split(",")):
             metres = METRES.get(unit, 0.0)
             with contextlib.suppress(ValueError):
                 metres = metres or float(unit)
             if not 1e-6 <= metres <= 1e4:
                 raise InputError(
-                    f"--unit is one of {', '.join(METRES)}, or metres as a number, not {unit!r} "
-                    "(pixels of 3.2 cm: --unit 0.032)"
+                    f"{option('unit')} is one of {', '.join(METRES)}, or metres as a number, not "
+                    f"{unit!r} (pixels of 3.2 cm: {option('unit', '0.032')})"
                 )
 
     def unit_of(self, recording: str) -> str | None:

@@ -7,13 +7,12 @@ command to paste; it is never read without that.
 import dataclasses
 import functools
 import re
-import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 
 from neurosym_jax.data.proposals import propose
 from neurosym_jax.data.table import Table
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 
 __all__ = [
     "BOX",
@@ -213,18 +212,18 @@ def _refusal(
     """What names leave open, the whole command that values propose, and rows as read so."""
     guess = dict(places) | {role: named[role][0] for role in required if role in named}
     guess |= propose(table, guess)
-    options = " ".join(
-        f"{role}={shlex.quote(column_name(table, at))}"
+    columns = [
+        f"{role}={column_name(table, at)}"
         for role in dict.fromkeys(("time", "frame", *ROLES, *guess))
         if (at := guess.get(role)) is not None
-    )
+    ]
     words = {"time": "time or frame"}
     lacking = [role for role in required if role not in guess]
     lacking = [role for role in lacking if role != "time" or "frame" not in guess]
-    options += "".join(f" {role}={'none' if role == 'id' else ''}" for role in lacking)
+    columns += [f"{role}={'none' if role == 'id' else ''}" for role in lacking]
     error = InputError(
         f"{table.path}: which column is {', '.join(words.get(role, role) for role in required)}? "
-        f"There are {_shown(table)}: say --columns {options}"
+        f"There are {_shown(table)}: say {option('columns', tuple(columns))}"
     )
     if not lacking:
         rows = zip(*(table.column(at).head(5) for at in guess.values()))
@@ -234,7 +233,7 @@ def _refusal(
 
 
 def column_name(table: Table, at: int) -> str:
-    """The name of a column as `--columns` takes it, or its number from 1."""
+    """The name of a column as `columns` takes it, or its number from 1."""
     name = table.names[at]
     plain = name.isprintable() and not name.isdecimal() and list(table.names).count(name) == 1
     return name if plain and name else str(at + 1)

@@ -18,7 +18,7 @@ from neurosym_jax.data.readers import eth_ucy
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.errors import InputError, printable
+from neurosym_jax.errors import InputError, option, printable
 
 __all__ = ["GENERAL", "EthUcy", "Files", "Source", "Synthetic", "data_folder", "find"]
 __all__ += ["licences_of", "open_source", "windows_from"]
@@ -57,7 +57,7 @@ class Source(abc.ABC):
             InputError: for an unknown data set.
         """
         if scene not in self.scenes and (scene != GENERAL or split == "test"):
-            raise InputError(f"unknown scene {scene!r}: there are {', '.join(self.scenes)}")
+            raise InputError(f"unknown data set {scene!r}: there are {', '.join(self.scenes)}")
         return self._on_grid(self._read(scene, split))
 
     def files(self, names: Sequence[str]) -> list[Tracks]:
@@ -92,7 +92,9 @@ class Synthetic(Source):
 
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         if scene == GENERAL:
-            raise InputError(f"{scene} is for models of real people: say of whom with --data")
+            raise InputError(
+                f"{scene} is for models of real people: say of whom with {option('data')}"
+            )
         from neurosym_jax.simulation.scenarios import simulate
 
         seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[split]
@@ -155,8 +157,8 @@ def open_source(
         if not available or not data.is_dir():
             if scene in eth_ucy.SCENES:
                 raise InputError(
-                    f"scene {scene} is of ETH/UCY: say with --data where that is, or fetch it "
-                    "once: python -m neurosym_jax download eth-ucy"
+                    f"data set {scene} belongs to ETH/UCY: say with {option('data')} where that "
+                    "is, or fetch it once: python -m neurosym_jax download eth-ucy"
                 )
             return Synthetic(**shared)
     data = find(data)

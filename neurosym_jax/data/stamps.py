@@ -10,7 +10,7 @@ from neurosym_jax.data.schema import Schema, role_of
 from neurosym_jax.data.table import STEPS, Table
 from neurosym_jax.data.tracks import common
 from neurosym_jax.data.witnesses import velocity_ratio
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 
 __all__ = ["stamps_of", "usual_frames"]
 
@@ -56,12 +56,13 @@ def stamps_of(
             _refuse_other_frames(table, place, stamp, part)
         rate, fps = 1.0, {"the clock": 1.0}
     elif options.time_unit:
-        raise InputError(f"{table.path}: --time-unit is of no use: the column counts frames")
+        raise InputError(f"{table.path}: {option('time_unit')} is of no use: it counts frames")
     else:
         stamp = table.whole_numbers(place)
-        fps = {"--fps": options.fps} if options.fps else {}
+        fps = {option("fps"): options.fps} if options.fps else {}
         if options.eth_stride and table.path.stem.startswith("biwi_eth"):
-            fps = {"--eth-stride": options.eth_stride / period}
+            fps = {option("eth_stride"): options.eth_stride / period}
+        stated = set(fps)
         if "fps" in facts:
             fps[facts["fps_by"]] = float(facts["fps"])
     ratio = velocity_ratio(table, schema, ids, stamp, position)
@@ -92,12 +93,13 @@ def stamps_of(
             )
             if "clock" not in options.allow:
                 raise InputError(
-                    f"{table.path}: {line}: which is right? (--fps, --time-unit, --unit, or "
-                    "--allow clock takes the first)"
+                    f"{table.path}: {line}: which is right? ({option('fps')}, "
+                    f"{option('time_unit')}, {option('unit')}, or {option('allow', ('clock',))} "
+                    "takes the first)"
                 )
             warnings.append(f"allowed clock: {line}")
         if schema.clock == "frame":
-            if witness[:2] != "--":
+            if witness not in stated:
                 notes.append(f"{rate:g} frames a second ({witness})")
             # In this order 10 frames at 25 a second are 0.4 s exactly.
             stamp = stamp / (rate * period) * period
@@ -106,7 +108,8 @@ def stamps_of(
     elif schema.clock == "frame":
         if schema.in_picture and np.any(np.diff(np.unique(stamp)) == 1):
             raise InputError(
-                f"{table.path}: it has every frame of a video: say how many a second (--fps 30)"
+                f"{table.path}: it has every frame of a video: say how many a second "
+                f"({option('fps', 30)})"
             )
         stamp = usual_frames(table, stamp, ids) * period
     return stamp, warnings, notes
@@ -127,7 +130,7 @@ def usual_frames(
     if not any_step and stride not in STEPS:
         raise InputError(
             f"{table.path}: its frames are {stride:g} apart, at 25 a second {stride / 25:.2f} s: "
-            "say how many make a second (--fps 25)"
+            f"say how many make a second ({option('fps', 25)})"
         )
     return frame / stride
 
@@ -138,10 +141,11 @@ def _seconds(
     """[R] seconds in a column of times."""
     path, name, unit = table.path, table.names[place], options.time_unit
     if options.fps is not None:
-        raise InputError(f"{path}: --fps counts frames, and {name!r} is a time")
+        raise InputError(f"{path}: {option('fps')} counts frames, and {name!r} is a time")
     if named in _SECONDS:
         if unit and unit != named:
-            raise InputError(f"{path}: the name {name!r} says {named}, --time-unit {unit}")
+            stated = option("time_unit", unit)
+            raise InputError(f"{path}: the name {name!r} says {named}, {stated}")
         if unit is None and named != "s":
             notes.append(f"times in {named} (the name {name!r})")
         unit = named
@@ -155,8 +159,9 @@ def _seconds(
     counts = np.unique(stamp)
     if not unit and len(counts) > 10 and (counts == np.rint(counts)).all():
         raise InputError(
-            f"{path}: all of {name!r} are whole numbers: do they count frames (--columns "
-            f"frame={name} --fps 25), or is that their unit (--time-unit s or ms)?"
+            f"{path}: all of {name!r} are whole numbers: do they count frames "
+            f"({option('columns', (f'frame={name}',))} {option('fps', 25)}), or is that their unit "
+            f"({option('time_unit', 's')} or ms)?"
         )
     return stamp
 
@@ -176,5 +181,5 @@ def _refuse_other_frames(table: Table, clock: int, stamp: np.ndarray, part: np.n
             frames, times = table.names[places[0]], table.names[clock]
             raise InputError(
                 f"{table.path}: columns {frames!r} and {times!r} disagree: say which is right, "
-                f"--columns frame={frames} or time={times}"
+                f"{option('columns', (f'frame={frames}',))} or time={times}"
             )

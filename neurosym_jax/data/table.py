@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.data.reading import header_in, read_text_file, separator_of
 from neurosym_jax.data.tracks import Reading, Tracks, make_tracks
-from neurosym_jax.errors import InputError, printable
+from neurosym_jax.errors import InputError, option, printable
 
 __all__ = ["STEPS", "Table", "absent", "read_table"]
 
@@ -55,6 +55,10 @@ class Table:
     def column(self, place: int) -> pl.Series:
         """[R] texts of a column, without blanks and quotes around them."""
         return self.fields.list.get(place).str.strip_chars(BLANKS)
+
+    def words(self, place: int) -> pl.Series:
+        """[R] texts of a column in lower-case letters."""
+        return self.column(place).str.to_lowercase()
 
     def numbers(self, *places: int, missing: bool = False) -> np.ndarray:
         """[R, columns] finite float64; if fields may be `missing`, empty ones and nan are NaN."""
@@ -220,8 +224,8 @@ def read_table(
     table.refuse(
         widths != len(names),
         lambda at: (
-            f"{widths[at]} columns, not {len(names)}: {lines[at][:60]!r} (--format, or --columns "
-            "time=1 id=2 x=3 y=4, says what they are)"
+            f"{widths[at]} columns, not {len(names)}: {lines[at][:60]!r} ({option('format')}, or "
+            f"{option('columns', ('time=1', 'id=2', 'x=3', 'y=4'))}, says what they are)"
         ),
     )
     return table

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.errors import InputError, printable
+from neurosym_jax.errors import InputError, option, printable
 from neurosym_jax.scene import refuse_masked
 
 __all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Reading", "Tracks", "describe_readings"]
@@ -107,10 +107,10 @@ def make_tracks(
         ("id", ids, are_whole),
     ):
         if not np.all(usable):
-            at = int(np.argmin(usable))
+            at, seconds = int(np.argmin(usable)), f" of seconds ({option('time_unit')}?)"
             raise InputError(
                 f"{where}: row {at if row is None else row[at]}: {name} {values[at]} is not a "
-                f"usable number{' of seconds (--time-unit?)' * (name == 'time')}"
+                f"usable number{seconds * (name == 'time')}"
             )
     tracks = Tracks(recording, times, ids.astype(np.int64), points, others, reading=reading)
     return tracks.take(_order(where, times, tracks.id, row))

@@ -14,7 +14,7 @@ import numpy as np
 
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 from neurosym_jax.scene import Scene, displacements, model_dtype, relative_positions, scene_identity
 
 __all__ = ["Batch", "Windows", "bucket_of", "cut_windows", "gather_scenes", "make_batches"]
@@ -98,7 +98,7 @@ def cut_windows(
     if not any(part.scenes for part in parts):
         raise InputError(
             f"{names}: no {obs_len + pred_len} consecutive steps have at least {min_agents} people "
-            "throughout (longer gaps than --max-gap are not filled)"
+            f"throughout (longer gaps than {option('max_gap')} are not filled)"
         )
     sizes = np.concatenate([part.sizes for part in parts])
     return Windows(

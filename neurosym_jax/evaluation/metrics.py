@@ -37,7 +37,7 @@ class Metric:
     higher_is_better: bool | None = False
     """None where neither is better; no model is marked as the best then."""
     by_default: bool = True
-    """Whether it is computed without being named (`--metrics`)."""
+    """Whether it is computed without being named (`metrics`)."""
     moves: bool = False
     """Whether `forecast` is how far each sample moves when an agent's neighbours are there."""
     weighted: bool = False

@@ -10,7 +10,7 @@ from neurosym_jax.data.leakage import seen_before
 from neurosym_jax.data.sources import GENERAL, EthUcy, Source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputError, InputWarning, option
 from neurosym_jax.evaluation.forecasts import Forecasts
 from neurosym_jax.forecasting.forecaster import FORECASTERS
 from neurosym_jax.forecasting.model import Model
@@ -89,7 +89,8 @@ def make_plan(
         InputError: for a model that does not match, or an unknown dataset or baseline.
     """
     if dataset is not None and test_on:
-        raise InputError("--dataset and --test-on name two test sets: give one of them")
+        names = f"{option('dataset')} and {option('test_on')}"
+        raise InputError(f"{names} name two test sets: give one of them")
     if dataset is not None and dataset not in source.scenes:
         raise InputError(f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}")
     everywhere = ("+".join(test_on),) if test_on else (dataset,) if dataset else source.scenes
@@ -133,19 +134,18 @@ def _contradiction(
     config = model.config
     if reason := model.forecaster.unfit:
         return reason
-    for option, requested, has in (
-        ("obs-len", obs_len, config.obs_len),
-        ("pred-len", pred_len, config.pred_len),
-    ):
-        if requested not in (None, has):
-            return f"has {option.replace('-', '_')} {has}, but --{option} {requested} is asked for"
+    for name, requested in (("obs_len", obs_len), ("pred_len", pred_len)):
+        if requested not in (None, own := getattr(config, name)):
+            return f"has {name} {own}, but {option(name, requested)} is asked for"
     if model.dataset == GENERAL and isinstance(source, EthUcy) and not test_on:
         where = "learned from all of ETH/UCY, so it would be tested"
     elif dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
-        where = f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it"
+        tested = option("dataset", dataset)
+        where = f"leaves {model.dataset} out of its training, so {tested} would test it"
     else:
         return None
-    return f"{where} on what it was trained on (--test-on with file names does so all the same)"
+    hint = f"{option('test_on')} with file names does so all the same"
+    return f"{where} on what it was trained on ({hint})"
 
 
 def baselines_of(
@@ -228,9 +228,10 @@ def make_test(
             first = dataclasses.replace(first, warnings=(*first.warnings, line))
             windows = dataclasses.replace(windows, reading=(first, *others))
         if (path or model.params) and abs(period - windows.period) > 0.01 * period:
+            resample = option("period", round(period, 6))
             line = (
                 f"{name}: was trained on steps of {period:g} s and is tested on steps of "
-                f"{windows.period:g} s (--period {period:g} resamples the recordings)"
+                f"{windows.period:g} s ({resample} resamples the recordings)"
             )
             warnings.warn(line, InputWarning, stacklevel=2)
     return Test(test_set, entries, windows)

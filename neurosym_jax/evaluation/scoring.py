@@ -146,10 +146,9 @@ def _evaluation(
     index = np.concatenate([batch.index for batch in batches])
     order = np.argsort(index, kind="stable")[(index < 0).sum() :]
     scores = {
-        name: Score(
-            *(np.concatenate(columns)[order] for columns in zip(*(part[name] for part in parts)))
-        )
+        name: Score(*(np.concatenate(arrays)[order] for arrays in zip(*scores_of_batches)))
         for name in parts[0]
+        if (scores_of_batches := [part[name] for part in parts])
     }
     agents = sum(int(batch.scene.valid.sum()) for batch in batches)
     return Evaluation(scores, agents, samples, time.perf_counter() - start)
@@ -243,30 +242,24 @@ def score_scenes(
     """
     scenes = scenes.replace(origin=None, identity=None)
     arguments = (samples, moves, scenes, probability)
-    sums = _traced(tuple(entry for entry in metrics if not entry[1].on_host), *arguments)
+    sums = _traced(tuple(named for named in metrics if not named[1].on_host), *arguments)
     for name, metric in metrics:
         if metric.on_host:
             values, weights = map(np.asarray, _computed(name, metric, *arguments))
             sums[name] = _summed(name, values, weights, scenes, np)
-    return {
-        name: Score(*(np.asarray(pair, np.float64) for pair in sums[name])) for name, _ in metrics
-    }
+    return {name: Score(*(np.asarray(part, float) for part in sums[name])) for name, _ in metrics}
 
 
 @functools.partial(jax.jit, static_argnums=0)
 def _traced(metrics: Metrics, samples: Any, moves: Any, scenes: Scene, probability: Any) -> Any:
     """(total [B] or [B, T], count [B]) of each of `metrics` by name, see `score_scenes`."""
 
-    def score_one_scene(*arguments: Any) -> dict[str, Any]:
-        return {
-            entry[0]: tuple(map(jnp.asarray, _computed(*entry, *arguments))) for entry in metrics
-        }
+    def score_one_scene(*scene: Any) -> dict[str, Any]:
+        computed = {name: _computed(name, metric, *scene) for name, metric in metrics}
+        return jax.tree.map(jnp.asarray, computed)
 
     parts = jax.vmap(score_one_scene, in_axes=(1, 1, 0, 1))(samples, moves, scenes, probability)
-    return {
-        name: _summed(name, weighted[0], weighted[1], scenes, jnp)
-        for name, weighted in parts.items()
-    }
+    return {name: _summed(name, *part, scenes, jnp) for name, part in parts.items()}
 
 
 def _computed(

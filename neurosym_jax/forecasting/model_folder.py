@@ -23,7 +23,7 @@ import yaml
 
 from neurosym_jax.configuration import Checked, from_json, parse_json, to_json
 from neurosym_jax.data.leakage import is_fingerprint
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 from neurosym_jax.forecasting.forecaster import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import RECOMMENDED, find_model, models_at_hand
@@ -180,8 +180,9 @@ def _read(folder: Path) -> Model:
     try:
         config = from_json(FORECASTERS[fields.forecaster].Config, fields.config, CONFIG)
     except InputError as error:
-        absent = [f" --plugin {name}" for name in fields.plugins if name not in names(loaded())]
-        hint = f"; it was trained with{''.join(absent)}" if absent else ""
+        absent = [name for name in fields.plugins if name not in names(loaded())]
+        plugins = " ".join(option("plugin", name) for name in absent)
+        hint = f"; it was trained with {plugins}" if absent else ""
         raise InputError(f"{error}{hint}") from None
     try:
         parameters = nested_parameters(load_file(folder / PARAMS))

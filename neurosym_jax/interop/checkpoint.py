@@ -100,7 +100,7 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
     if refused := [name for name in unknown if ignored is not None and name not in ignored]:
         raise InputError(
             f"unknown argument {brief(refused[0])}, which may change the network: if it does not, "
-            f"`neurosym convert --ignore-arg {refused[0][:80]}`"
+            f"`ignored` names it (neurosym convert --ignore-arg {refused[0][:80]})"
         )
     for name, tensor in contents["g_state"].items():
         if not isinstance(name, str) or not isinstance(tensor, np.ndarray):

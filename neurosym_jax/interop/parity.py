@@ -19,7 +19,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, refuse
-from neurosym_jax.errors import InputError, brief
+from neurosym_jax.errors import InputError, brief, option
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.forecasting.model import Model, refuse_other_length
 from neurosym_jax.interop import torch_side
@@ -120,7 +120,7 @@ def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: in
     """
     file, _, name = module.rpartition(":")
     if not name.isidentifier() or not Path(file).is_file():
-        raise InputError(f"--torch-module {module}: must be FILE.py:CLASS")
+        raise InputError(f"{option('torch_module', module)}: must be FILE.py:CLASS")
     # As text: the folder of a file that is run comes first where Python looks for modules.
     script = Path(torch_side.__file__).read_text(encoding="utf-8")
     paths = (path.resolve() for path in (Path(file), checkpoint, out))
@@ -129,10 +129,10 @@ def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: in
             [python, "-c", script, *paths, name, str(seed)], capture_output=True, text=True
         )
     except OSError as error:
-        raise InputError(f"--python {python}: {error.strerror}") from None
+        raise InputError(f"{option('python', python)}: {error.strerror}") from None
     if done.returncode:
         messages = done.stderr.strip().splitlines() or ["no reason given"]
-        raise InputError(f"--python {python}: {module} failed: {messages[-1][:400]}")
+        raise InputError(f"{python}: {module} failed: {messages[-1][:400]}")
 
 
 def compare(

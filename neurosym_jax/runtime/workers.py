@@ -13,7 +13,7 @@ from unittest import mock
 
 import jax
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 from neurosym_jax.plugins import load_entry_points, load_plugin, loaded
 from neurosym_jax.runtime.ending import SIGNALS, when_ended
 from neurosym_jax.runtime.process import cpu_cores, enable_compilation_cache, tune
@@ -84,11 +84,12 @@ def cluster_map(address: str) -> Iterator[Map]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--cluster needs Dask: pip install 'neurosym-jax[cluster]'") from None
+        raise InputError("a cluster needs Dask: pip install 'neurosym-jax[cluster]'") from None
     try:
         client = Client(address, timeout=10, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(f"--cluster {address}: no Dask scheduler answers ({error})") from None
+        cluster = option("cluster", address)
+        raise InputError(f"{cluster}: no Dask scheduler answers ({error})") from None
     with client:
         workers: Any = client.nthreads()
         print(f"cluster: {len(workers)} workers", file=sys.stderr)

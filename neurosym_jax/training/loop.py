@@ -20,7 +20,7 @@ from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import fingerprint
 from neurosym_jax.data.sources import licences_of
 from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
-from neurosym_jax.errors import InputError, TrainingError
+from neurosym_jax.errors import InputError, TrainingError, option
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
@@ -146,16 +146,16 @@ def _begin(
     """The state, the best parameters and the rows so far; `record` of a run to be resumed."""
     state = run.init_state()
     best = _kept(run, state)
-    restored = restore_state(folder / "checkpoints", (state, best))
+    restored, again = restore_state(folder / "checkpoints", (state, best)), option("resume", True)
     if restored is None and (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
     if restored is None and record is None and any((folder / "checkpoints").glob("damaged_*")):
-        raise InputError(f"{folder}: holds a run whose states are damaged; --resume begins it anew")
+        raise InputError(f"{folder}: holds a run whose states are damaged; {again} begins it anew")
     rows: list[Row] = []
     if restored is not None:
         (state, best), before = restored
         if record is None:
-            raise InputError(f"{folder}: holds a run at step {state.step}; --resume continues it")
+            raise InputError(f"{folder}: holds a run at step {state.step}; {again} continues it")
         _refuse_other_run(before, record, folder)
         rows = before["rows"]
     if run.options:

@@ -17,7 +17,7 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.data.sources import Source
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 from neurosym_jax.evaluation import plan, report, results
 from neurosym_jax.evaluation.intervals import ErrorsByScene, mean_difference, paired_difference
 from neurosym_jax.evaluation.markdown import markdown_table
@@ -74,7 +74,9 @@ class SweepRun(NamedTuple):
         if finished or (self.folder / "checkpoints").exists():
             recipe = self.folder / RECIPE
             if not recipe.exists() or recipe.read_text() != self.options:
-                raise InputError(f"{recipe}: the run had other options: choose another --out")
+                raise InputError(
+                    f"{recipe}: the run had other options: choose another {option('out')}"
+                )
         return finished
 
 
@@ -192,7 +194,7 @@ def compare_sweep(
     """
     target = out or sweep / "report.md"
     if target.suffix != ".md":
-        raise InputError(f"--out {target}: must end in .md")
+        raise InputError(f"{option('out', str(target))}: must end in .md")
     refuse_unwritable(target)
     rows = report.read_report(sweep / "sweep.json")
     runs = _read(sweep, rows, pred_len)
@@ -229,7 +231,9 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
         trained = trained.filter(pl.col("pred_len") == pred_len)
     horizons = sorted(trained.select("obs_len", "pred_len").unique().rows())
     if len(horizons) != 1:
-        raise InputError(f"horizons in the sweep: {horizons or 'none'}; --pred-len chooses one")
+        raise InputError(
+            f"horizons in the sweep: {horizons or 'none'}; {option('pred_len')} chooses one"
+        )
     runs: Runs = {}
     columns = trained.select("at", "model", "dataset", "training_seed")
     try:
@@ -251,7 +255,8 @@ def _reference(against: str | None, models: Sequence[str]) -> str:
     matches = [model for model in models if model == name]
     matches = matches or [model for model in models if model.endswith(f", {name}")]
     if len(models) < 2 or len(matches) != 1:
-        hint = "--against names the one that others are compared with, by its title or weighting"
+        hint = "names the one that others are compared with, by its title or weighting"
+        hint = f"{option('against')} {hint}"
         problem = hint if len(models) > 1 else "a report compares two models or more"
         raise InputError(f"{problem}: there are {'; '.join(models)}")
     return matches[0]

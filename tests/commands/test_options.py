@@ -56,7 +56,7 @@ FLOOR = f"{FIGURE} --underlay {{d}}/%s/floor.png {{d}}/%s.h"
 
 
 def added(arguments: str, base: str = "") -> dict[str, Case]:
-    """A case for each option of `said`, which is added to `base` or to that of the command."""
+    """A case for each option of `arguments`, which is added to `base` or to that of the command."""
     parts = re.split(r" (?=--)", arguments)
     names = ["--" + part.split()[0].removeprefix("--").removeprefix("no-") for part in parts]
     return {name: (base, f"{base} {part}") if base else part for name, part in zip(names, parts)}
@@ -219,9 +219,16 @@ def inner(data):
     }
 
 
-@pytest.mark.parametrize(
-    ("command", "option"), [(name, option) for name in CORE for option in options_of(name)]
-)
+def cases():
+    """Every option of every command; those of reading, which all pass on alike, in one and by one."""
+    for command in CORE:
+        for option in options_of(command):
+            again = option in READ and command != "evaluate" and option != "--unit"
+            marks = [pytest.mark.exhaustive] if again else []
+            yield pytest.param(command, option, marks=marks)
+
+
+@pytest.mark.parametrize(("command", "option"), cases())
 def test_it_changes_what_is_done(command, option, data, inner, tmp_path, capsys):
     case = CASES[command][option]
     assert_it_matters(command, BASE[command], case, inner[command], data, tmp_path, capsys)
@@ -297,7 +304,7 @@ REFUSED = {
     "symbols --forecast --samples 0": "--samples must be at least 1",
     "symbols --forecast": "--forecast needs a --model",
     "symbols --weighting cdn": "unknown weighting 'cdn'",
-    "symbols --dataset moon": "unknown scene 'moon'",
+    "symbols --dataset moon": "unknown data set 'moon'",
     "symbols {d}/a/walk.txt --window 59": "--window must lie in [0, 59), not 59",
     "parity cases --seed 1": "--seed: has no effect on stored cases",
     "download thor --mirror a": "--mirror: has no effect on THÖR",

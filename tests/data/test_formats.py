@@ -118,7 +118,7 @@ REFUSALS = [
     ("text", f"{2**54} 1 2 3\n", "is not a whole number"),
     ("text", "", "the file has no rows"),
     ("text", "0 1 2 3\n1 1 2\n", r"row 2: 3 columns, not 4: '1 1 2'"),
-    ("text", "0 1 2\n1 1 2\n", r"row 1: 3 columns, not 4: '0 1 2' \(--format, or --columns time=1"),
+    ("text", "0 1 2\n1 1 2\n", r"row 1: 3 columns, not 4: '0 1 2' \(format, or columns=\('time=1'"),
     ("text", "0,1,,3\n", "row 1: x is not a number: ''"),
     ("text", "# a comment\n\n0 1 2 3\n1 1 2 x4\n", "row 4: y is not a number: 'x4'"),
     ("text", "0 1 2 3\n1 2 2 3\n0 1 5 5\n", "row 3: repeats agent 1 at 0 s"),
@@ -166,10 +166,10 @@ def test_refusals(tmp_path, kind, text, message):
     [
         ({"columns": ("x=px",)}, "no column 'px': which column is x. There are 't', 'id', 'x'"),
         ({"columns": ("time",)}, "columns are given as time="),
-        ({"fps": float("nan")}, "--fps must be"),
-        ({"max_gap": -1.0}, "--max-gap must be at least 0"),
-        ({"format": "qtm", "unit": "cm"}, "--unit is of no use for QTM export"),
-        ({"format": "text", "time_unit": "ms"}, "--time-unit is of no use for rows of"),
+        ({"fps": float("nan")}, "fps must be"),
+        ({"max_gap": -1.0}, "max_gap must be at least 0"),
+        ({"format": "qtm", "unit": "cm"}, "unit is of no use for QTM export"),
+        ({"format": "text", "time_unit": "ms"}, "time_unit is of no use for rows of"),
     ],
 )
 def test_options(tmp_path, options, message):

@@ -87,7 +87,7 @@ def test_wherever_recordings_are_taken(tmp_path):
         windows_from(data, 8, 8, read=ReadOptions(**options)) for data in (frame, [frame, path])
     ]
     assert windows[1].agents == 2 * windows[0].agents > 0
-    with pytest.raises(InputError, match=r"dataframe: it is a table with .*, not --format text"):
+    with pytest.raises(InputError, match=r"dataframe: it is a table with .*, not format='text'"):
         read_any(frame, ReadOptions(format="text"))
     with pytest.raises(InputError, match="dataframe: has no rows"):
         read_any(frame[:0])

@@ -10,7 +10,7 @@ from neurosym_jax.data.leakage import fingerprint, is_fingerprint, seen_before, 
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation import plan
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*needs --eth-stride 6")
+pytestmark = pytest.mark.filterwarnings("ignore:.*needs eth_stride=6")
 
 
 @pytest.fixture(scope="module")

@@ -147,7 +147,7 @@ def test_velocities_are_no_speed_and_heading(read):
             "\n".join(form.format(*row, 0.4 * row[0]) for row in rows) for form in FORMS
         )
         for text in (six, timed, eight):
-            with pytest.raises(InputError, match="--columns"):
+            with pytest.raises(InputError, match="columns="):
                 read(text)
         for text, frame, who in ((six, 1, 2), (swapped, 2, 1)):
             columns = (f"frame={frame}", f"id={who}", "x=3", "y=4")

@@ -159,8 +159,8 @@ def test_splits_leave_one_out(tmp_path):
         assert len(split_files(tmp_path, None, "train")) == 8
     (tmp_path / "all/biwi_eth.txt").unlink()
     for folder, scene, split, message in (
-        (tmp_path, "zara9", "test", "unknown scene 'zara9'"),
-        (tmp_path, "eth", "test", r"biwi_eth\.txt: missing, and scene eth needs it"),
+        (tmp_path, "zara9", "test", "unknown data set 'zara9'"),
+        (tmp_path, "eth", "test", r"biwi_eth\.txt: missing, and data set eth needs it"),
         (tmp_path / "absent", None, "val", r"absent/val/\*\.txt: missing"),
     ):
         with pytest.raises(InputError, match=message):

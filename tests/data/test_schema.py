@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from neurosym_jax.data import ReadOptions, read_any
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, spoken_as_flags
 from studies.mistakes.crowd import CROWD, make_crowd
 
 pytestmark = pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
@@ -109,7 +109,8 @@ def read_as_told(path, **options):
     """The recording, and the command that was pasted."""
     command = message = ""
     try:
-        (tracks,) = read_any(path, ReadOptions(**options))
+        with spoken_as_flags():
+            (tracks,) = read_any(path, ReadOptions(**options))
     except InputError as error:
         message, notes = str(error), getattr(error, "__notes__", [])
     if message:
@@ -163,7 +164,7 @@ def test_flags_act_by_position_as_by_name(tmp_path, shared):
         order = np.lexsort((people[:, 0], people[:, 1]))
         np.testing.assert_allclose(tracks.position, truth[order], atol=1e-9)
         np.testing.assert_allclose(tracks.stamp, people[order, 0] / 25)
-    with pytest.raises(InputError, match=r"pixels of a picture.*--homography FILE or --unit"):
+    with pytest.raises(InputError, match=r"pixels of a picture.*homography='FILE' or .* unit="):
         read_any(path)
     with pytest.raises(InputError, match="every frame of a video"):
         read_any(path, ReadOptions(unit="0.02"))
@@ -208,7 +209,7 @@ def test_cars_do_not_pass_as_people(tmp_path):
     path = drone(tmp_path / "00_tracks.csv", 10.0)
     with pytest.raises(InputError, match=r"faster than 10\.00 m/s.*agree with the clock"):
         read_any(path)
-    with pytest.raises(InputError, match=r"--fps says 2\.5 frames a second, columns xV.*25"):
+    with pytest.raises(InputError, match=r"fps says 2\.5 frames a second, columns xV.*25"):
         read_any(path, ReadOptions(fps=2.5))
     (tracks,) = read_any(drone(path, 1.3))
     assert "25 frames a second (columns xVelocity, yVelocity)" in tracks.reading.notes
@@ -240,7 +241,7 @@ def test_a_number_is_no_kind_where_a_text_is(tmp_path):
     for keep in ((), ("pedestrian",)):
         (tracks,) = read_any(path, ReadOptions(keep=keep, fps=10.0))
         assert set(tracks.id) == {0, 2, 4, 6}
-    with pytest.raises(InputError, match="--keep which are people"):
+    with pytest.raises(InputError, match="keep which are people"):
         read_any(path, ReadOptions(keep=("tram",), fps=10.0))
 
 
@@ -294,7 +295,9 @@ def test_a_unit_for_each_file_and_two_that_disagree(tmp_path):
     assert result == [[[50, 100]], [[1, 2]]]
     path = tmp_path / "cm.csv"
     path.write_text("t,id,x_cm,y_cm\n0,1,100,200\n")
-    with pytest.raises(InputError, match=r"says that coordinates are cm, --unit mm.*--allow scale"):
+    with pytest.raises(
+        InputError, match=r"says that coordinates are cm, unit='mm'.*allow=.'scale'"
+    ):
         read_any(path, ReadOptions(unit="mm"))
     (tracks,) = read_any(path, ReadOptions(unit="mm", allow=("scale",)))
     assert tracks.position.tolist() == [[0.1, 0.2]]

@@ -30,7 +30,7 @@ def test_each_file_is_a_scene(tmp_path):
     assert_array_equal(named.position, read_by_path.position)
     with pytest.raises(InputError, match="c: no such file, nor a recording among a, b"):
         source.files(["a", "c"])
-    with pytest.raises(InputError, match="unknown scene 'eth': there are a, b"):
+    with pytest.raises(InputError, match="unknown data set 'eth': there are a, b"):
         source.recordings("eth")
 
 

@@ -57,10 +57,10 @@ def test_each_model_is_tested_on_the_set_that_it_left_out():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"pred_len": 8}, "zara1_12: has pred_len 12, but --pred-len 8 is asked for"),
-        ({"obs_len": 4}, "zara1_12: has obs_len 8, but --obs-len 4 is asked for"),
-        ({"dataset": "eth"}, "zara1_12: leaves zara1 out of its training, so --dataset eth would"),
-        ({"dataset": "eth", "test_on": ("a",)}, "--dataset and --test-on"),
+        ({"pred_len": 8}, "zara1_12: has pred_len 12, but pred_len=8 is asked for"),
+        ({"obs_len": 4}, "zara1_12: has obs_len 8, but obs_len=4 is asked for"),
+        ({"dataset": "eth"}, "zara1_12: leaves zara1 out of its training, so dataset='eth' would"),
+        ({"dataset": "eth", "test_on": ("a",)}, "dataset and test_on"),
         ({"baselines": ("generator",)}, "generator: cannot be a baseline, it has parameters"),
         ({"baselines": ("anchors",)}, "anchors: cannot be a baseline, it has parameters"),
     ],

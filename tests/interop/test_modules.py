@@ -139,7 +139,7 @@ def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsy
         ("models.py", None, "must be FILE.py:CLASS"),
         ("absent.py:A", None, "must be FILE.py:CLASS"),
         (f"{SGAN}:Encoder", None, "failed: TypeError: Encoder"),
-        (f"{SGAN}:TrajectoryGenerator", "nowhere", "--python nowhere: No such file"),
+        (f"{SGAN}:TrajectoryGenerator", "nowhere", "python='nowhere': No such file"),
     ],
 )
 def test_a_module_that_does_not_run(module, python, message):

@@ -100,7 +100,7 @@ def test_runs_that_cannot_be_resumed_or_written_are_refused(run, with_recipe, do
     before = (done / "metrics.jsonl").read_bytes()
     other = dataclasses.replace(run, config=dataclasses.replace(run.config, mlp_dim=4))
     for changed, resume, message in (
-        (run, False, "holds a run at step 75; --resume continues it"),
+        (run, False, "holds a run at step 75; resume=True continues it"),
         (with_recipe(seed=5), True, "holds another run: its training differs"),
         (other, True, "holds another run: its network differs"),
         (dataclasses.replace(run, validation=run.training), True, "its data differs"),

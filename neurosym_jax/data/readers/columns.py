@@ -7,13 +7,13 @@ runs or cameras splits the table into recordings.
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.geometry import project, read_homography
-from neurosym_jax.data.reading import Format, Head, ReadOptions, metres_in
+from neurosym_jax.data.geometry import positions_of
+from neurosym_jax.data.reading import Format, Head, ReadOptions
 from neurosym_jax.data.schema import (
     Schema,
     column_name,
@@ -27,7 +27,7 @@ from neurosym_jax.data.stamps import stamps_of
 from neurosym_jax.data.table import Table, read_table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.witnesses import facts_of, kinds_beside
-from neurosym_jax.errors import InputError, printable
+from neurosym_jax.errors import InputError, option, printable
 
 __all__ = ["Columns", "Layout", "recordings_of"]
 
@@ -132,7 +132,7 @@ def recordings_of(
     table, lines = _people(table, schema, options.keep or people)
     warnings += lines
     facts = facts_of(table, schema)
-    table, position, raw, lines = _positions(table, schema, options, facts.get("unit"))
+    table, position, raw, lines = positions_of(table, schema, options, facts.get("unit"))
     warnings += lines
     if decimals is not None:
         position = np.round(position, decimals)
@@ -151,7 +151,8 @@ def recordings_of(
     moves = np.linalg.norm(np.diff(position[order], axis=0)[over], axis=1)
     if len(moves) and np.median(moves) < 1:
         times = f"{len(moves)} times a person goes on in another recording: is it one that a"
-        warnings.append(f"{times} column splits (--columns camera=camera does not split)?")
+        extra = option("columns", ("camera=camera",))
+        warnings.append(f"{times} column splits ({extra} does not split)?")
     frames = places["frame"] if schema.clock == "frame" else None
     recordings = table.tracks(
         stamp, ids, position, extras, parts=(names, part), warnings=warnings, clock=frames
@@ -178,7 +179,7 @@ def _seen(table: Table, schema: Schema) -> tuple[Table, list[str]]:
         if role not in schema.places:
             continue
         at = schema.places[role]
-        texts = table.column(at).str.to_lowercase()
+        texts = table.words(at)
         number = texts.cast(pl.Float64, strict=False)
         is_set = (number > 0).fill_null(texts.is_in(("true", "yes", "t", "y"))).to_numpy()
         usable = ~is_set if role == "lost" else is_set
@@ -201,19 +202,15 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> tuple[Table, l
     (there may be millions) whose texts say so; numbers, and kinds in a file beside, count only
     where no texts do.
     """
-    words, others = vocabulary()["people"], vocabulary()["others"]
+    people, others = vocabulary()["people"], vocabulary()["others"]
     kinds = [kind.lower() for kind in keep]
-    columns = {table.names[at][:30]: _lower(table, at) for at in schema.labels}
     if "label" in schema.places:
-        at = schema.places["label"]
-        columns = {table.names[at][:30]: _lower(table, at)}
+        labels = [schema.places["label"]]
     else:
         used = {at for role, at in schema.places.items() if role not in schema.extras}
-        columns |= {
-            table.names[at][:30]: _lower(table, at)
-            for at in range(min(50, len(table.names)))
-            if at not in used and _lower(table, at).is_in(others).any()
-        }
+        free = [at for at in range(min(50, len(table.names))) if at not in used]
+        labels = [*schema.labels, *(at for at in free if table.words(at).is_in(others).any())]
+    columns = {table.names[at][:30]: table.words(at) for at in labels}
     if not columns and (beside := kinds_beside(table, schema)) is not None:
         columns = {beside[0]: beside[1]}
     texts = {
@@ -222,79 +219,21 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> tuple[Table, l
         if column.cast(pl.Float64, strict=False).null_count() or column.is_in(kinds).any()
     }
     if keep and not columns:
-        raise InputError(f"{table.path}: --keep: no column is a label, class, type or category")
+        raise InputError(
+            f"{table.path}: {option('keep')}: no column is a label, class, type or category"
+        )
     lines, is_person = [], np.ones(len(table.row), bool)
     for name, column in (texts or columns).items():
-        mask = column.is_in(kinds or words).to_numpy()
-        left = printable(", ".join(kind[:30] or "nothing" for kind in _kinds(column.filter(~mask))))
+        mask = column.is_in(kinds or people).to_numpy()
+        others = column.filter(~mask).unique(maintain_order=True).head(6)
+        left = printable(", ".join(kind[:30] or "nothing" for kind in others))
         if not mask.any():
             raise InputError(
-                f"{table.path}: column {name!r} has {left}: say with --keep which are people"
+                f"{table.path}: column {name!r} has {left}: say with {option('keep')} which are "
+                "people"
             )
         if not mask.all():
             counted = f"{np.sum(~mask & is_person)} rows with {name} {left} are left out"
-            lines.append(f"{counted} (--keep says who is kept)")
+            lines.append(f"{counted} ({option('keep')} says who is kept)")
             is_person &= mask
     return (table if is_person.all() else table.take(is_person)), lines
-
-
-def _kinds(column: pl.Series) -> list[str]:
-    return column.unique(maintain_order=True).head(6).to_list()
-
-
-def _lower(table: Table, place: int) -> pl.Series:
-    return table.column(place).str.to_lowercase()
-
-
-def _positions(
-    table: Table, schema: Schema, options: ReadOptions, unit: str | None
-) -> tuple[Table, np.ndarray, np.ndarray, list[str]]:
-    """The rows with a position, [R, 2] metres, [R, 2] in the file's unit, and what to warn of."""
-    places, lines = schema.places, list[str]()
-    roles = [
-        role for role in ("left", "top", "right", "bottom", "width", "height") if role in places
-    ]
-    roles = roles if schema.is_box else ["x", "y"]
-    values = table.numbers(*(places[role] for role in roles), missing=True)
-    has_position: Any = ~np.isnan(values).any(axis=1)
-    if has_position.sum() < len(values):
-        if not has_position.any():
-            raise InputError(f"{table.path}: no row has a position")
-        lines.append(f"{np.sum(~has_position)} rows have no position, and are taken as not seen")
-        table, values = table.take(has_position), values[has_position]
-    column = dict(zip(roles, values.T))
-    if schema.is_box:
-        right = column["right"] if "right" in column else column["left"] + column["width"]
-        bottom = column["bottom"] if "bottom" in column else column["top"] + column["height"]
-        wrong = (right < column["left"]) | (bottom < column["top"])
-        table.refuse(wrong, lambda at: "the box ends before it begins (left top right bottom)")
-        raw = np.column_stack([(column["left"] + right) / 2, bottom])
-    else:
-        raw = values
-    stated = options.unit_of(table.path.stem)
-    if unit and stated and abs(metres_in(stated) / metres_in(unit) - 1) > 1e-6:
-        if "scale" not in options.allow:
-            raise InputError(
-                f"{table.path}: the file says that coordinates are {unit}, --unit {stated}: which "
-                "is right? (--allow scale takes the option)"
-            )
-        lines.append(f"allowed scale: the file says {unit}, --unit {stated}")
-    if schema.in_picture and not (stated or unit or options.homography):
-        raise InputError(
-            f"{table.path}: positions are pixels of a picture: say what they are in metres, by "
-            "--homography FILE or --unit METRES of a pixel (--unit 0.032)"
-        )
-    if options.homography:
-        position = project(read_homography(options.homography), raw)
-        table.refuse(
-            np.isnan(position).any(axis=1),
-            lambda at: f"{raw[at]} lies beyond the homography's horizon",
-        )
-        position = position * metres_in(stated or "m")
-    else:
-        position = raw * metres_in(stated or unit or "m")
-        if schema.in_picture:
-            position = position * [1, -1]  # Rows of pictures count downward.
-    if options.flip_y or (schema.in_picture and not options.homography):
-        table = dataclasses.replace(table, notes=(*table.notes, "y is turned round, to point up"))
-    return table, position * [1, -1 if options.flip_y else 1], raw, lines

@@ -27,7 +27,7 @@ def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
         InputError: for an unknown data set or missing files.
     """
     if scene is not None and scene not in SCENES:
-        raise InputError(f"unknown scene {scene!r}: ETH/UCY has {', '.join(SCENES)}")
+        raise InputError(f"unknown data set {scene!r}: ETH/UCY has {', '.join(SCENES)}")
     own = SCENES[scene] if scene else ()
     paths = [folder / "all" / f"{name}.txt" for name in own]
     if split != "test":
@@ -36,5 +36,5 @@ def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
         paths = [path for path in files if path.stem not in held_out]
     missing = [path for path in paths or [folder / split / "*.txt"] if not path.is_file()]
     if missing:
-        raise InputError(f"{missing[0]}: missing, and scene {scene} needs it")
+        raise InputError(f"{missing[0]}: missing, and data set {scene} needs it")
     return paths

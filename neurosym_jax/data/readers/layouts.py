@@ -6,7 +6,7 @@ from neurosym_jax.data.proposals import roughness
 from neurosym_jax.data.readers.columns import Layout
 from neurosym_jax.data.reading import Head
 from neurosym_jax.data.table import Table
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 
 __all__ = ["Cliff", "Mot", "MotResults", "Obsmat", "Stanford", "Text"]
 
@@ -38,7 +38,7 @@ class Text(Layout):
         if SMOOTHER * np.sum(other) < np.sum(usual):
             raise InputError(
                 f"{table.path}: its tracks are smooth where the first column is the person, not "
-                "the frame: say --columns id=1 frame=2 x=3 y=4"
+                f"the frame: say {option('columns', ('id=1', 'frame=2', 'x=3', 'y=4'))}"
             )
 
 
