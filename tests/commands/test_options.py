@@ -220,7 +220,7 @@ def inner(data):
 
 
 def cases():
-    """Every option of every command; those of reading, which all pass on alike, in one and by one."""
+    """Every option of every command; those of reading in one, and one of them in all."""
     for command in CORE:
         for option in options_of(command):
             again = option in READ and command != "evaluate" and option != "--unit"
