@@ -284,9 +284,7 @@ MISTAKES = [
     read("a byte-order mark, Windows lines", "\ufeff" + table().replace("\n", "\r\n")),
     refused("UTF-16", "not text", text().encode("utf-16")),
     refused("a head without rows", "no rows", "t,id,x,y\n"),
-    refused(
-        "two columns x", "which column is x", changed("label", "x", part=table(label=CROWD.id))
-    ),
+    refused("two columns x", "column is x", changed("label", "x", part=table(label=CROWD.id))),
     refused("no ids", "which column is id", table(id=None)),
     refused("velocities without names", "columns", text(mark=" ").replace("\n", " 1.3 0.0\n")),
     refused(
