@@ -8,7 +8,8 @@ from benchmarks.timing import OURS, alternate, rows
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    from neurosym_jax.data.readers.eth_ucy import SCENES, Text, split_files
+    from neurosym_jax.data.readers.eth_ucy import SCENES, split_files
+    from neurosym_jax.data.readers.layouts import Text
     from neurosym_jax.data.reading import AS_IT_SAYS
     from neurosym_jax.data.tracks import PERIOD
     from neurosym_jax.data.windows import cut_windows, make_batches

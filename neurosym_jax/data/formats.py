@@ -8,8 +8,8 @@ from typing import Any
 
 from neurosym_jax.configuration import component
 from neurosym_jax.data.evidence import judge
-from neurosym_jax.data.objects import FRAME, is_frame, table_of
 from neurosym_jax.data.readers import columns, layouts, storage, thor, trajnet
+from neurosym_jax.data.readers.storage import FRAME, is_frame, table_of
 from neurosym_jax.data.reading import AS_IT_SAYS, Format, ReadOptions, read_head
 from neurosym_jax.data.schema import names_in_comments, names_tracks
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
