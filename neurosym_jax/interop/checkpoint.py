@@ -16,10 +16,10 @@ import numpy as np
 from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError, brief
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.interop.names import params_from_torch, params_to_torch, without_dropout
 from neurosym_jax.interop.pickles import read_torch_file
 from neurosym_jax.models.sgan.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.sgan.pooling import Social
+from neurosym_jax.models.sgan.torch_names import params_from_torch, params_to_torch, without_dropout
 from neurosym_jax.runtime.files import new_file
 from neurosym_jax.symbolic.weighting import initial_parameters
 

@@ -25,9 +25,9 @@ from neurosym_jax.forecasting.model import Model, refuse_other_length
 from neurosym_jax.interop import torch_side
 from neurosym_jax.interop.cases import CASES, Case, Compared, forecasts, make_case, read_case
 from neurosym_jax.interop.checkpoint import released_config
-from neurosym_jax.interop.names import torch_names
 from neurosym_jax.models import Generator
 from neurosym_jax.models.sgan.layers import LSTM, LSTMNetwork
+from neurosym_jax.models.sgan.torch_names import torch_names
 from neurosym_jax.scene import checked_positions
 
 __all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_torch"]

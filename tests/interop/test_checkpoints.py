@@ -18,8 +18,8 @@ from neurosym_jax.interop.checkpoint import (
     model_from_torch,
     torch_contents,
 )
-from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.torch_names import params_from_torch, params_to_torch
 from tests.networks import random_model
 
 SMALL = GeneratorConfig(
