@@ -33,7 +33,7 @@ def test_a_benchmark_and_its_page(tmp_path):
     assert "QTC and alpha" in text
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_no_count_of_programs_flops_or_bytes_has_grown():
     printed = run_python("-m", "benchmarks.counts").stdout
     found = json.loads(printed[printed.rindex("{") :])

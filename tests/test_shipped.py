@@ -119,7 +119,7 @@ def test_neighbours_do_not_raise_the_error(name, request):
     folder, dataset = None, str(model.dataset)
     if dataset != "simulations":
         folder = request.getfixturevalue("shared") / "data/eth_ucy"
-    every = {"univ": 16, "zara2": 4, "zara1": 2}.get(dataset, 1)
+    every = {"univ": 16, "zara2": 8, "zara1": 4}.get(dataset, 2)
     batches = batches_of(dataset, model.config.obs_len, model.config.pred_len, every, folder)
     for scene, _, *both in forecasts(model, batches):
         places = (unpacked(futures, scene.valid) for futures in both)

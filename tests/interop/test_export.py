@@ -42,7 +42,9 @@ def test_one_program_for_any_number_of_people(model, kind, mix):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["recommended", "neurosym_zara1_8"])
+@pytest.mark.parametrize(
+    "name", ["recommended", pytest.param("neurosym_zara1_8", marks=pytest.mark.exhaustive)]
+)
 def test_shipped_models_for_1_2_7_and_64_people(name):
     assert_same_forecasts(load_model(name), 20, (1, 2, 7, 64), rounded=True)
     assert_same_forecasts(load_model(name), 20, (7,), rounded=False)

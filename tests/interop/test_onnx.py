@@ -29,8 +29,8 @@ def session_of(program):
 
 def assert_same_forecasts(model, peoples, samples=20):
     """Those of the same program in JAX, of positions in metres near the origin."""
-    session, spec = session_of(export_onnx(model)), model.forecaster.noise
-    program = jax.jit(program_of(model))
+    session, spec = session_of(export_onnx(model, samples)), model.forecaster.noise
+    program = jax.jit(program_of(model, samples))
     rng = np.random.default_rng(0)
     for people in peoples:
         walks = rng.normal(0, 3, (people, 1, 2)) + rng.normal(0, 0.4, (people, 1, 2)) * np.arange(
@@ -48,7 +48,7 @@ def assert_same_forecasts(model, peoples, samples=20):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["recommended", "neurosym_zara1_8", "sgan_zara1_8"])
+@pytest.mark.parametrize("name", ["recommended", "neurosym_zara1_8"])
 def test_shipped_models_for_1_2_7_and_64_people(name):
     assert_same_forecasts(load_model(name), (1, 2, 7, 64))
 
@@ -62,13 +62,13 @@ def test_every_shipped_model(name):
 SMALL_SIZES = {"obs_len": 4, "pred_len": 3, "embedding_dim": 4, "encoder_h_dim": 6, "mlp_dim": 8}
 CONFIGS = {
     "no pooling": GeneratorConfig(**SMALL_SIZES, pooling="none"),
-    "noise per agent": GeneratorConfig(**SMALL_SIZES, noise_mix_type="ped"),
-    "social pooling": GeneratorConfig(**SMALL_SIZES, pooling="social"),
-    "every step": GeneratorConfig(
-        **SMALL_SIZES, pooling="as_described", weighting="quantised", pool_every_timestep=True
+    "social pooling, noise per agent": GeneratorConfig(
+        **SMALL_SIZES, pooling="social", noise_mix_type="ped"
     ),
-    "soft": GeneratorConfig(**SMALL_SIZES, pooling="neurosym_ros", weighting="soft,learned=true"),
-    "learned": GeneratorConfig(**SMALL_SIZES, pooling="as_described", weighting="learned"),
+    "soft, every step": GeneratorConfig(
+        **SMALL_SIZES, pooling="as_described", weighting="soft", pool_every_timestep=True
+    ),
+    "learned": GeneratorConfig(**SMALL_SIZES, pooling="neurosym_ros", weighting="learned"),
     "anchors, symbols": AnchorConfig(
         obs_len=4, pred_len=3, samples=5, symbols=True, weighting="cnd"
     ),
@@ -77,13 +77,8 @@ CONFIGS = {
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_networks_that_do_not_ship(name):
-    samples = 5 if "anchors" in name else 20
     model = random_model(CONFIGS[name], std=0.3)
-    session = session_of(export_onnx(model, samples))
-    assert session.get_inputs()[0].shape == ["people", 4, 2]
-    if "anchors" not in name:
-        for count in (1, 3):
-            assert_same_forecasts(model, (1, 5), count)
+    assert_same_forecasts(model, (1, 5), 5)
 
 
 def test_operations_one_by_one():

@@ -81,8 +81,9 @@ def test_positions_of_half_the_bits_are_forecast_in_float32(name):
     model = random_model(config)
     params = jax.tree.map(jnp.asarray, model.params)
     coarse = jnp.asarray(WALKS).astype(jnp.bfloat16)
+    forecast = jax.jit(nj.forecast, static_argnums=0)
     forecasts = [
-        nj.forecast(config, params, observed, noise_of(model))
+        forecast(config, params, observed, noise_of(model))
         for observed in (coarse, coarse.astype(jnp.float32))
     ]
     assert forecasts[0].dtype == jnp.float32

@@ -15,7 +15,7 @@ from studies.experiment.results import score
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_whole_experiment(tmp_path):
     out = tmp_path / "report"
     of.experiment(out, seconds=16.0, samples=3)

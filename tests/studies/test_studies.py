@@ -29,6 +29,8 @@ from tests.repository import ROOT, run_python
 DOCS = ROOT / "docs"
 DOWNLOADED = {"an_overtaking_ahead_of_time": "eth-ucy"}
 """Notebooks of real recordings, and the collection that they are of."""
+LONG = {"your_weighting"}
+"""Notebooks that train; `examples/own_weighting.py` does so in every run."""
 
 
 def test_the_results_are_what_their_study_writes(tmp_path):
@@ -107,7 +109,13 @@ def shown(code, names):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("*.ipynb")))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(path.stem, marks=pytest.mark.exhaustive if path.stem in LONG else ())
+        for path in sorted(FOLDER.glob("*.ipynb"))
+    ],
+)
 def test_a_notebook_runs_and_shows_what_is_kept_in_it(name, request, tmp_path, monkeypatch):
     """Run it in this process, where most of its programs are compiled already."""
     if collection := DOWNLOADED.get(name):

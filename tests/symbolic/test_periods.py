@@ -48,20 +48,21 @@ def walkers(period, seconds=4.8):
 def test_weights_of_straight_walks_do_not_hang_on_the_period(text):
     alphas = {}
     for period in PERIODS:
-        alpha = np.asarray(make_weighting(text, period=period)(walkers(period)))
+        alpha = np.asarray(jax.jit(make_weighting(text, period=period))(walkers(period)))
         alphas[period] = alpha[..., -1]
     np.testing.assert_array_equal(alphas[0.1], alphas[0.4])
     np.testing.assert_array_equal(alphas[0.2], alphas[0.4])
     # At another period than the recording's the slow walker stands, or the fast one does not.
-    wrong = np.asarray(make_weighting(text, period=0.4)(walkers(0.1)))[..., -1]
+    wrong = np.asarray(jax.jit(make_weighting(text, period=0.4))(walkers(0.1)))[..., -1]
     assert (wrong != alphas[0.1]).any()
 
 
 def test_a_soft_and_a_learned_threshold_are_speeds_too():
     for weighting in (Soft(), Soft(learned=True), Quantised(learned=True)):
         parameters = initial_parameters(weighting)
+        alpha = jax.jit(weighting.alpha, static_argnames="period")
         alphas = [
-            np.asarray(weighting.alpha(parameters, walkers(period), period=period))[..., -1]
+            np.asarray(alpha(parameters, walkers(period), period=period))[..., -1]
             for period in (0.2, 0.4)
         ]
         np.testing.assert_allclose(*alphas, atol=3e-3)
@@ -78,7 +79,7 @@ def test_a_model_weights_by_its_own_period():
         params = random_model(config, std=0.5).params
         observed, noise = jnp.asarray(walkers(0.1)[:, :8], jnp.float32), np.ones((2, 8), np.float32)
         forecasts[period] = np.asarray(forecast(config, params, observed, noise))
-        alpha = make_weighting("quantised", period=period)(observed)
+        alpha = jax.jit(make_weighting("quantised", period=period))(observed)
         stated = np.asarray(forecast(config, params, observed, noise, alpha))
         np.testing.assert_allclose(forecasts[period], stated, atol=1e-6)
     assert np.abs(forecasts[0.1] - forecasts[0.4]).max() > 1e-4
@@ -89,7 +90,7 @@ def test_an_event_of_a_resampled_recording_has_the_same_time(name):
     """Half the period, the same seconds: later by less than the two steps that a state may need."""
     draw = np.random.default_rng(3)
     compared = 0
-    for _ in range(60):
+    for _ in range(40):
         starts, velocity = draw.uniform(-3, 3, (2, 2)), draw.normal(0, 1, (2, 2))
         times = []
         for period in (0.4, 0.2):
@@ -114,12 +115,13 @@ def test_scores_of_symbols_are_by_the_scenes_period():
         path[0, :, 0] = 0.4 * period * np.arange(path.shape[1])
         scene = make_scene(path[:, :8], path[:, 8:], period=period)
         standing = jnp.repeat(jnp.asarray(scene.observed)[None, :, -1:], path.shape[1] - 8, axis=2)
-        score, pairs = METRICS["state_log"].compute(standing, scene)
+        score_of = jax.jit(METRICS["state_log"].compute)
+        score, pairs = score_of(standing, scene)
         assert pairs == 2
         # The true state, - - 0 0, has none of one sample: p = (0 + 1 / 81) / (1 + 1).
         assert float(score) == pytest.approx(math.log(2 * 81), rel=1e-5)
         walking = jnp.asarray(scene.future)[None]
-        right = METRICS["state_log"].compute(walking, scene)[0]
+        right = score_of(walking, scene)[0]
         assert float(right) == pytest.approx(-math.log((1 + 1 / 81) / 2), rel=1e-5)
 
 
