@@ -1,14 +1,19 @@
-"""The repository's folders, and processes of Python that start in it."""
+"""The repository's folders, processes of Python that start in it, and cases for releases."""
 
+import functools
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 GOLDEN = ROOT / "tests" / "golden"
 SMALL = GOLDEN / "small.pt"
 """A checkpoint of SGAN with few parameters, as torch saves it."""
+exhaustive = functools.partial(pytest.param, marks=pytest.mark.exhaustive)
+"""A case that a release runs, because another has most of its faults in less time."""
 
 
 def run_python(*words, cwd=ROOT, check=True, **environment):

@@ -11,7 +11,7 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.models.sgan.config import GeneratorConfig
 from tests.networks import random_model
-from tests.repository import GOLDEN
+from tests.repository import GOLDEN, exhaustive
 
 STORED = GOLDEN / "forecasts.npz"
 UNIT = 1e-5  # metres
@@ -34,7 +34,7 @@ def forecasts(name, observed):
     return np.concatenate(predict_scenes(model, scenes, samples=20, seed=0), axis=1)[SAMPLES]
 
 
-@pytest.mark.parametrize("name", [*RANDOM, *SHIPPED])
+@pytest.mark.parametrize("name", [*map(exhaustive, RANDOM), *SHIPPED])
 def test_forecasts_are_those_that_are_stored(name):
     with np.load(STORED) as stored:
         wanted = UNIT * stored[name]

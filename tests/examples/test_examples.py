@@ -11,7 +11,7 @@ import pytest
 
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
-from tests.repository import ROOT
+from tests.repository import ROOT, exhaustive
 
 FOLDER = ROOT / "examples"
 TESTED = {
@@ -82,7 +82,7 @@ NUMBER, POSITIVE = r"([0-9.]+) *(?:± *[0-9.]+)? *", r"[0-9.]*[1-9][0-9.e-]*"
         ("evaluate_tracks", ["TRACKS", MODEL], rf"\nSGAN +{NUMBER}{NUMBER}"),
         ("forecast_frames", ["TRACKS", MODEL], r"^2\.8 s: 4 people, samples \(20, 4, 8, 2\)\n"),
         ("weighting_gradient", [], rf"log_speed: {POSITIVE}\n.* by log_temperature: {POSITIVE}\n"),
-        ("train_model", ["OUT", 2], "ADE"),
+        exhaustive("train_model", ["OUT", 2], "ADE"),
     ],
 )
 def test_a_script_of_ten_lines(name, arguments, prints, tracks, tmp_path, capsys, monkeypatch):

@@ -29,6 +29,7 @@ from neurosym_jax.models.sgan.config import GeneratorConfig
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic import Quantised
 from tests.networks import random_model
+from tests.repository import exhaustive
 
 UTM = np.array([4e5, 5e6])
 POOL_NET = {"pooling": "pool_net,hidden_dim=32"}
@@ -45,6 +46,7 @@ CONFIGS = {
     # Symbols of predicted steps, too.
     "symbols, every step": {**DESCRIBED, "pool_every_timestep": True, "weighting": "quantised"},
 }
+QUICK = ("pool_net", "none", "ros", "symbols, every step", "noise of agents")
 K = 3
 
 
@@ -65,7 +67,10 @@ def windows_of(recording: str, shift: np.ndarray | float = 0.0) -> Windows:
     return cut_windows([make_tracks(recording, frame * 0.4, agent, position)], 4, 4, min_agents=1)
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize(
+    "name",
+    [name if name in QUICK else exhaustive(name) for name in CONFIGS],
+)
 def test_many_scenes_are_forecast_as_each_alone(name):
     """Other scenes, another recording before them, another origin: nothing changes a forecast."""
     model, parts = model_of(name), (windows_of("crowd", UTM), windows_of("others"))

@@ -11,7 +11,7 @@ from neurosym_jax.forecasting.noise import scene_noise
 from neurosym_jax.interop.export import export_model
 from neurosym_jax.scene import make_scene
 from tests.networks import random_model
-from tests.repository import ROOT, SMALL, run_python
+from tests.repository import ROOT, SMALL, exhaustive, run_python
 
 pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")
 EXAMPLE = ROOT / "examples" / "run_exported.py"
@@ -36,15 +36,15 @@ def assert_same_forecasts(made, samples, peoples, rounded):
         np.testing.assert_allclose(probabilities, likely, atol=1e-6)
 
 
-@pytest.mark.parametrize(("kind", "mix"), [("as_described", "global"), ("pool_net", "ped")])
+@pytest.mark.parametrize(
+    ("kind", "mix"), [exhaustive("as_described", "global"), ("pool_net", "ped")]
+)
 def test_one_program_for_any_number_of_people(model, kind, mix):
     assert_same_forecasts(model(kind, mix), 5, (1, 7), rounded=True)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["recommended", pytest.param("neurosym_zara1_8", marks=pytest.mark.exhaustive)]
-)
+@pytest.mark.parametrize("name", ["recommended", exhaustive("neurosym_zara1_8")])
 def test_shipped_models_for_1_2_7_and_64_people(name):
     assert_same_forecasts(load_model(name), 20, (1, 2, 7, 64), rounded=True)
     assert_same_forecasts(load_model(name), 20, (7,), rounded=False)

@@ -31,7 +31,7 @@ from neurosym_jax.runtime.process import (
     tune,
 )
 from neurosym_jax.runtime.workers import cluster_map, process_map
-from tests.repository import SMALL, run_python
+from tests.repository import SMALL, exhaustive, run_python
 
 
 def test_a_file_is_replaced_whole(tmp_path):
@@ -154,7 +154,7 @@ def dask_map():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("elsewhere", [dask_map, process_map])
+@pytest.mark.parametrize("elsewhere", [exhaustive(dask_map), process_map])
 def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch, elsewhere):
     """Real processes: tasks have the caller's plugins, and rows are the same."""
     monkeypatch.setattr("neurosym_jax.plugins._loaded", {})  # Not the plugins of other tests.

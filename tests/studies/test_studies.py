@@ -24,7 +24,7 @@ from studies.stitching.__main__ import METHODS, hota_and_idf1
 from studies.stitching.recordings import seen_from_a_robot
 from studies.weighting.data import LEARNED, TESTED
 from studies.weighting.page import write as write_weighting
-from tests.repository import ROOT, run_python
+from tests.repository import ROOT, exhaustive, run_python
 
 DOCS = ROOT / "docs"
 DOWNLOADED = {"an_overtaking_ahead_of_time": "eth-ucy"}
@@ -112,7 +112,7 @@ def shown(code, names):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(path.stem, marks=pytest.mark.exhaustive if path.stem in LONG else ())
+        exhaustive(path.stem) if path.stem in LONG else path.stem
         for path in sorted(FOLDER.glob("*.ipynb"))
     ],
 )

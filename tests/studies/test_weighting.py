@@ -38,6 +38,7 @@ def missed(strength):
     return np.median(metres[obstructed]), np.median(metres[~obstructed])
 
 
+@pytest.mark.exhaustive
 def test_in_the_control_people_give_way_to_weighed_people_only():
     near, others = missed(1.0)
     weakly, still_others = missed(0.2)

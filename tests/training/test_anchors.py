@@ -22,6 +22,7 @@ from neurosym_jax.models.anchors.network import AnchorConfig, AnchorForecast, An
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.stream import augment
+from tests.repository import exhaustive
 
 LOSS = jax.jit(anchor_loss, static_argnums=4)
 RECIPE = AnchorRecipe(
@@ -136,7 +137,7 @@ def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
     ("network", "kind"),
     [
         (AnchorConfig(4, 3, points=6, hidden=8), "anchors"),
-        (AnchorTableConfig(4, 3), "anchor_table"),
+        exhaustive(AnchorTableConfig(4, 3), "anchor_table"),
     ],
 )
 def test_training_learns_and_a_resumed_run_ends_with_the_same_bits(

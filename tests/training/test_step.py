@@ -31,6 +31,7 @@ from neurosym_jax.models.sgan.step import (
 from neurosym_jax.training.state import TrainState, clipping, new_state, update
 from neurosym_jax.training.stream import SceneStream
 from tests.networks import drawing
+from tests.repository import exhaustive
 
 ALL_TERMS = {
     "adversarial_weight": 1.0,
@@ -113,7 +114,7 @@ def literal_loss(generator, recipe, params, groups, noises):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("criterion", ["distance", "squared_displacement"])
+@pytest.mark.parametrize("criterion", ["distance", exhaustive("squared_displacement")])
 def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, criterion):
     config, state, noises = start(run, groups, criterion=criterion)
     ours, metrics = jax.jit(
@@ -147,6 +148,7 @@ def test_padding_and_empty_scenes_change_no_gradient(run, groups):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), plain, padded)
 
 
+@pytest.mark.exhaustive
 def test_the_average_follows_its_decay(run, groups):
     recipe, state, _ = start(run, groups, ema=0.5, schedule="constant", clip_norm=0.0)
     ones = jax.tree.map(jnp.ones_like, state.params)
@@ -206,7 +208,7 @@ def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, make_
         assert any((a != b).any() for a, b in zip(after, else_))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
     batches = SceneStream(make_windows([3] * 6), 6, seed=0).steps(0, 3)
     groups = jax.tree.map(lambda leaf: leaf[0], batches)
@@ -236,7 +238,7 @@ def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
     assert equal == [False, False, True]
 
 
-@pytest.mark.parametrize("weight", [0.0, 1.0])
+@pytest.mark.parametrize("weight", [0.0, exhaustive(1.0)])
 def test_without_the_variety_loss_the_true_future_changes_no_gradient(run, groups, weight):
     config, state, noises = start(run, groups, variety_weight=weight, **ALL_TERMS)
     state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
