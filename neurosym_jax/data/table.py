@@ -130,13 +130,14 @@ class Table:
         parts: tuple[Sequence[str], np.ndarray] | None = None,
         warnings: Sequence[str] = (),
         clock: int | None = None,
+        columns: Sequence[str] = (),
     ) -> list[Tracks]:
         """The recordings in the lines `row` [R'] of the file (default: all), in any order.
 
         `stamp`, `id` [R'], `position` [R', 2] and `extras` name: [R'] are those of the lines;
         `parts` has the names of the recordings and [R'] the index of each line's (default: one).
         One more of the `warnings` says where time runs backward.
-        `clock` is the column of frame numbers, where there is one.
+        `clock` is the column of frame numbers, if there is one; `columns` has ROLE=COLUMN of all.
         """
         row, last = self.row if row is None else row, int(np.argmax(np.abs(stamp)))
         rate = None
@@ -159,6 +160,7 @@ class Table:
                 warnings=tuple(lines),
                 notes=self.notes,
                 rate=rate,
+                columns=tuple(columns),
             )
             columns = stamp[at], id[at], position[at], {key: extras[key][at] for key in extras}
             recordings.append(make_tracks(name, *columns, reading=reading, row=row[at]))

@@ -154,12 +154,9 @@ def recordings_of(
         extra = option("columns", ("camera=camera",))
         warnings.append(f"{times} column splits ({extra} does not split)?")
     frames = places["frame"] if schema.clock == "frame" else None
-    recordings = table.tracks(
-        stamp, ids, position, extras, parts=(names, part), warnings=warnings, clock=frames
-    )
-    columns = tuple(f"{role}={column_name(table, at)}" for role, at in places.items())
-    readings = [dataclasses.replace(t.reading, columns=columns) for t in recordings if t.reading]
-    return [dataclasses.replace(tracks, reading=how) for tracks, how in zip(recordings, readings)]
+    columns = [f"{role}={column_name(table, at)}" for role, at in places.items()]
+    about = {"warnings": warnings, "clock": frames, "columns": columns}
+    return table.tracks(stamp, ids, position, extras, parts=(names, part), **about)
 
 
 def _named_by_comments(table: Table) -> Table:
