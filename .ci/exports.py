@@ -11,12 +11,15 @@ import importlib
 import inspect
 import re
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def on_page_markdown(markdown: str, **_) -> str:
-    """Expand the placeholders of a page."""
+def on_page_markdown(markdown: str, page: Any, **_) -> str:
+    """Expand the placeholders of a page; a search finds studies after other pages."""
+    if any(section.title == "Studies" for section in page.ancestors):
+        page.meta["search"] = {"boost": 0.5}
     markdown = re.sub(r"{{ table (\S+) }}", lambda match: _table(match[1]), markdown)
     markdown = re.sub(r"{{ exports (\S+) }}", lambda match: _exports(match[1]), markdown)
     return markdown.replace("{{ commands }}", _commands())
@@ -60,6 +63,11 @@ def _table(name: str) -> str:
     )
 
 
+def _cell(text: str) -> str:
+    """Text within a table in Markdown: html.escape leaves the bar, which would end the cell."""
+    return html.escape(text).replace("|", "&#124;")
+
+
 def _commands() -> str:
     from neurosym_jax.__main__ import commands
     from neurosym_jax.commands._options import every_option
@@ -69,7 +77,7 @@ def _commands() -> str:
         command = importlib.import_module(module)
         text = inspect.cleandoc(command.__doc__ or "")
         rows = [
-            f"| `{flag.replace('|', '&#124;')}` | {html.escape(meaning).replace('|', '&#124;')} |"
+            f"| <code>{_cell(flag)}</code> | {_cell(meaning)} |"
             for _, flag, meaning, _ in every_option(getattr(command, "Options", command.run))
         ]
         table = "\n".join(["| option | meaning |", "|---|---|", *rows]) if rows else ""

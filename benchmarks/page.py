@@ -18,29 +18,12 @@ forecast in 38 ms, with 20 samples each. With 200 people at 30 Hz, all on this o
 live page open, forecasts of all of them are 15 ms old (median; 99 % at most 34 ms) when another
 process gets them in a ROS 1 graph, and 22 ms (42 ms) in a ROS 2 graph. No robot was involved.
 
-**No GPU was at hand.** `python -m benchmarks --gpu` waits for one: it runs the tests of numbers,
-crowds of 200 to 10,000 people, an iteration of each recipe, the evaluation, and notes peak memory.
-So far it has run on a CPU only.
+**No GPU was at hand**; `python -m benchmarks --gpu` waits for one.
 
     python -m benchmarks --data DATA --checkpoints FOLDER --reference SGAN
 """
 
 TAIL = """<details markdown="1">
-<summary>Tried for speed, and not kept</summary>
-
-Tried once each by hand; nothing here reproduces it, so it has no numbers.
-
-| idea | what came of it |
-|---|---|
-| `anchors` in the order features, people, scenes | faster gradient, not a faster step |
-| its training step as two or three programs | faster, other bits |
-| `anchors` without YNNPACK fusions, or with XLA's older loop emitters | slower |
-| compiling SGAN and NeuroSyM with these emitters | compiles faster, runs slower |
-| compiling the simulation with these emitters | faster, but other positions |
-
-</details>
-
-<details markdown="1">
 <summary>How this was measured</summary>
 
 Rounds of the contestants alternate in one process; the tables have medians. After a colon stands
@@ -51,8 +34,7 @@ samples out; ROS 2 a real rclpy, with poses in and markers out; and a bag is rep
 rate: its ages are those that `neurosym replay` prints, because nobody but the page hears it. All
 200 people are forecast (`--max-people 200`). "Start" compiles everything first,
 "meanwhile" while people are forecast already; "warm" has programs in the cache. The torch peer is
-SGAN with encoding and pooling done once, all samples together, and no loop over scenes; that of
-`anchors` has the same loss and gradient, without augmentation and averaging. The original is the
+SGAN with encoding and pooling done once, all samples together, and no loop over scenes. The original is the
 released code. `benchmarks.json` beside this page has all rounds, stages, memory,
 and the bound set by the arithmetic; the first lines of `benchmarks/page.py` renew the page.
 
@@ -63,7 +45,7 @@ and the bound set by the arithmetic; the first lines of `benchmarks/page.py` ren
 
 AGE = ["", "median", "99 % below", "frames with a forecast", "page's frames a second"]
 HIDDEN = (
-    *("somebody is", "longest", "latest", "imports", "no-coll", "plain", "evaluate.py,"),
+    *("7 Hz", "somebody is", "longest", "latest", "imports", "no-coll", "plain", "evaluate.py,"),
     "all forty",
 )
 """Parts of names of the rows that stand in the JSON file alone."""

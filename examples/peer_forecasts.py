@@ -15,7 +15,7 @@ from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.evaluation.forecasts import last_frames, recording_names
 
 Arrays = dict[str, np.ndarray]
-"""`samples` [k, A, T, 2], `ids` [A] and `frames` [A], as docs/forecasts.md says."""
+"""`samples` [k, A, T, 2], `ids` [A] and `frames` [A], as docs/evaluate.md says."""
 
 
 def agentformer(folder: Path | str, stride: int = 1) -> Arrays:

@@ -3,7 +3,7 @@
 NPROC=1 python -m studies.same_loss DATA docs/same_loss.csv   # the runs that the table lacks
 python -m studies.same_loss docs/same_loss.csv                # what they say, in Markdown
 
-DATA is ETH/UCY. What is asked was written before the first run: docs/weighting_protocol.md. The
+DATA is ETH/UCY. What is asked was written before the first run: studies/weighting/protocol.md. The
 table has a row for each run, step and metric. Runs that it has are not done again, so an
 interrupted command continues, and a run whose rows are deleted repeats to the bit.
 """

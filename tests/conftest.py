@@ -8,6 +8,7 @@ Where XLA_FLAGS is set (`XLA_FLAGS= pytest`) it is left alone, and programs are 
 
 import functools
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,12 @@ CHEAP = {
     # XLA's own width, said so that a command that runs in this process changes nothing.
     "xla_cpu_prefer_vector_width": "256",
 }
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+QUIET = (
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
 
 
 def accepted(flags: dict[str, str]) -> str:
@@ -102,3 +109,16 @@ def model() -> Callable[..., Model]:
         return random_model(config)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A headless Chromium; where there is none, the test says so and is skipped."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip("no Chromium here (Debian: apt-get install chromium)")
+    with api.sync_playwright() as play:
+        chromium = play.chromium.launch(executable_path=found, args=list(QUIET))
+        yield chromium
+        chromium.close()

@@ -1,6 +1,7 @@
 """The package as a wheel, installed in a place of its own and used in an empty folder."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -12,7 +13,6 @@ from tests.repository import ROOT
 SOURCES = ("neurosym_jax", "neurosym_robot", "checkpoints", "pyproject.toml", "setup.py")
 SOURCES += ("README.md", "LICENSE")
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
-EVALUATE = ("--checkpoint", "sgan_simulations_8", "--dataset", "cross-path", "--samples", "2")
 # The network and the recipe of test_sweep.py, whose programs are compiled there or here.
 TRAIN = ("--steps", "25", "--out", "run", "--dataset", "cross-path", "--model", "sgan", "--set")
 TRAIN += ("batch_scenes=4", "best_k=2", "max_agents=4")
@@ -40,6 +40,21 @@ def installed(tmp_path_factory):
 
 
 @pytest.mark.slow
+def test_what_pages_show_runs(installed, tmp_path):
+    """Every block of Python and every command that needs nothing else, with what they print."""
+    pytest.importorskip("sybil", reason="pages need the extra test")
+    environment = os.environ | {"PYTHONPATH": str(installed), "NEUROSYM_DATA": str(tmp_path / "no")}
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    command = [sys.executable, "-P", ROOT / "tests" / "pages.py", *pages]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    count = re.search(r"ran (\d+) blocks and commands of (\d+) pages, 0 failed", done.stdout)
+    assert count
+    assert int(count[1]) > 40
+    assert (tmp_path / "results/figures/tracks.png").is_file()
+
+
+@pytest.mark.slow
 def test_everything_works_outside_a_clone(installed, tmp_path):
     (tmp_path / "walk.csv").write_text("\n".join(["t,id,x,y", *WALK]))
     environment = {name: v for name, v in os.environ.items() if not name.startswith("NEUROSYM_")}
@@ -47,11 +62,10 @@ def test_everything_works_outside_a_clone(installed, tmp_path):
     neurosym = installed / "bin" / "neurosym"
     python = "import neurosym_jax as nj; print(nj.__file__, nj.load_model('sgan_eth_8').name)"
     commands = {
-        "evaluate": [neurosym, "evaluate", *EVALUATE, "--no-figures"],
         "train": [neurosym, "train", *TRAIN],
         "replay": [neurosym, "replay", "walk.csv", "--model", "neurosym_zara1_8"],
         "help": [neurosym, "--help"],
-        "models": [neurosym, "models"],
+        "models": [neurosym, "models", "--all"],
         "python": [sys.executable, "-c", python],
     }
     how = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
@@ -64,7 +78,6 @@ def test_everything_works_outside_a_clone(installed, tmp_path):
     assert "evaluate" in said["help"]
     assert "neurosym_simulations_8" in said["models"]
     assert f"{installed}/neurosym_jax/checkpoints" in said["models"]
-    assert "SGAN" in said["evaluate"]
     assert (tmp_path / "run" / "model" / "params.safetensors").is_file()
     assert (installed / "neurosym_jax" / "py.typed").is_file()
     assert "NeuroSyM" in said["replay"]

@@ -68,7 +68,7 @@ class Options:
     """Models to evaluate: folder, .pt file or name (see `neurosym models`); of a folder of models,
     those that match. Default: `recommended` for recordings, SGAN and NeuroSyM for simulations."""
     forecasts: tuple[Path, ...] = ()
-    """Files of forecasts to evaluate, .npz or TrajNet++'s .ndjson, see docs/forecasts.md; without
+    """Files of forecasts to evaluate, .npz or TrajNet++'s .ndjson, see docs/evaluate.md; without
     --data on the windows that the first of them holds."""
     partial: bool = False
     """Test on the windows that all files of --forecasts have, and leave out what does not match."""
@@ -108,7 +108,7 @@ class Options:
     """Forecasters to evaluate beside the models; default: constant velocity, its sampled form and
     the anchor table that ships; without arguments constant velocity alone."""
     metrics: tuple[str, ...] = ()
-    """Further metrics by name, see docs/metrics.md, or `all` but those of --symbols."""
+    """Further metrics by name, see docs/glossary.md, or `all` but those of --symbols."""
     symbols: bool = False
     """Add the scores of forecast symbols and events."""
     collisions: bool = True

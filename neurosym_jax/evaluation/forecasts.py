@@ -81,7 +81,7 @@ def read_named(files: Any) -> dict[str, ForecastFile]:
 
 
 def read_forecasts(path: Path) -> ForecastFile:
-    """Read forecasts from `.npz` (see docs/forecasts.md) or TrajNet++'s `.ndjson`.
+    """Read forecasts from `.npz` (see docs/evaluate.md) or TrajNet++'s `.ndjson`.
 
     Raises:
         InputError: naming the file and what is wrong.

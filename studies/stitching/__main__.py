@@ -1,6 +1,6 @@
 """HOTA and IDF1 of stitching by TrackEval, on real tracks seen from a robot.
 
-`python -m studies.stitching DATA` prints the table of docs/stitching.md; DATA holds SGAN's files of
+`python -m studies.stitching DATA` prints the table of docs/predictor.md; DATA holds SGAN's files of
 ETH/UCY. Seeds 0 to 9 are reported. trackeval and norfair come with `pip install trackeval norfair`.
 """
 

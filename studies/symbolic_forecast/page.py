@@ -28,9 +28,8 @@ nats at 3.2 s. That is one training each, so it says nothing about symbols as we
 [the study](weighting.md) does. `anchors` is ahead of NeuroSyM in approaching, by 0.01 to 0.10
 nats, and in states on ETH/UCY and THÖR, by 0.13 to 0.39.
 
-On HERMES the chain learned from other runs of the same experiments, and it spreads its probability
-over states that 20 samples miss. By the Brier score the networks lead at nearly all horizons. A
-single forecast at constant velocity loses to all of them on states.
+On HERMES the chain learned from other runs of the same experiments. By the Brier score the networks
+lead at nearly all horizons. A single forecast at constant velocity loses to all of them on states.
 
 ## Events
 
@@ -39,9 +38,7 @@ better. 95 % intervals over test windows; bold where they exclude zero.
 
 {events}
 
-The same minus that of SGAN, and of `anchors`:
-
-{sgan}
+The same minus that of `anchors`:
 
 {anchors}
 
@@ -82,7 +79,6 @@ def document(scores: dict[str, Any]) -> str:
     )
     return HEAD.format(
         events=_events(groups, "Markov chain"),
-        sgan=_events(groups, "SGAN"),
         anchors=_events(groups, "anchors"),
         states=_states(groups),
         sizes=sizes,

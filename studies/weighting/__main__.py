@@ -4,7 +4,7 @@ NPROC=1 python -m studies.weighting DATA docs/weighting.csv [SET ...]
 
 DATA holds HERMES's runs in `hermes` and ETH/UCY in `eth_ucy`, see `studies/weighting/data.py`.
 What is asked, and what would be an answer, was written before the first run:
-docs/weighting_protocol.md. The table has a row for each run and metric. Runs that it has are not
+studies/weighting/protocol.md. The table has a row for each run and metric. Runs that it has are not
 done again, so delete the rows of what is to be repeated; with one thread a run gives the same
 bits. The page and the figure are written beside the table.
 """

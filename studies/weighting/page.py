@@ -39,6 +39,7 @@ FURTHER = (
     *(("papers, quantised", "papers, shuffled"), ("papers, quantised", "papers, cnd")),
     *(("anchors, geometry", "anchors, nothing"), ("encounter, quantised", "encounter")),
 )
+NAMES = {INTERACTING: "joint ADE", ENERGY: "energy score"}
 INPUTS = (
     ("without symbols", ("anchors, nothing", "anchors, geometry")),
     ("with symbols", ("anchors, symbols", "anchors, both")),
@@ -66,8 +67,7 @@ def write(table: Path) -> None:
     text = TEXT.format(
         answer=ANSWER,
         primary=_questions(primary),
-        further=_table(further),
-        energy=_table(energy),
+        further=_table([*primary, *further, *energy]),
         tenths=_table(tenths),
         weak=_table(weak),
         dead="; ".join(
@@ -110,20 +110,18 @@ def _questions(comparisons: Sequence[Comparison]) -> str:
 
 
 def _table(comparisons: Sequence[Comparison]) -> str:
-    """A row for each pair of arms, a column for each data set; bold: within the margin."""
-    sets = list(dict.fromkeys(comparison.dataset for comparison in comparisons))
-    rows: dict[tuple[str, str], dict[str, Comparison]] = {}
-    for comparison in comparisons:
-        pair = comparison.arm, comparison.reference
-        rows.setdefault(pair, {})[comparison.dataset] = comparison
+    """A row for each pair of arms, a column a metric and data set; bold: within the margin."""
+    columns = list(dict.fromkeys((item.metric, item.dataset) for item in comparisons))
+    rows: dict[tuple[str, str], dict[tuple[str, str], Comparison]] = {}
+    for item in comparisons:
+        rows.setdefault((item.arm, item.reference), {})[item.metric, item.dataset] = item
     lines = []
     for pair, row in rows.items():
-        seeds = dict.fromkeys(str(comparison.seeds) for comparison in row.values())
-        cells = (_cell(row[name]) if name in row else "" for name in sets)
+        seeds = dict.fromkeys(str(item.seeds) for item in row.values())
+        cells = (_cell(row[column]) if column in row else "" for column in columns)
         lines.append([" − ".join(pair), ", ".join(seeds), *cells])
-    return markdown_table(
-        ["arms", "seeds", *(f"{name}, %" for name in sets)], lines, right=len(sets)
-    )
+    heads = [f"{name}, {NAMES.get(metric, metric)}, %" for metric, name in columns]
+    return markdown_table(["arms", "seeds", *heads], lines, right=len(columns))
 
 
 def _cell(comparison: Comparison) -> str:

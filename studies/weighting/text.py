@@ -15,9 +15,8 @@ networks are trained without an adversarial term. In five sentences:
    0.9 ± 0.6 % (by 1.1 ± 0.7 % in central ADE; not corrected, within 2 %), and in the corridors
    it is open (−1.1 ± 2.6 and −1.8 ± 2.7 %).
 3. Where an attention sees how neighbours move, symbols change its joint ADE by less than 2 % at
-   both places, as weights (+0.2 ± 0.9 and +0.6 ± 1.0 %) and as inputs (−0.4 ± 1.0 and
-   −0.5 ± 1.1 %); by the energy score that is shown in the corridors for weights and on zara2 for
-   inputs.
+   both places, as weights and as inputs; by the energy score that is shown in the corridors for
+   weights and on zara2 for inputs.
 4. As the only inputs of an attention in the corridors, symbols are worth 11.1 ± 0.5 % of joint ADE
    and 8.5 ± 0.7 % of the energy score, geometry 23.7 ± 0.7 and 21.7 ± 1.0 %.
 5. The intervals cover seeds, not places, and no network here has the released loss, whose own
@@ -28,80 +27,65 @@ TEXT = """# Does symbolic weighting help?
 
 {answer}
 
-Each part's rules were committed before its first run; the [protocol](weighting_protocol.md) lists
-what was amended meanwhile. Networks whose forecasts ignore neighbours are left out ({dead}).
+Each part's rules were committed before its first run; `studies/weighting/protocol.md` lists what
+was amended meanwhile. Networks whose forecasts ignore neighbours are left out ({dead}).
 
 ![Differences between arms in joint ADE, with intervals over seeds](weighting.png)
 
-Joint ADE (best of 20) of people who interact: somebody within 2 m comes nearer. Differences are in
-per cent of the second arm's error; below 0 the first arm is better. Bars, and what stands after ±,
-are 95 % intervals over seeds (Student's t): what another training would give on the same test set.
-They say nothing of other places. The band is ±2 %, the smallest difference of interest. Grey is not
-answered: more than a tenth of an arm's runs are left out.
+Joint ADE of people who interact: somebody within 2 m comes nearer. Differences are in per cent of
+the second arm's error; below 0 the first arm is better. Bars, and what stands after ±, are 95 %
+intervals over seeds (Student's t). The band is ±2 %, the smallest difference of interest. Grey is
+not answered: more than a tenth of an arm's runs are left out.
 
 ## The arms
 
-- `papers`: SGAN with the pooling that the [papers](networks.md#neurosym) describe, all weights 1;
+- `papers`: SGAN with the pooling that the [papers](models.md#neurosym) describe, all weights 1;
   recipe `ours` (ADE and FDE, best of 10), as is `encounter`.
 - `papers, cnd`: a pair's weight is 1 / (neighbours of its state in the theory's diagram).
   `quantised`: so, with movements below 5 cm a step counted as none. `shuffled`: the weights of
   `quantised`, of the wrong pairs. `learned`: 81 free weights. `none`: no pooling.
-- `anchors`: [our network](networks.md#anchors), whose attention sees of neighbours `nothing`, QTC
+- `anchors`: [our network](models.md#anchors), whose attention sees of neighbours `nothing`, QTC
   `symbols`, `geometry` (bearing, relative velocity, closest approach), or `both`.
 - `encounter`: SGAN with an attention over that geometry; weighted as `papers`. `right`: weights for
   just the pairs to which simulated people react.
-
-Corridors are experiments of HERMES, zara2 is of ETH/UCY.
 
 ## The questions
 
 {primary}
 
-- *p*: t test of no difference, and two one-sided t tests that it is within 2 %, corrected over
-  these comparisons (Holm).
-- *Margin in reach*: the smallest margin within which nine of ten such studies would show
-  equivalence if there were no difference.
+Differences are of joint ADE; *p*: t test of no difference, and two one-sided t tests that it is
+within 2 %, corrected over these comparisons (Holm). *Margin in reach*: within which nine of ten
+such studies would show equivalence.
 
 ## Other comparisons
 
 They have no influence on the answer and are not corrected. Bold: within 2 % (two one-sided t tests,
-p < .05). `cnd` and `shuffled` were extended from 8 to 24 seeds after a look. Joint ADE:
+p < .05). `cnd` and `shuffled` were extended from 8 to 24 seeds after a look. We rank models by the
+[energy score](glossary.md#metrics); the protocol has it as secondary.
 
 {further}
 
-The same, and the questions, by the [energy score](metrics.md), which the protocol has as secondary
-and by which we rank models:
-
-{energy}
-
-- All weights make the pooling's inputs small: `cnd`, 1/15 for nearly every pair, is within 2 % of
-  `quantised` on zara2 by both metrics, not shown to be so in the corridors (joint ADE p = .051).
-- On zara2 the pooling without weights is no better than no pooling. Against no pooling the weights
-  gain 1.7 ± 1.5 % of joint ADE there and 13.7 ± 2.1 % in the corridors (8 seeds).
-- What symbols alone are worth on zara2 is not answered by the rules: 4 of their 24 networks do not
-  react to enough neighbours. The other 20 gain 3.0 ± 0.8 % of joint ADE, all 24 gain 2.7 ± 0.8 %.
+What symbols alone are worth on zara2 is not answered by the rules: 4 of their 24 networks do not
+react to enough neighbours. The other 20 gain 3.0 ± 0.8 % of joint ADE, all 24 gain 2.7 ± 0.8 %.
 
 ## Symbols as inputs
 
 ![Errors without and with symbols and geometry](weighting_inputs.png)
 
-The four sets of inputs of `anchors`: means with 95 % intervals over seeds. The axis does not begin
-at 0.
+The four sets of inputs of `anchors`; the axis does not begin at 0.
 
 ## Where symbols might matter
 
-People to whom an event happens in the true future:
+Joint ADE of people to whom an event happens in the true future:
 
 ![Differences by event](weighting_events.png)
 
-Trained on a tenth of the scenes (joint ADE; in the corridors p = .008, not corrected):
+Trained on a tenth of the scenes (in the corridors p = .008, not corrected):
 
 {tenths}
 
-## What the study can see
-
-Effects of 6 %: simulated people react to certain states of a pair only, and weakly (20, 10 and 5 %
-of the full reaction).
+The study can see effects of 6 % of joint ADE: here simulated people react to certain states of a
+pair only, and weakly (20, 10 and 5 % of the full reaction):
 
 {weak}
 
@@ -110,10 +94,8 @@ of the full reaction).
 
     NPROC=1 python -m studies.weighting DATA docs/weighting.csv
 
-trains and tests the runs that the table lacks, and writes this page. DATA holds HERMES's runs in
-`hermes` (`datasets/HERMES` of crowdbotp/OpenTraj) and ETH/UCY in `eth_ucy`. A deleted run,
-repeated with the same versions, has the same bits. The first part could not ask about the papers'
-pooling: its networks ignored their neighbours (dead ReLUs).
+trains and tests the runs that the table lacks, and writes this page, from HERMES's runs in
+DATA/`hermes` and ETH/UCY in DATA/`eth_ucy`. A deleted run, repeated, has the same bits.
 
 </details>
 """

@@ -1,6 +1,5 @@
-"""A made-up stream of people and forecasts, and a headless Chromium to look at it with."""
+"""A made-up stream of people and forecasts, and a page of Chromium to look at it with."""
 
-import shutil
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -17,11 +16,6 @@ from neurosym_robot.online.status import Status
 from neurosym_robot.online.window import Window
 from neurosym_robot.tracking.following import Frame
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-QUIET = (
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-)
 MODELS = {
     "SGAN": Model(GeneratorConfig(), {}),
     "NeuroSyM": Model(GeneratorConfig(pooling="as_described"), {}),
@@ -81,19 +75,6 @@ def moments() -> Moments:
 @pytest.fixture
 def stream() -> Callable[..., Iterator[Shown]]:
     return shown
-
-
-@pytest.fixture(scope="session")
-def browser():
-    """A headless Chromium; where there is none, the test says so and is skipped."""
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
-        pytest.skip("no Chromium here (Debian: apt-get install chromium)")
-    with api.sync_playwright() as play:
-        chromium = play.chromium.launch(executable_path=found, args=list(QUIET))
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture

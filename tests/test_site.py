@@ -1,0 +1,70 @@
+"""The site builds without a warning, and every page fits a phone and a desktop."""
+
+import html
+import re
+
+import pytest
+
+from tests.repository import run_python
+
+SIZES = {"phone": (390, 844), "desktop": (1280, 800)}
+LOOK = """() => {
+  const room = document.documentElement.clientWidth;
+  const cut = [...document.querySelectorAll("article :is(table, pre, img)")].filter((element) => {
+    const box = element.getBoundingClientRect();
+    if (!box.width || element.closest(".filtered, details:not([open])")) return false;
+    const code = element.querySelector("code") ?? element;
+    return box.right > room + 1 || box.left < -1 || code.scrollWidth > code.clientWidth + 1;
+  });
+  const broken = [...document.querySelectorAll("article :is(td, th)")].filter((cell) =>
+    !/auto|normal/.test(getComputedStyle(cell).wordBreak)
+    || getComputedStyle(cell).overflowWrap === "anywhere" && !cell.querySelector("code"));
+  return {
+    sideways: document.documentElement.scrollWidth - room,
+    cut: cut.map((element) => element.textContent.trim().slice(0, 60) || element.src),
+    broken: broken.map((cell) => cell.textContent.trim().slice(0, 60)),
+    text: document.querySelector("article").innerText,
+  };
+}"""
+"""What is beyond the window, cells that break within words, and the text that a reader sees."""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder of the site, built as a warning ends it."""
+    for name in ("mkdocs", "material", "mkdocs_jupyter"):
+        pytest.importorskip(name, reason="the site needs the extra docs")
+    folder = tmp_path_factory.mktemp("site")
+    build = ("-m", "mkdocs", "build", "--strict", "-q", "-d", folder)
+    run_python(*build, NO_MKDOCS_2_WARNING="1")
+    return folder
+
+
+@pytest.mark.slow
+def test_the_site_has_the_reference(site):
+    page = (site / "reference/symbolic/index.html").read_text()
+    assert "neurosym_jax.symbolic.qtc.observe" in page
+    assert "[..., T-1, m] int8" in page
+    assert "neurosym replay" in (site / "reference/commands/index.html").read_text()
+    for path in site.rglob("index.html"):
+        text = html.unescape(re.sub(r"<[^>]+>", "", path.read_text()))
+        assert not re.search(r"&(#\d+|amp|lt|gt|quot);", text), path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", SIZES)
+def test_pages_fit(site, browser, size):
+    """No page scrolls sideways, no table, code or picture is cut, no entity is printed."""
+    width, height = SIZES[size]
+    page = browser.new_page(viewport={"width": width, "height": height})
+    faults = {}
+    for path in sorted(site.rglob("index.html")):
+        page.goto(path.as_uri())
+        page.wait_for_function("document.readyState === 'complete'")
+        look = page.evaluate(LOOK)
+        if re.search(r"&#\d+;|&(amp|lt|gt);", look.pop("text")):
+            look["entity"] = True
+        if wrong := {name: fault for name, fault in look.items() if fault}:
+            faults[path.parent.relative_to(site).as_posix()] = wrong
+    page.close()
+    assert not faults
