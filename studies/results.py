@@ -127,7 +127,7 @@ What it does not do:
   the anchor table, which has no network, and its central forecast is behind constant velocity on
   the campus and on Stanford's scenes.
 - Its forecasts are overconfident: on zara1 (8 + 8) the region that should hold 50 % of true
-  positions holds 33 %, that of 90 % holds 77 % ([calibration](gallery.md#calibration)).
+  positions holds 33 %, that of 90 % holds 77 % ([calibration](glossary.md#metrics)).
 - Forecast people collide more often than real ones. SGAN trained here is behind constant velocity
   on univ."""
 """Written by hand from the numbers but for `not_best`; check it when they change."""

@@ -1,11 +1,11 @@
 """Convert a torch checkpoint to a model's folder, or back."""
 
-import contextlib
 from pathlib import Path
 
 from tyro.conf import Positional
 
 from neurosym_jax.errors import InputError, printable
+from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
 from neurosym_jax.interop.checkpoint import (
@@ -18,22 +18,42 @@ from neurosym_jax.interop.pickles import read_torch_file
 __all__ = ["run"]
 
 
-def run(model: Positional[Path], to: Positional[Path], ignore_arg: tuple[str, ...] = ()) -> None:
+def run(
+    model: Positional[Path],
+    to: Positional[Path],
+    ignore_arg: tuple[str, ...] = (),
+    generator_only: bool = False,
+) -> None:
     """Write a torch checkpoint as a model's folder, or a model as a torch checkpoint.
 
     Args:
         model: A .pt file of SGAN or NeuroSyM, or a model's folder or name.
         to: The new folder, or a new .pt file, which torch writes.
         ignore_arg: Unknown arguments of the checkpoint that do not change its network.
+        generator_only: Leave behind what is no part of the generator: the discriminator, losses,
+            optimisers, arguments of the training.
+
+    Raises:
+        InputError: for a file that cannot be read or written; without `generator_only` for a
+            checkpoint that could not be written again as it is, naming what would be lost.
     """
     source = find_model(model)
     loaded = load_torch_checkpoint(source, ignore_arg) if ignore_arg else load_model(source)
+    if source.is_file() and not generator_only:
+        _refuse_loss(source, to, loaded)
     if to.suffix == ".pt":
         export_torch_checkpoint(to, loaded)
     else:
         save_model(to, loaded)
     print(f"{to}: {loaded.name}")
-    if source.is_file():
-        with contextlib.suppress(InputError):  # SGAN's arguments do not express every network.
-            if names := left_out(read_torch_file(source), loaded):
-                print(f"not kept: {printable(', '.join(names))}")
+
+
+def _refuse_loss(source: Path, to: Path, model: Model) -> None:
+    """Refuse a checkpoint that holds more than `model` gives back."""
+    try:
+        lost = ", ".join(left_out(read_torch_file(source), model))
+    except InputError as error:  # SGAN's arguments do not express every network.
+        lost = f"its form for torch ({error})"
+    if lost:
+        hint = "--generator-only leaves it behind"
+        raise InputError(f"{source}: {to} would lose {printable(lost)}: {hint}")

@@ -128,6 +128,7 @@ CASES: dict[str, dict[str, Case]] = {
         "MODEL": (f"{SMALL} new", "sgan_zara1_8 new"),
         "TO": (f"{SMALL} new", f"{SMALL} new.pt"),
         "--ignore-arg": "--ignore-arg mine",
+        "--generator-only": (f"{SMALL} new", f"{SMALL} new --generator-only"),
     },
     "export": {
         "MODEL": ("sgan_zara1_8 new", "anchors_eth_12 new"),

@@ -18,6 +18,7 @@ from neurosym_jax.interop.checkpoint import (
     model_from_torch,
     torch_contents,
 )
+from neurosym_jax.interop.pickles import read_torch_file
 from neurosym_jax.models.sgan.config import GeneratorConfig
 from neurosym_jax.models.sgan.torch_names import params_from_torch, params_to_torch
 from tests.networks import random_model
@@ -150,7 +151,9 @@ def test_assumptions_are_stated(tmp_path, torch):
     torch.save({**contents, "g_state": tensors}, tmp_path / "a.pt")
     with pytest.raises(InputError, match="--ignore-arg heads"):
         convert.run(tmp_path / "a.pt", tmp_path / "a")
-    convert.run(tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",))
+    with pytest.raises(InputError, match="would lose args heads: --generator-only"):
+        convert.run(tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",))
+    convert.run(tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",), generator_only=True)
     assert "activation relu; the unknown" in (tmp_path / "a" / "README.md").read_text()
 
 
@@ -208,7 +211,7 @@ def test_published_checkpoints_equal_torch_load(shared, torch):
 
 
 @pytest.mark.parametrize("zip_form", [False, True])
-def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form, capsys):
+def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form):
     model = model_of(SMALL)
     state = params_to_torch(model.params["params"], SMALL)
     # As cuDNN leaves them: weights that are slices of one storage, at an offset.
@@ -236,6 +239,18 @@ def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form, capsys)
     loaded = load_torch_checkpoint(tmp_path / "a.pt")
     assert loaded.config == SMALL
     assert_same(loaded.params, model.params)
-    convert.run(tmp_path / "a.pt", tmp_path / "a")
-    message = "not kept: G_losses, counters, norm_g, g_best_state, g_optim_state, d_state, empty, "
-    assert f"{message}args d_type, args encoder_h_dim_d\n" in capsys.readouterr().out
+    lost = "would lose G_losses, counters, norm_g, g_best_state, g_optim_state, d_state, empty, "
+    with pytest.raises(InputError, match=f"{lost}args d_type, args encoder_h_dim_d: --generator"):
+        convert.run(tmp_path / "a.pt", tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+    # Without them it is the identity, there and back.
+    convert.run(tmp_path / "a.pt", tmp_path / "a", generator_only=True)
+    convert.run(tmp_path / "a", tmp_path / "b.pt")
+    convert.run(tmp_path / "b.pt", tmp_path / "b")
+    convert.run(tmp_path / "b", tmp_path / "c.pt")
+    first, second = (read_torch_file(tmp_path / name) for name in ("b.pt", "c.pt"))
+    assert first.keys() == second.keys()
+    assert first["args"] == second["args"]
+    for name, array in first["g_state"].items():
+        assert_array_equal(array, second["g_state"][name], strict=True)
+        assert_array_equal(array, state[name], strict=True)

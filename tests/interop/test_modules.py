@@ -125,7 +125,7 @@ def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsy
     assert "activation relu" in capsys.readouterr().out
     assert run(folder) == 0
     # What we export runs in the module and is the same network.
-    convert.run(path, tmp_path / "folder")
+    convert.run(path, tmp_path / "folder", generator_only=True)
     convert.run(tmp_path / "folder", tmp_path / "again.pt")
     assert run(torch_module=module, checkpoint=tmp_path / "again.pt") == 0
     models.write_text(SGAN.read_text().replace(*RELU))
