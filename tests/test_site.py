@@ -13,6 +13,7 @@ LOOK = """() => {
   const cut = [...document.querySelectorAll("article :is(table, pre, img)")].filter((element) => {
     const box = element.getBoundingClientRect();
     if (!box.width || element.closest(".filtered, details:not([open])")) return false;
+    if (room < 600 && element.closest(".jp-OutputArea-output")) return false;  // scrolls
     const code = element.querySelector("code") ?? element;
     return box.right > room + 1 || box.left < -1 || code.scrollWidth > code.clientWidth + 1;
   });

@@ -31,6 +31,16 @@ document.querySelectorAll("table.filtered").forEach((table) => {
   });
 });
 
+// Tables of many columns, whose rows are lists on a phone: each cell knows its head.
+document.querySelectorAll("article table:not(.filtered)").forEach((table) => {
+  const heads = [...(table.tHead?.rows[0]?.cells ?? [])].map((head) => head.textContent.trim());
+  if (heads.length < 5) return;
+  table.dataset.wide = "";
+  [...table.tBodies].flatMap((body) => [...body.rows]).forEach((row) => {
+    [...row.cells].forEach((cell, column) => { cell.dataset.head = heads[column] ?? ""; });
+  });
+});
+
 // What the theme leaves without a name or out of reach of the keyboard.
 document.querySelector(".md-search").setAttribute("aria-label", "Search");
 document.querySelectorAll("th:empty").forEach((head) => {
