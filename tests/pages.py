@@ -116,7 +116,7 @@ def run_block(example: Example) -> None:
     code = str(example.parsed)
     if any(words in code for words in SKIPPED):
         return
-    file = re.match(r"# (\w+\.py)", code) or re.search(r"class (Damped)\b", code)
+    file = re.match(r"# ([\w/]+\.py)", code) or re.search(r"class (Damped)\b", code)
     tables = [dict(table) for table in TABLES]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
