@@ -32,8 +32,8 @@ from neurosym_jax.symbolic.weightings import WEIGHTINGS
 ROOT = Path(__file__).resolve().parents[1]
 TABLES: tuple[dict[str, Any], ...] = (FORMATS, METRICS, FORECASTERS, WEIGHTINGS)
 LACK = re.compile(
-    r"\b[A-Z]{2,}[A-Z_0-9]*\b|eth-ucy|download|sgan-|my_checkpoint|recording\.bag|--jobs"
-    r"|\bros[12]\b|tests/golden|recipe\.yaml|recommended model\.|evaluate$|train *$|train --set"
+    r"\b[A-Z]{2,}[A-Z_0-9]*\b|eth-ucy|download|sgan-|my_checkpoint|recording\.bag|--jobs|\bros[12]\b"
+    r"|tests/golden|recipe\.yaml|recommended model\.|evaluate$|train *$|train --(set|model)|replay "
 )
 """Words of commands that need data, a bag, a robot or a clone, or that take half a minute."""
 SKIPPED = {
@@ -48,7 +48,7 @@ SKIPPED = {
 }
 """Blocks by words of theirs, and why they are left out."""
 SHOWN = re.compile(r"(?:```)?\n+(?:It |which )?prints?\b[^\n]*\n\n((?: {4}[^\n]*\n|\n(?= {4}))+)")
-NUMBER = re.compile(r"\d+\.\d+")
+NUMBER = re.compile(r"\d*\.\d+")
 
 
 def prepare() -> dict[str, Any]:
