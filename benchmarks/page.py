@@ -34,8 +34,8 @@ samples out; ROS 2 a real rclpy, with poses in and markers out; and a bag is rep
 rate: its ages are those that `neurosym replay` prints, because nobody but the page hears it. All
 200 people are forecast (`--max-people 200`). "Start" compiles everything first,
 "meanwhile" while people are forecast already; "warm" has programs in the cache. The torch peer is
-SGAN with encoding and pooling done once, all samples together, and no loop over scenes. The original is the
-released code. `benchmarks.json` beside this page has all rounds, stages, memory,
+SGAN with encoding and pooling done once, all samples together, and no loop over scenes. The
+original is the released code. `benchmarks.json` beside this page has all rounds, stages, memory,
 and the bound set by the arithmetic; the first lines of `benchmarks/page.py` renew the page.
 
 {machine}

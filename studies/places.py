@@ -51,7 +51,8 @@ HEAD = """# Places left out whole
 **By joint ADE `anchors` leads at all eight places: the error of SGAN is higher by 20 ± 10 %, of
 NeuroSyM by 15 ± 10 %, of the anchor table by 11 ± 7 %. By the energy score it is not significantly
 better than the anchor table, which has no network (+2.4 ± 6.8 %; each leads at four places), nor
-than NeuroSyM (+4.5 ± 6.5 %).** The energy score is the one by which we [rank models](glossary.md#metrics).
+than NeuroSyM (+4.5 ± 6.5 %).** The energy score is the one by which we
+[rank models](glossary.md#metrics).
 
 On Stanford's scenes anchors and table are level in joint error too; on eth the table has the lower
 joint FDE. By the energy score the table is best on eth, Stanford's scenes, THÖR and MAGNI,
