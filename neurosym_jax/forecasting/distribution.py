@@ -8,13 +8,13 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import Count, Seed, refuse
+from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.forecasting.forecaster import Forecaster, refuse_many
-from neurosym_jax.forecasting.model import Model, checked_scene
+from neurosym_jax.forecasting.model import Model, SceneForecaster, checked_scene
 from neurosym_jax.scene import Scene, pad_scene, to_world
 
-__all__ = ["draw_scene", "predict_distribution"]
+__all__ = ["draw_futures", "predict_distribution"]
 
 
 def predict_distribution(
@@ -46,16 +46,20 @@ def predict_distribution(
         InputError: as `predict`.
     """
     refuse(Count, {"draws": draws})
-    refuse(Seed, {"seed": seed})
     scene = checked_scene(model, observed, recording, frame)
+    forecaster = SceneForecaster(model.forecaster, model.params, samples=1, seed=seed)
+    return draw_futures(forecaster, scene, draws)
+
+
+def draw_futures(forecaster: SceneForecaster, scene: Scene, count: int) -> np.ndarray:
+    """Draw `count` equally probable futures [n, N, pred_len, 2] of `scene`, world metres."""
     slots = int(bucket_of(len(scene.valid)))
-    refuse_many(model.forecaster, draws, slots)
-    padded = model.forecaster.prepared(pad_scene(scene.bare(), slots))
-    futures = draw_scene(model.forecaster, model.params, padded, jax.random.key(seed), draws)
+    refuse_many(forecaster.forecaster, count, slots)
+    padded = forecaster.forecaster.prepared(pad_scene(scene.bare(), slots))
+    futures = _draw(forecaster.forecaster, forecaster.params, padded, forecaster.key, count)
     return to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 4))
-def draw_scene(forecaster: Forecaster, params: Any, scene: Scene, key: Array, count: int) -> Array:
-    """`forecaster.distribution`, compiled; equal forecasters share the program."""
+def _draw(forecaster: Forecaster, params: Any, scene: Scene, key: Array, count: int) -> Array:
     return forecaster.distribution(params, scene, key, count)

@@ -99,8 +99,8 @@ class SceneForecaster:
         self.forecaster = forecaster
         self.samples = forecaster.count(samples)
         refuse_many(forecaster, self.samples, 1)
-        self._params = jax.device_put(params)
-        self._key = jax.random.key(seed)
+        self.params = jax.device_put(params)
+        self.key = jax.random.key(seed)
 
     def __call__(self, scene: Scene) -> np.ndarray:
         """Futures [k, N, pred_len, 2], float64 metres in the world's frame."""
@@ -115,8 +115,8 @@ class SceneForecaster:
         noise: Any = np.zeros((self.samples, 0), np.float32)
         if spec.dim:
             agents = slots if spec.per_agent else 1
-            noise = _noise(spec, self._key, padded.identity, self.samples, agents)
-        return forecast_scene(self.forecaster, self._params, padded, noise)
+            noise = _noise(spec, self.key, padded.identity, self.samples, agents)
+        return forecast_scene(self.forecaster, self.params, padded, noise)
 
     @staticmethod
     def finish(started: Representatives, scene: Scene) -> tuple[np.ndarray, np.ndarray | None]:

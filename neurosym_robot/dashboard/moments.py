@@ -12,9 +12,9 @@ A moment has
 - `step`, once a period if there is a forecast: its `t` and the `ids` [N] of its people; `seen`
   [N][obs_len * 2] metres, and `extrapolated` [N], how many of its last steps nobody saw; `models`,
   each with `samples` [N][k][pred_len * 2] whole centimetres from the last observed position, their
-  probabilities `weights` [k] and the index `central` of the most probable; `codes`, the states of
-  the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; `likely` events as (name, k, l,
-  probability, seconds), and `score`.
+  probabilities `weights` [k] and the index `central` of the central forecast; `codes`, the states
+  of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; `likely` events as (name, k,
+  l, probability, seconds), and `score`.
 
 The last line has the final `score` alone.
 """
@@ -179,10 +179,11 @@ class Moments:
         likely = [events[n] for n in np.argsort(turns, kind="stable")[:MAX_LIKELY]]
         models = {}
         for name, result in forecast.models.items():
-            ways = np.moveaxis(result.samples - last, 0, 1).reshape(people, len(result.samples), -1)
+            futures, weights, central = result.weighted
+            ways = np.moveaxis(futures - last, 0, 1).reshape(people, len(futures), -1)
             models[name] = {
-                "central": result.central,
-                "weights": np.round(result.weights, 4).tolist(),
+                "central": central,
+                "weights": np.round(weights, 4).tolist(),
                 "samples": np.rint(100 * ways).astype(np.int64).tolist(),
             }
         return {

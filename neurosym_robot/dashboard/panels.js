@@ -131,6 +131,11 @@ class Panels {
 
   showErrors(score) {
     const keys = ["published_ade", "published_fde", "joint_ade", "joint_fde", "runtime"];
+    const held = Object.entries(score?.models ?? {}).flatMap(([name, { coverage }]) => {
+      const shares = Object.entries(coverage).map(([level, share]) => `${level} % regions held ${Math.round(100 * share)} %`);
+      return shares.length ? `${name}: ${shares.join(", ")} in the last 5 minutes` : [];
+    });
+    find("held").textContent = held.join("; ");
     const rows = Object.entries(score?.models ?? {}).map(([name, means]) => {
       const row = make("tr");
       const head = make("th", name, { scope: "row", title: `${means.people} people compared` });

@@ -49,7 +49,7 @@ def likely_events(
     pairs = np.resize(np.concatenate([near, near[:, ::-1]]), (2 * PAIRS, 2))
     ends = pairs.T.ravel()
     outcomes = symbolic_events(
-        result.samples[:, ends],
+        result.draws[:, ends],
         forecast.observed[ends, -1:],
         events=tuple(EVENTS),
         pairs=np.arange(len(ends)).reshape(2, -1).T,

@@ -5,6 +5,7 @@ index of its first step, whether frames come live or from a file.
 """
 
 import dataclasses
+import functools
 import gc
 import re
 import threading
@@ -19,9 +20,10 @@ from numpy.typing import ArrayLike
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.distribution import draw_futures
 from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.scene import make_scene, pad_scene
+from neurosym_jax.scene import Scene, make_scene, pad_scene
 from neurosym_robot.online.window import Window, nearest_first
 
 GRACE = 1.0  # seconds waited for the end of a future, for people lost for a moment there
@@ -44,12 +46,34 @@ class ModelForecast:
     probability: np.ndarray | None = None  # [k] of the samples; None where all have the same
     runtime: float = 0.0
     """Seconds to the samples; models that run side by side share the cores."""
+    draw: Callable[[], np.ndarray] | None = None
+    """Returns `draws`; None for a model whose samples are equally probable."""
 
     @property
     def weights(self) -> np.ndarray:
         """[k] probabilities of the samples, which sum to one."""
         count = len(self.samples)
         return np.full(count, 1 / count) if self.probability is None else self.probability
+
+    @functools.cached_property
+    def draws(self) -> np.ndarray:
+        """[k, N, pred_len, 2] equally probable futures: for probabilities, regions and risks.
+
+        They are drawn when they are asked for; `samples` are chosen to cover what may happen.
+        """
+        return self.samples if self.draw is None else self.draw()
+
+    @property
+    def weighted(self) -> tuple[np.ndarray, np.ndarray, int]:
+        """Futures [K, N, pred_len, 2], their probabilities [K], and which of them is central.
+
+        They are the draws, and the central sample with probability 0.
+        """
+        if self.draw is None:
+            return self.samples, self.weights, self.central
+        count = len(self.draws)
+        futures = np.concatenate([self.draws, self.samples[self.central : self.central + 1]])
+        return futures, np.append(np.full(count, 1 / count), 0), count
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -177,8 +201,17 @@ class Predictor:
         started = {name: model.start(padded) for name, model in self._forecasters.items()}
         for name, futures in started.items():
             result = _summary(*SceneForecaster.finish(futures, scene))
-            models[name] = dataclasses.replace(result, runtime=time.perf_counter() - start)
+            draw = None
+            if result.probability is not None:
+                draw = functools.partial(_draw, self._forecasters[name], padded, len(observed))
+            took = time.perf_counter() - start
+            models[name] = dataclasses.replace(result, runtime=took, draw=draw)
         return models
+
+
+def _draw(model: SceneForecaster, padded: Scene, people: int) -> np.ndarray:
+    """[k, N, pred_len, 2] draws for N `people`, by the program of the `padded` scene's size."""
+    return draw_futures(model, padded, model.samples)[:, :people]
 
 
 def _summary(samples: np.ndarray, probability: np.ndarray | None) -> ModelForecast:

@@ -19,6 +19,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import metric_names
 from neurosym_jax.evaluation.scoring import score
 from neurosym_robot.online.predictor import GRACE, Forecast, Predictor
+from neurosym_robot.online.regions import Recalibration
 from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
@@ -43,11 +44,9 @@ class Analytics:
         self._window = predictor.window
         self._wait = predictor.seconds_ahead + GRACE
         self._pending: collections.deque[Forecast] = collections.deque()
-        predictor.programs.add(
-            lambda forecast: [
-                score(futures, futures[0]) for futures in _with_straight(forecast).values()
-            ]
-        )
+        self.regions: dict[str, Recalibration] = {}
+        """By model that makes more than one forecast."""
+        predictor.programs.add(_rehearse)
 
     def add(self, forecast: Forecast | None) -> list[Forecast]:
         """Take in what the newest frame brought; return the forecasts that it completed.
@@ -57,6 +56,8 @@ class Analytics:
         done = []
         if self._pending and self._window.stamp < self._pending[-1].stamp:
             done = self.finish()  # The clock was set back: their future never comes.
+        for regions in self.regions.values():
+            regions.learn()
         while self._pending and self._window.stamp >= self._pending[0].stamp + self._wait:
             done.append(self._score(self._pending.popleft()))
         if forecast is not None:
@@ -68,12 +69,18 @@ class Analytics:
             newest = self._pending[-1].stamp if self._pending else -np.inf
             if forecast.stamp - newest >= self._window.period - SNAP:
                 self._pending.append(forecast)
+                for name, result in forecast.models.items():
+                    if len(result.draws) > 1:
+                        regions = self.regions.setdefault(name, Recalibration(self._window))
+                        regions.add(forecast.stamp, forecast.ids, result.draws)
         return done
 
     def finish(self) -> list[Forecast]:
         """At the end of a recording, score the forecasts that wait, and return them."""
         done = [self._score(forecast) for forecast in self._pending]
         self._pending.clear()
+        for regions in self.regions.values():
+            regions.clear()
         return done
 
     def summary(self) -> dict[str, Any]:
@@ -81,7 +88,8 @@ class Analytics:
 
         Of each model `published_ade` and `published_fde` are errors of the central forecast, which
         is published; other metrics take the best of its samples by hindsight. `runtime` is the mean
-        of milliseconds that a forecast takes.
+        of milliseconds that a forecast takes, `coverage` the share of the true positions of the
+        last five minutes that recalibrated regions held, by their level in per cent.
         """
 
         def mean(total: Any, count: Any) -> Any:
@@ -95,10 +103,15 @@ class Analytics:
             "models": {
                 name: {"forecasts": self._scored[name], "people": self._people[name]}
                 | {"runtime": mean(*np.array(self._runtime.get(name, nothing)))}
+                | {"coverage": self._coverage(name)}
                 | {key: mean(*sums.get(key, nothing)) for key in (*PUBLISHED, *metric_names())}
                 for name, sums in self._sums.items()
             },
         }
+
+    def _coverage(self, name: str) -> dict[str, float]:
+        shares = self.regions[name].coverage() if name in self.regions else {}
+        return {f"{100 * level:.0f}": share for level, share in shares.items()}
 
     def _score(self, forecast: Forecast) -> Forecast:
         """Compare a forecast with what happened: here truth meets what was forecast."""
@@ -123,6 +136,14 @@ class Analytics:
                 sums[metric] = sums.get(metric, 0) + sum_and_count
         self.dropped["future unknown"] += int((~is_known.all(axis=1)).sum())
         return dataclasses.replace(forecast, future=future)
+
+
+def _rehearse(forecast: Forecast) -> None:
+    """Compute what analytics do with a forecast, so that its programs are compiled."""
+    for result in forecast.models.values():
+        result.draws  # noqa: B018
+    for futures in _with_straight(forecast).values():
+        score(futures, futures[0])
 
 
 def _with_straight(forecast: Forecast) -> dict[str, np.ndarray]:

@@ -15,6 +15,7 @@ import numpy as np
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.evaluation.metrics import METRICS, metric_names
 from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.regions import SPAN
 from neurosym_robot.online.replay import PUBLISHED, Analytics
 
 STALE_AFTER = 2.0  # seconds of age from which on forecasts no longer describe the present
@@ -153,6 +154,7 @@ class Status:
         errors = (
             f"{name} ADE {means['published_ade']:.2f} m, FDE {means['published_fde']:.2f} m "
             f"(best of the samples {means['joint_ade']:.2f}, {means['joint_fde']:.2f})"
+            f"{_coverage_in_words(means['coverage'])}"
             for name, means in now["score"]["models"].items()
             if means["people"]
         )
@@ -198,6 +200,12 @@ class Status:
         offset = f", of which {self.offset:.1f} s are a constant offset" if self.offset else ""
         most = f"{now['p50']} ms, p99 {now['p99']} ms, at most {1e3 * self._oldest:.1f} ms"
         return f"age of information p50 {most}{offset}" if self._ages else ""
+
+
+def _coverage_in_words(coverage: Mapping[str, float]) -> str:
+    """Such as `, 50 % regions held 48 %, 90 % regions 91 % in the last 5 minutes`; else empty."""
+    shares = [f"{level} % regions held {100 * share:.0f} %" for level, share in coverage.items()]
+    return f", {', '.join(shares)} in the last {SPAN / 60:.0f} minutes" if shares else ""
 
 
 def _listed(counts: Mapping[str, int], title: str = "") -> str:

@@ -140,14 +140,14 @@ def forecast_message(
 ) -> Any:
     """The HumansTrajs of one model: observed steps, then those of its central forecast.
 
-    The covariance of a position is that of the samples around their mean; the confidence of a
+    The covariance of a position is that of the draws around their mean; the confidence of a
     person is the share of observed steps that were seen, not extrapolated.
     """
     result, seen = forecast.models[model], forecast.observed.shape[1]
     xy = np.concatenate([forecast.observed, result.samples[result.central]], axis=1)
-    deviation = result.samples - result.mean
+    deviation = result.draws - result.draws.mean(axis=0)
     spread = np.zeros((*xy.shape, 2))
-    spread[:, seen:] = np.einsum("k,knti,kntj->ntij", result.weights, deviation, deviation)
+    spread[:, seen:] = np.einsum("knti,kntj->ntij", deviation, deviation) / len(deviation)
     steps, sure = _steps(forecast, xy, period), 1 - forecast.extrapolated / seen
     return make_trajectories(new, steps, forecast.ids, xy, spread, frame_id, sure, seen - 1)
 
@@ -177,22 +177,23 @@ def _steps(forecast: Forecast, xy: np.ndarray, period: float) -> np.ndarray:
 
 def samples_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
     """The neurosym_msgs/Forecast of one model."""
-    result, last = forecast.models[model], forecast.observed[:, -1]
+    last = forecast.observed[:, -1]
+    futures, weights, central = forecast.models[model].weighted
     velocity = (last - forecast.observed[:, -2:-1].mean(axis=1)) / period
     return filled(
         new(FORECAST),
         header=_header(forecast.stamp, frame_id),
         model=model,
         period=period,
-        central=result.central,
-        samples=len(result.samples),
-        steps=result.mean.shape[1],
-        weights=result.weights.astype(np.float32),
+        central=central,
+        samples=len(futures),
+        steps=futures.shape[2],
+        weights=weights.astype(np.float32),
         ids=forecast.ids,
         extrapolated=forecast.extrapolated.astype(np.uint32),
         position=last.ravel(),
         velocity=velocity.ravel().astype(np.float32),
-        futures=(result.samples - last[:, None]).ravel().astype(np.float32),
+        futures=(futures - last[:, None]).ravel().astype(np.float32),
     )
 
 

@@ -17,6 +17,8 @@ from neurosym_jax.models.anchors.loss import (
     company,
     overlap,
     personal_energy,
+    points_loss,
+    step_energy,
 )
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorForecast, AnchorTableConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
@@ -100,6 +102,24 @@ def test_points_are_scored_by_the_energy_score_of_each_person():
 
     wanted = 3 * (energy[0] + energy[2]) / 2
     assert float(loss(3.0) - loss(0.0)) == pytest.approx(float(wanted), rel=1e-4)
+
+
+def test_positions_at_single_steps_are_scored_by_themselves():
+    """By the metric, at the last step and every third before it, each as a future of one step."""
+    rng = np.random.default_rng(0)
+    points, future = rng.normal(size=(6, 3, 5, 2)), rng.normal(size=(3, 5, 2))
+    energy = jax.jit(step_energy)(points, future)
+    for person in range(3):
+        one = slice(person, person + 1)
+        single = [
+            score(points[:, one, [n]], future[one, [n]], metrics=["energy_score"]) for n in (1, 4)
+        ]
+        wanted = np.mean([float(each["energy_score"].mean) for each in single])
+        assert energy[person] == pytest.approx(wanted, rel=1e-3)
+    batch, valid = (jnp.asarray(each)[None] for each in (points, future)), jnp.ones((1, 3), bool)
+    recipe = AnchorRecipe(energy_weight=0.0, step_weight=2.0)
+    total = points_loss(*batch, valid, recipe)
+    assert float(total) == pytest.approx(2 * float(energy.sum()), rel=1e-4)
 
 
 def test_batches_depend_on_seed_and_step_and_crop_what_is_large(run):

@@ -64,10 +64,10 @@ def separate(draws: Array, valid: Array, key: Array) -> Array:
     # Step by step, because of a crowd all steps of all pairs would not fit into memory.
     means = draws.mean(axis=0).swapaxes(0, 1)  # [T, N, 2]
     gaps = [jnp.square(mean[:, None] - mean).sum(-1) for mean in means]
-    apart = functools.reduce(jnp.minimum, gaps)
+    clearance = functools.reduce(jnp.minimum, gaps)
     others = valid & ~jnp.eye(agents, dtype=bool)
-    nearest, near = jax.lax.top_k(jnp.where(others, -apart, -jnp.inf), min(agents - 1, NEAREST))
-    there = jnp.isfinite(nearest)
+    nearest, near = jax.lax.top_k(jnp.where(others, -clearance, -jnp.inf), min(agents - 1, NEAREST))
+    present = jnp.isfinite(nearest)
 
     def exchange(draws: Array, turn: tuple[Array, Array]) -> tuple[Array, None]:
         sweep, agent = turn  # Not their number, which would change with padding.
@@ -79,19 +79,19 @@ def separate(draws: Array, valid: Array, key: Array) -> Array:
             order[: count // 2 * 2].reshape(-1, 2)[:, ::-1].reshape(-1)
         )
         partner = jnp.zeros_like(order).at[order].set(ahead)
-        mine, around = draws[:, agent], draws[:, near[agent]]
+        mine, others_draws = draws[:, agent], draws[:, near[agent]]
 
         def overlaps(mine: Array) -> Array:
-            offset = mine[:, None] - around
+            offset = mine[:, None] - others_draws
             halfway = (offset[..., 1:, :] + offset[..., :-1, :]) / 2
             distance = length(jnp.concatenate([offset, halfway], -2)).min(-1)
-            return jnp.where(there[agent], jnp.maximum(1 - distance / DISTANCE, 0), 0).sum(-1)
+            return jnp.where(present[agent], jnp.maximum(1 - distance / DISTANCE, 0), 0).sum(-1)
 
-        more = overlaps(mine[partner]) - overlaps(mine)
-        more = more + more[partner]
+        increase = overlaps(mine[partner]) - overlaps(mine)
+        increase = increase + increase[partner]
         lot = jax.random.uniform(lot_key, (count,))
         lot = lot[jnp.minimum(jnp.arange(count), partner)]  # One for both partners.
-        accepted = jnp.log(lot) < -REPULSION * more
+        accepted = jnp.log(lot) < -REPULSION * increase
         mine = jnp.where(accepted[:, None, None], mine[partner], mine)
         return draws.at[:, agent].set(mine), None
 

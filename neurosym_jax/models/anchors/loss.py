@@ -20,7 +20,7 @@ from neurosym_jax.scene import Scene
 from neurosym_jax.training.stream import augment, gather_cropped
 
 __all__ = ["CLASSES", "AnchorStream", "anchor_loss", "batch_loss", "company", "overlap"]
-__all__ += ["personal_energy"]
+__all__ += ["personal_energy", "points_loss", "step_energy"]
 
 CLASSES = (3, 9, 24)
 """Padded sizes of scenes; larger ones are cropped to a random agent and its nearest neighbours."""
@@ -102,9 +102,18 @@ def anchor_loss(
     if recipe.collision_weight:
         total += recipe.collision_weight * overlap(samples, valid).mean(1).sum()
     if points.shape[1]:
-        energy = jax.vmap(personal_energy)(points, future)
-        total += recipe.energy_weight * jnp.where(valid, energy, 0).sum()
+        total += points_loss(points, future, valid, recipe)
     return total / valid.sum()
+
+
+def points_loss(points: Array, future: Array, valid: Array, recipe: AnchorRecipe) -> Array:
+    """[] sum over people of the proper scores of their `points [B, P, N, T, 2]`, metres.
+
+    `future` is [B, N, T, 2] metres, `valid` [B, N].
+    """
+    energy = recipe.energy_weight * jax.vmap(personal_energy)(points, future)
+    energy += recipe.step_weight * jax.vmap(step_energy)(points, future)
+    return jnp.where(valid, energy, 0).sum()
 
 
 def personal_energy(points: Array, future: Array) -> Array:
@@ -116,10 +125,21 @@ def personal_energy(points: Array, future: Array) -> Array:
     offset = (points - future).swapaxes(0, 1).reshape(len(future), len(points), -1)
     product = jnp.einsum("npd,nqd->npq", offset, offset)
     square = jnp.diagonal(product, axis1=1, axis2=2)
-    apart = square[:, :, None] + square[:, None] - 2 * product
+    square_gap = square[:, :, None] + square[:, None] - 2 * product
     # Smooth at 0: points may meet each other and the truth.
-    error, spread = jnp.sqrt(square + 1e-6), jnp.sqrt(jnp.maximum(apart, 0) + 1e-6)
+    error, spread = jnp.sqrt(square + 1e-6), jnp.sqrt(jnp.maximum(square_gap, 0) + 1e-6)
     return (error.mean(1) - spread.mean((1, 2)) / 2) / jnp.sqrt(steps)
+
+
+def step_energy(points: Array, future: Array) -> Array:
+    """[N] energy score of each person's position at one step, mean over every third step, metres.
+
+    That of a whole trajectory hardly depends on how its steps are spread by themselves.
+    """
+    points, future = points[:, :, ::-3], future[:, ::-3]
+    steps = future.shape[:2]
+    energy = personal_energy(points.reshape(len(points), -1, 1, 2), future.reshape(-1, 1, 2))
+    return energy.reshape(steps).mean(1)
 
 
 def overlap(forecast: Array, valid: Array) -> Array:

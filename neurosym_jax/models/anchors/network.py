@@ -39,6 +39,8 @@ from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
 __all__ = ["AnchorConfig", "AnchorForecast", "AnchorNetwork", "AnchorTable", "AnchorTableConfig"]
 
+POINT_DIM = 24
+"""The hidden layer of the points: they are many, and a model that ships is to stay small."""
 HEADS, PAIR_DIM, MESSAGE_DIM = 4, 32, 16
 """The attention's heads, its hidden layer, and what a person learns from all neighbours."""
 BASIS = 5
@@ -170,10 +172,12 @@ class AnchorNetwork(nn.Module):
             state = jnp.concatenate([state, heard, jnp.log1p(crowd + company)[:, None]], -1)
         state = nn.relu(_dense(config.hidden, "state")(state))
 
-        curves = functools.partial(self._curves, state, speed, heading, walking)
-        residual = curves(config.samples)
+        curves = functools.partial(self._curves, speed=speed, heading=heading, walking=walking)
+        residual = curves(state, config.samples)
         if config.points:
-            residual = jnp.concatenate([residual, curves(config.points, "point_")])
+            hidden = nn.relu(_dense(POINT_DIM, "point_hidden")(state))
+            points = curves(hidden, config.points, "point_")
+            residual = jnp.concatenate([residual, points])
         forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
         forecast = limit_displacement(forecast, observed[:, -1], config.period)
         forecast = forecast + offset[None, :, None]
@@ -187,15 +191,16 @@ class AnchorNetwork(nn.Module):
     def _curves(
         self,
         state: Array,
+        count: int,
+        prefix: str = "",
+        *,
         speed: Array,
         heading: Array,
         walking: Array,
-        count: int,
-        prefix: str = "",
     ) -> Array:
         """[count, N, pred_len, 2] residuals to constant velocity, metres.
 
-        `prefix` begins the names of the parameters. Of each person: `state [N, hidden]`,
+        `prefix` begins the names of the parameters. Of each person: `state [N, units]`,
         `speed [N]` in metres a step, `heading [N, 2]` and its squared length `walking [N]`.
         """
         config, shape = self.config, (count, BASIS, 2)

@@ -41,5 +41,7 @@ class AnchorRecipe(Recipe):
     """Temperature of that softmax, metres of error for a person."""
     energy_weight: NotNegative = 1.0
     """Weight of the energy score of each person's points."""
+    step_weight: NotNegative = 0.5
+    """Weight of the energy score of each person's position at single steps."""
     collision_weight: NotNegative = 0.0
     """Weight of how much people of one sample overlap. It costs error: see docs/recipe.md."""

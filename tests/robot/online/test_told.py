@@ -1,5 +1,6 @@
 """What is told of a stream: its scores are offline ones, its age is honest, its events are all."""
 
+import dataclasses
 from collections import Counter
 from types import SimpleNamespace
 from typing import Any
@@ -80,6 +81,9 @@ def test_equals_the_offline_errors_of_one_forecast_a_period():
     result = summary["models"][STRAIGHT]
     assert result["joint_ade"] == pytest.approx(np.mean(off), rel=1e-5)
     assert stream.analytics.dropped["future unknown"] == 3 * (len(stream.done) - len(scored))
+    # Random futures of four samples hold what they should after recalibration.
+    assert summary["models"]["a"]["coverage"]["90"] == pytest.approx(0.9, abs=0.1)
+    assert summary["models"][STRAIGHT]["coverage"] == {}
 
 
 def test_who_is_gone_is_not_scored_and_who_is_lost_for_a_moment_is():
@@ -118,8 +122,8 @@ class Clocked:
         self.predictor: Any = SimpleNamespace(
             health=Counter(), window=SimpleNamespace(max_gap=1.0), dropped={}
         )
-        summary = {"forecasts": 0, "dropped": {}, "models": {}}
-        analytics: Any = SimpleNamespace(summary=lambda: summary)
+        self.summary: Any = {"forecasts": 0, "dropped": {}, "models": {}}
+        analytics: Any = SimpleNamespace(summary=lambda: self.summary)
         report = self.said.append
         self.status = Status(self.predictor, analytics, report, 0.0, clock=lambda: self.now)
 
@@ -146,6 +150,17 @@ def test_a_stream_is_stale_by_its_age_and_says_when_it_is_back():
     assert stream.said == ["stale: the newest people are 3.0 s old"]
     stream.run(0.1, late=0.02)
     assert stream.said[1:] == ["people again"]
+
+
+def test_the_line_says_what_regions_held():
+    means = {"people": 1, "published_ade": 0.3, "published_fde": 0.6, "joint_ade": 0.1}
+    means |= {"joint_fde": 0.2, "coverage": {"50": 0.482, "90": 0.914}}
+    stream = Clocked()
+    stream.summary["models"]["m"] = means
+    said = "50 % regions held 48 %, 90 % regions held 91 % in the last 5 minutes"
+    assert said in stream.status.line()
+    means["coverage"] = {}
+    assert "regions" not in stream.status.line()
 
 
 def test_a_growing_backlog_is_stale_though_frames_come():
@@ -196,6 +211,16 @@ def test_two_who_come_towards_each_other_pass():
         *("4 approaches 3", "4 passes with 3 on the left"),
     ]
     assert likely_events(forecast_of([(0, 0)], [(1, 0)]), "m", 0.4) == []
+
+
+def test_an_event_is_as_probable_as_in_the_draws():
+    meet = forecast_of([(0, 0), (4, 0.8)], [(1.2, 0), (-1.2, 0)])
+    apart = forecast_of([(0, 0), (4, 0.8)], [(-1.2, 0), (1.2, 0)])
+    result = meet.models["m"]
+    draws = np.concatenate([result.samples[:15], apart.models["m"].samples[:5]])
+    meet.models["m"] = dataclasses.replace(result, draw=lambda: draws)  # pyright: ignore
+    events = {event.name: event.probability for event in likely_events(meet, "m", 0.4)}
+    assert events["meets"] == pytest.approx(0.75, abs=0.06)
 
 
 def test_the_list_is_that_of_all_pairs_and_bounded():

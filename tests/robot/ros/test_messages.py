@@ -125,6 +125,23 @@ def test_all_samples_compactly(store, new, forecast):
     assert message.weights.sum() == pytest.approx(1)
 
 
+def test_probabilities_are_of_the_draws_where_there_are_any(store, new, forecast):
+    """The samples cover what may happen; costmaps and covariances need the distribution."""
+    samples = forecast.models["SGAN"].samples
+    draws = samples[:, :, :, ::-1] * 2
+    result = ModelForecast(samples, samples.mean(axis=0), 3, np.full(6, 1 / 6), 0.0, lambda: draws)
+    drawn = dataclasses.replace(forecast, models={"SGAN": result})
+    message = received(store, messages.samples_message(new, drawn, "SGAN", 0.4, "map"))
+    assert (message.samples, message.central) == (7, 6)
+    assert_allclose(message.weights, [*[1 / 6] * 6, 0])
+    futures = message.futures.reshape(7, 2, message.steps, 2)
+    wanted = np.concatenate([draws, samples[3:4]]) - forecast.observed[:, -1:]
+    assert_allclose(futures, wanted, rtol=1e-6)
+    made = messages.forecast_message(new, drawn, "SGAN", 0.4, "odom")
+    covariance = received(store, made).trajs[6].humans[1].centroid.covariance.reshape(6, 6)
+    assert_allclose(covariance[:2, :2], np.cov(draws[:, 1, 3].T, bias=True))
+
+
 def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(store, new, forecast):
     made = messages.markers_message(new, forecast, "SGAN", 0.4, "odom")
     message = received(store, made, MARKERS)

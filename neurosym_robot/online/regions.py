@@ -1,0 +1,133 @@
+"""Regions that hold what they say, whatever the place: online recalibration of a distribution.
+
+A region of a level is where a person is forecast to be at a step: the positions whose mean distance
+to the draws is below a bound. The bound that the draws give is right where the model is. Elsewhere
+it is scaled by a factor that grows when a truth lies outside and shrinks when it lies inside, so
+that in the long run the region holds its level at any place (adaptive conformal inference: Gibbs
+and Candès, NeurIPS 2021; as quantile tracking: Angelopoulos et al., NeurIPS 2023). Factors are
+bounded: beyond `WIDEST` a forecast is worth nothing, and coverage is no longer kept.
+"""
+
+import collections
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from neurosym_jax.data.tracks import SNAP
+from neurosym_robot.online.window import Window
+
+__all__ = ["LEVELS", "Recalibration", "Regions"]
+
+LEVELS = (0.5, 0.9)
+"""Shares of true positions that regions should hold."""
+WIDEST = 30.0
+"""Largest factor of a region's size, and the inverse of the smallest."""
+FLOOR = 0.02
+"""Added to a region's size, metres: people are tracked no better."""
+RATE = 0.1
+"""Change of a factor's logarithm for a person outside its region, and of all steps' beside it."""
+MOST = 10
+"""People at a step that count for a change; of more each one counts for less."""
+SPAN = 300.0
+"""Seconds over which coverage is told."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Regions:
+    """Regions of N people at T steps, by level, as the draws give them."""
+
+    draws: np.ndarray  # [n, N, T, 2] metres, equally probable
+    centre: np.ndarray  # [N, T] least mean distance of a draw to all, metres
+    size: np.ndarray  # [L, N, T] metres by which the mean distance may exceed it in a region
+
+    @classmethod
+    def around(cls, draws: np.ndarray) -> "Regions":
+        """The regions of `draws [n, N, T, 2]`."""
+        distance = np.sort([_mean_distance(draws, draw) for draw in draws], axis=0)
+        ranks = [math.ceil(level * len(draws)) - 1 for level in LEVELS]
+        return cls(draws, distance[0], distance[ranks] - distance[0] + FLOOR)
+
+    def factors(self, step: int, truth: np.ndarray) -> np.ndarray:
+        """[L, N] logarithms of the factors from which on regions of `step` hold `truth [N, 2]`."""
+        beyond = _mean_distance(self.draws[:, :, step], truth) - self.centre[:, step]
+        return np.log(np.maximum(beyond, 1e-6) / self.size[:, :, step])
+
+
+def _mean_distance(draws: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Mean distance of `place [..., 2]` to `draws [n, ..., 2]`, metres."""
+    return np.linalg.norm(draws - place, axis=-1).mean(axis=0)
+
+
+@dataclasses.dataclass
+class _Watch:
+    """A forecast whose truth is still to come."""
+
+    stamp: float
+    ids: np.ndarray  # [N]
+    regions: Regions
+    scale: np.ndarray  # [L, T] as it was then
+    steps: int = 0  # whose truth has come
+
+
+class Recalibration:
+    """Scales of the regions of one model, and the shares of truths that these regions held."""
+
+    def __init__(self, window: Window):
+        """Start at the model's own regions; `window` will have the truth."""
+        self._window = window
+        self.scale: Any = np.zeros((len(LEVELS), 1))
+        """[L, T] logarithms of the factors of the regions' size."""
+        self._watched: collections.deque[_Watch] = collections.deque()
+        self._held: collections.deque[tuple[float, int, np.ndarray]] = collections.deque()
+
+    def add(self, stamp: float, ids: np.ndarray, draws: np.ndarray) -> None:
+        """Follow a forecast for the people `ids [N]` by `draws [n, N, T, 2]`."""
+        self.scale = np.broadcast_to(self.scale, (len(LEVELS), draws.shape[2])).copy()
+        self._watched.append(_Watch(stamp, ids, Regions.around(draws), self.scale.copy()))
+
+    def learn(self) -> None:
+        """Take in the truth that has come to the window."""
+        now, period, steps = self._window.stamp, self._window.period, self.scale.shape[1]
+        change, seen = np.zeros_like(self.scale), np.zeros(steps, bool)
+        for watch in self._watched:
+            while watch.steps < steps:
+                stamp = watch.stamp + period * (watch.steps + 1)
+                if stamp > now + SNAP:
+                    break
+                truth = self._window.resampled(watch.ids, [stamp])[:, 0]
+                is_known = np.isfinite(truth).all(axis=1)
+                if is_known.any():
+                    change[:, watch.steps] += self._compare(watch, truth, is_known)
+                    seen[watch.steps] = True
+                watch.steps += 1
+        while self._watched and self._watched[0].steps == steps:
+            self._watched.popleft()
+        if seen.any():
+            # What is wrong with one step is mostly wrong with all, and the first come first.
+            change += change[:, seen].mean(axis=1, keepdims=True)
+            bound = math.log(WIDEST)
+            self.scale = np.clip(self.scale + RATE * change, -bound, bound)
+
+    def clear(self) -> None:
+        """Forget the forecasts whose truth never comes."""
+        self._watched.clear()
+
+    def coverage(self) -> dict[float, float]:
+        """By level, the share of true positions of the last `SPAN` seconds in its region."""
+        people = sum(count for _, count, _ in self._held)
+        held = sum((held for _, _, held in self._held), np.zeros(len(LEVELS)))
+        return dict(zip(LEVELS, (held / people).tolist())) if people else {}
+
+    def _compare(self, watch: _Watch, truth: np.ndarray, is_known: np.ndarray) -> np.ndarray:
+        """[L] people outside their region beyond those expected, of those `is_known [N]`."""
+        step, count = watch.steps, int(is_known.sum())
+        factors = watch.regions.factors(step, truth)[:, is_known]
+        held = (factors <= watch.scale[:, step, None]).sum(axis=1)
+        self._held.append((self._window.stamp, count, held))
+        while self._held[0][0] < self._window.stamp - SPAN:
+            self._held.popleft()
+        # By the scale of now, so that what is learned late is not learned twice.
+        outside = (factors > self.scale[:, step, None]).mean(axis=1)
+        return min(count, MOST) * (outside - (1 - np.array(LEVELS)))
