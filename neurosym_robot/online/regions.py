@@ -60,15 +60,14 @@ def _mean_distance(draws: np.ndarray, place: np.ndarray) -> np.ndarray:
     return np.linalg.norm(draws - place, axis=-1).mean(axis=0)
 
 
-@dataclasses.dataclass
 class _Watch:
     """A forecast whose truth is still to come."""
 
-    stamp: float
-    ids: np.ndarray  # [N]
-    regions: Regions
-    scale: np.ndarray  # [L, T] as it was then
-    steps: int = 0  # whose truth has come
+    def __init__(self, stamp: float, ids: np.ndarray, regions: Regions, scale: np.ndarray):
+        """Of the people `ids [N]`, with the `scale [L, T]` as it is at the `stamp` [s]."""
+        self.stamp, self.ids, self.regions, self.scale = stamp, ids, regions, scale
+        self.steps = 0
+        """Steps whose truth has come."""
 
 
 class Recalibration:
