@@ -29,7 +29,7 @@ from neurosym_robot.dashboard.view import Newest
 from neurosym_robot.input.kinds import Kind
 from neurosym_robot.input.source import REACH, PeopleSource
 from neurosym_robot.online.pairs import AT_LEAST
-from neurosym_robot.online.predictor import When
+from neurosym_robot.online.programs import When
 from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
 

@@ -6,13 +6,11 @@ index of its first step, whether frames come live or from a file.
 
 import dataclasses
 import functools
-import gc
 import re
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,14 +22,10 @@ from neurosym_jax.forecasting.distribution import draw_futures
 from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.scene import Scene, make_scene, pad_scene
+from neurosym_robot.online.programs import Programs, When
 from neurosym_robot.online.window import Window, nearest_first
 
 GRACE = 1.0  # seconds waited for the end of a future, for people lost for a moment there
-
-When = Literal["start", "needed", "meanwhile"]
-"""When programs are compiled: at the start; or each when it is needed, for a recording, which
-waits; or, on a robot, meanwhile in a thread, first the one that the people present need. Until it
-is ready, fewer of them are forecast."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -239,91 +233,3 @@ def load_models(paths: Sequence[Path]) -> dict[str, Model]:
     if len(set(names)) < len(names):
         raise InputError(f"models must differ in kind or name: {', '.join(map(str, paths))}")
     return dict(zip(names, models))
-
-
-Use = Callable[[Forecast], object]
-
-
-class Programs:
-    """Programs of a stream, one for each of a few numbers of people: those ready, and to come."""
-
-    def __init__(
-        self,
-        sizes: Sequence[int],
-        when: When,
-        report: Callable[[str], None],
-        forecast: Callable[[int], Forecast],
-    ):
-        """Compile at the start, or begin to.
-
-        `sizes` are the numbers of people that have a program each, ascending; `forecast` forecasts
-        such a number; `report` is called with one line before it is compiled.
-        """
-        self.sizes, self._when, self._report, self._forecast = sizes, when, report, forecast
-        self._ready: set[int] = set()
-        self._tasks: list[tuple[int, Use]] = []
-        self._wanted = sizes[0]
-        self._lock = threading.Lock()
-        self.waiting = False
-        """Whether programs are still to be compiled in the thread."""
-        self.add(self._note)
-
-    def add(self, use: Use) -> None:
-        """Compile what computes something of a forecast by doing so, or begin to."""
-        with self._lock:
-            self._tasks += [(size, use) for size in self.sizes]
-            begin = self._when == "meanwhile" and not self.waiting
-            self.waiting |= begin
-        if begin:
-            # Not a daemon: a process that ends while XLA compiles would crash.
-            threading.Thread(target=self._work).start()
-        for size in self.sizes if self._when == "start" else ():
-            self._compile_now(size)
-
-    def fit(self, people: int) -> int:
-        """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""
-        size_wanted = next((size for size in self.sizes if size >= people), self.sizes[-1])
-        if self._when == "needed" and self._compile_now(size_wanted):
-            _settle()
-        with self._lock:
-            self._wanted = size_wanted
-            largest = max(self._ready, default=0)
-            return min((size for size in self._ready if size >= size_wanted), default=largest)
-
-    def _compile_now(self, size: int) -> bool:
-        """Compile what is not compiled yet for so many people; whether there was anything."""
-        tasks = [task for task in self._tasks if task[0] == size]
-        for task in tasks:
-            self._tasks.remove(task)
-            self._compile(*task)
-        return bool(tasks)
-
-    def _compile(self, size: int, use: Use) -> None:
-        if size not in self._ready:
-            n = self.sizes.index(size) + 1
-            self._report(f"compiling for up to {size} people ({n} of {len(self.sizes)})")
-        use(self._forecast(size))
-
-    def _note(self, forecast: Forecast) -> None:
-        with self._lock:
-            self._ready.add(len(forecast.ids))
-
-    def _work(self) -> None:
-        while threading.main_thread().is_alive():
-            with self._lock:
-                if not self._tasks:
-                    self.waiting = False
-                    _settle()
-                    self._report("everything is compiled")
-                    return
-                first = self._wanted, self._note
-                task = min(self._tasks, key=lambda pair: (pair != first, pair[1] != first[1]))
-                self._tasks.remove(task)
-            self._compile(*task)
-
-
-def _settle() -> None:
-    """Leave what is there after compiling out of later collections: 0.2 s each, amid a stream."""
-    gc.unfreeze()  # Of earlier predictors; what they left is collected.
-    gc.collect()
-    gc.freeze()
