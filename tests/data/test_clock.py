@@ -118,6 +118,22 @@ def test_a_minority_is_interpolated_and_counted(tmp_path):
     assert "19 points of windows interpolated" in describe_readings(windows.reading)
 
 
+def test_who_is_seen_first_does_not_set_the_phase():
+    """One person 5 frames off, seen alone for four steps: the two who come later set the grid."""
+    early = [(10 * step + 5, 2, 0.4 * step, 7.0) for step in range(20)]
+    pair = [
+        (40 + 10 * step, agent, 0.5 * step, 2.0 * agent) for step in range(20) for agent in (0, 1)
+    ]
+    for rows in (early + pair, pair + early):
+        table = np.array(rows)
+        tracks = make_tracks("r", 0.04 * table[:, 0], table[:, 1], table[:, 2:])
+        grid = on_grid(tracks)
+        own = grid.id < 2
+        np.testing.assert_array_equal(grid.known[own], grid.stamp[own])
+        assert own.sum() == 40
+        assert (grid.known[~own] > grid.stamp[~own]).all()
+
+
 def test_25_frames_a_second_keep_the_first_moment():
     """No phase has a majority: the grid begins where the recording does, stray rows apart."""
     frame, agent = np.mgrid[:400, :3].reshape(2, -1)
