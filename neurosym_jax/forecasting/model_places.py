@@ -1,13 +1,14 @@
 """Where models are: what a name means, which models ship, and which were downloaded."""
 
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
 import neurosym_jax
 from neurosym_jax.data.readers.eth_ucy import SCENES
 from neurosym_jax.data.sources import GENERAL, data_folder, find
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 
 __all__ = ["RECOMMENDED", "find_checkpoints", "find_model", "models_at_hand"]
 __all__ += ["shipped_models", "shipped_name"]
@@ -28,19 +29,27 @@ def shipped_name(model: str, dataset: str | None, pred_len: int) -> str:
 
 
 def find_model(path: Path | str, dataset: str | None = None, pred_len: int | None = None) -> Path:
-    """The place of a model: an existing path, the name of a shipped model, or a downloaded path.
+    """The place of a model: a path with models, the name of a shipped model, or a downloaded path.
 
     A path that is found nowhere is returned unchanged. `recommended` is the shipped `anchors` for
     `dataset` and `pred_len` (default: 8).
+
+    Warns:
+        InputWarning: for a path that has the name of a shipped model.
     """
-    path = Path(path)
-    if str(path) == RECOMMENDED and not path.exists():
-        path = Path(shipped_name("anchors", dataset, pred_len or 8))
-    shipped = _shipped_folder() / path
+    path, name = Path(path), Path(path)
+    if str(path) == RECOMMENDED:
+        name = Path(shipped_name("anchors", dataset, pred_len or 8))
+    shipped = _shipped_folder() / name
     # os.path, unlike Path, takes a name that is too long for one that does not exist.
-    if path.name and not os.path.exists(path) and os.path.isdir(shipped):
+    if not name.name or not os.path.isdir(shipped):
+        return find(path if os.path.exists(path) else name)
+    if not _holds_models(path):
         return shipped
-    return find(path)
+    if not os.path.samefile(path, shipped):
+        line = f"{path}: the one in this folder, not the model of this name that ships"
+        warnings.warn(line, InputWarning, stacklevel=2)
+    return path
 
 
 def find_checkpoints(
@@ -58,7 +67,7 @@ def find_checkpoints(
     """
     paths: list[str] = []
     for name in map(str, names):
-        if name == RECOMMENDED and not os.path.exists(name):
+        if name == RECOMMENDED and not _holds_models(Path(name)):
             paths += dict.fromkeys(find_model(name, dataset, pred_len).name for dataset in datasets)
             continue
         folder = find_model(name)
@@ -84,6 +93,11 @@ def models_at_hand() -> list[tuple[str, Path]]:
         paths = _models_in(data_folder() / folder)
         places += [(f"{folder.name}/{path.name}", path) for path in paths]
     return places
+
+
+def _holds_models(path: Path) -> bool:
+    """Whether a path is a model, or a folder of models."""
+    return os.path.isfile(path) or os.path.isfile(path / "config.json") or bool(_models_in(path))
 
 
 def _models_in(folder: Path) -> list[Path]:

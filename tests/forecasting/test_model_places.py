@@ -6,10 +6,15 @@ import pytest
 
 from neurosym_jax import load_model
 from neurosym_jax.commands.models import run
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting import model_places
 from neurosym_jax.forecasting.model_folder import save_model
-from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
+from neurosym_jax.forecasting.model_places import (
+    RECOMMENDED,
+    find_checkpoints,
+    find_model,
+    shipped_models,
+)
 from neurosym_jax.models.anchors.network import AnchorTableConfig
 from tests.networks import random_model
 from tests.repository import ROOT
@@ -28,10 +33,16 @@ def downloads(tmp_path, monkeypatch):
 
 
 def test_a_path_goes_before_a_name(downloads):
-    shutil.copytree(SHIPPED / "sgan_eth_8", NAME)
-    assert find_model(NAME) == Path(NAME)
-    assert load_model(NAME).name == "SGAN"
-    shutil.rmtree(NAME)
+    for name in (NAME, RECOMMENDED):
+        shutil.copytree(SHIPPED / "sgan_eth_8", name, dirs_exist_ok=True)
+        with pytest.warns(InputWarning, match=f"{name}: the one in this folder, not the model"):
+            assert find_model(name) == Path(name)
+        with pytest.warns(InputWarning):
+            assert load_model(name).name == "SGAN"
+        shutil.rmtree(name)
+    Path(RECOMMENDED).mkdir()  # Without a model in it, as of results.
+    assert find_model(RECOMMENDED) == SHIPPED / "anchors_general_8"
+    assert find_checkpoints([RECOMMENDED]) == ["anchors_general_8"]
     assert find_model(NAME) == SHIPPED / NAME
     assert find_model("nowhere") == Path("nowhere")
     for nowhere in ("nowhere", "x" * 300, "a\0b"):
