@@ -33,7 +33,8 @@ ROOT = Path(__file__).resolve().parents[1]
 TABLES: tuple[dict[str, Any], ...] = (FORMATS, METRICS, FORECASTERS, WEIGHTINGS)
 LACK = re.compile(
     r"\b[A-Z]{2,}[A-Z_0-9]*\b|eth-ucy|download|sgan-|my_checkpoint|recording\.bag|--jobs|\bros[12]\b"
-    r"|tests/golden|recipe\.yaml|recommended model\.|evaluate$|train *$|train --(set|model)|replay "
+    r"|tests/golden|examples/|recipe\.yaml|recommended model\.|evaluate$|train *$|train --set"
+    r"|--model neurosym|report |replay "
 )
 """Words of commands that need data, a bag, a robot or a clone, or that take half a minute."""
 SKIPPED = {
@@ -43,7 +44,7 @@ SKIPPED = {
     "InferenceSession": "run by tests/interop/test_onnx.py",
     "jax.export": "run by tests/interop/test_export.py",
     "Dashboard(": "serves a page",
-    "samples, probability = nj": "needs ETH/UCY, as what follows it",
+    "eth-ucy": "needs ETH/UCY, as what follows it",
     "nj.plotting": "run by studies.gallery",
 }
 """Blocks by words of theirs, and why they are left out."""
@@ -85,7 +86,7 @@ def prepare() -> dict[str, Any]:
 
 def commands(document: Document) -> Iterator[Region]:
     """Lines of `neurosym` in indented blocks; a line that ends in a backslash goes on."""
-    for match in re.finditer(r"(?m)^ {4}(neurosym .*(?:\\\n.*)*)$", document.text):
+    for match in re.finditer(r"(?m)^ {4}(neurosym (?:.*\\\n)*.*)$", document.text):
         line = re.sub(r"\s+#.*|\s+>.*", "", match[1].replace("\\\n", " "))
         yield Region(match.start(), match.end(), line, run_command)
 
