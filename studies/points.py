@@ -32,7 +32,7 @@ from neurosym_jax.training.state import TrainState, new_state, update
 from neurosym_jax.training.stream import augment
 
 CHECKPOINTS = Path(__file__).resolve().parents[1] / "checkpoints"
-RECIPE = AnchorRecipe(steps=1500, stretch=2.2)
+RECIPE = AnchorRecipe(steps=600, stretch=2.2)
 POINTS, PREFIX = 32, "point_"
 NOTE = """
 ## Distribution
@@ -87,7 +87,7 @@ def with_points(model: Model, windows: Windows, recipe: AnchorRecipe = RECIPE) -
     for number in range(recipe.steps):
         trunk = model.params["params"]
         state, value = step(forecaster.config, recipe, trunk, key, state, batch(number))
-        if (number + 1) % 250 == 0:
+        if (number + 1) % 100 == 0:
             print(f"  step {number + 1}: {float(value):.3f}", flush=True)
     params = {"params": {**model.params["params"], **jax.device_get(state.average)}}
     return dataclasses.replace(model, config=forecaster.config, params=params)

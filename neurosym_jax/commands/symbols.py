@@ -16,8 +16,9 @@ from neurosym_jax.configuration import Count, Seed, component, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.distribution import predict_distribution
 from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.model import Model, predict
+from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.scene import make_scene
@@ -102,7 +103,7 @@ def _show_forecast(
 ) -> None:
     """Print and write the events and states of a window's pairs that the model forecasts."""
     observed = example.position[:, : example.obs_len]
-    futures = predict(model, observed, samples=samples, seed=seed)
+    futures = predict_distribution(model, observed, draws=samples, seed=seed)
     rows = forecast_rows(futures, observed, example.agent, SymbolSettings(example.period))
     write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
     print(f"{title}: {len(example.agent)} people, {len(futures)} samples of {model.name}\n")

@@ -81,7 +81,7 @@ _on_host = functools.partial(_further, unit="share", on_host=True)
 _weighted = functools.partial(_further, weighted=True)
 _distribution = functools.partial(_weighted, drawn=True)
 _moves = functools.partial(_further, about=_NEIGHBOURS, moves=True, higher_is_better=None)
-_symbols = functools.partial(_further, unit="nats", about=_SYMBOLS)
+_symbols = functools.partial(_further, unit="nats", about=_SYMBOLS, drawn=True)
 
 
 def _covered(level: float) -> Metric:

@@ -136,10 +136,10 @@ def step_energy(points: Array, future: Array) -> Array:
 
     That of a whole trajectory hardly depends on how its steps are spread by themselves.
     """
-    points, future = points[:, :, ::-3], future[:, ::-3]
-    steps = future.shape[:2]
-    energy = personal_energy(points.reshape(len(points), -1, 1, 2), future.reshape(-1, 1, 2))
-    return energy.reshape(steps).mean(1)
+    offset = jnp.moveaxis(points[:, :, ::-3] - future[:, ::-3], 0, -1)  # [N, steps, 2, P]
+    gap = offset[..., None] - offset[..., None, :]
+    error, spread = (jnp.sqrt(jnp.square(each).sum(2) + 1e-6) for each in (offset, gap))
+    return (error.mean(-1) - spread.mean((-1, -2)) / 2).mean(1)
 
 
 def overlap(forecast: Array, valid: Array) -> Array:
