@@ -28,13 +28,13 @@ def test_a_package_imports_what_it_may(package):
 
 
 def test_libraries_have_their_packages_and_are_imported_on_demand():
-    found = [(file, name.split(".")[0], now) for file in FILES for name, now in FILES[file]]
+    imports = [(file, name.split(".")[0], now) for file in FILES for name, now in FILES[file]]
     for library, packages in LIBRARIES.items():
         assert {
-            file for file, name, _ in found if name == library if not file.startswith(packages)
+            file for file, name, _ in imports if name == library if not file.startswith(packages)
         } == set()
     assert {
-        file for file, name, now in found if now and name in ("rclpy", "rosbags", "rospy")
+        file for file, name, now in imports if now and name in ("rclpy", "rosbags", "rospy")
     } == set()
 
 
@@ -57,9 +57,9 @@ main()
 @pytest.mark.slow
 def test_the_core_works_without_this_package(tmp_path):
     (tmp_path / "walk.txt").write_text("0 1 0 0\n10 1 0.5 0\n20 1 1.1 0\n")
-    for words, wanted in ((["--help"], "evaluate"), (["inspect", "walk.txt"], "points 3")):
+    for words, expected in ((["--help"], "evaluate"), (["inspect", "walk.txt"], "points 3")):
         command = [sys.executable, "-c", WITHOUT, *words]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-        assert wanted in done.stdout
+        assert expected in done.stdout
         assert "Traceback" not in done.stderr

@@ -26,9 +26,9 @@ LINKS = {
 PAGE = {"--port": "--port 9", "--host": "--host there", "--map": "--map map.yaml"}
 
 
-def with_more(base, more, cases):
+def with_more(base, options, cases):
     """Cases in which an option needs another one."""
-    return {name: (f"{base} {more}", f"{base} {more} {case}") for name, case in cases.items()}
+    return {name: (f"{base} {options}", f"{base} {options} {case}") for name, case in cases.items()}
 
 
 def live(base):
@@ -67,9 +67,9 @@ def node(base):
 
 def reading(command):
     base, cases = BASE[command], {}
-    for option, (file, said, *error) in READ.items():
-        one = base.replace("walk.txt", file)
-        cases[option] = (one, f"{one} {said}", *error)
+    for option, (file, text, *error) in READ.items():
+        arguments = base.replace("walk.txt", file)
+        cases[option] = (arguments, f"{arguments} {text}", *error)
     if command == "replay":
         return cases | {"--max-gap": "--max-gap 9"}
     return cases | {"--max-gap": (base, f"{base} --max-gap 9", "--max-gap: has no effect")}
@@ -116,16 +116,16 @@ def inner():
     views = ("Dashboard", "FoxgloveView", "Moments", "Newest")
     shared: dict[str, Any] = {f"{C}._live_options.{name}": made for name in (*names, *views)}
     shared[f"{C}._live_options.signal.signal"] = None
-    of_replay = ("Analytics", "Status", "replay", "ForecastBag", "ReplayFile", "Newest")
-    of_replay += ("wait_for_signal",)
-    of_ros2 = ("import_rclpy", "message_type", "ForecastNode")
+    replay_names = ("Analytics", "Status", "replay", "ForecastBag", "ReplayFile", "Newest")
+    replay_names += ("wait_for_signal",)
+    ros2_names = ("import_rclpy", "message_type", "ForecastNode")
     mended = SimpleNamespace(tracks=SimpleNamespace(id=np.ones(1)), before=1, joined=0, ghosts=0)
     return {
         "replay": shared
-        | {f"{C}.replay.{name}": made for name in of_replay}
+        | {f"{C}.replay.{name}": made for name in replay_names}
         | {"neurosym_robot.ros.bags.read_people": ()},
         "ros1": shared | {f"{C}.ros1.ForecastNode": made},
-        "ros2": shared | {f"{C}.ros2.{name}": made for name in of_ros2},
+        "ros2": shared | {f"{C}.ros2.{name}": made for name in ros2_names},
         "stitch": {f"{C}.stitch.stitch": mended, f"{C}.stitch.write_text": None},
     }
 

@@ -83,8 +83,8 @@ def write(folder: Path, stamp: float) -> None:
 
 def twice() -> None:
     """Two pages at one port."""
-    with contextlib.closing(Dashboard(MOMENTS, port=0)) as one:
-        Dashboard(MOMENTS, port=int(one.where.rstrip("/").rpartition(":")[2]))
+    with contextlib.closing(Dashboard(MOMENTS, port=0)) as dashboard:
+        Dashboard(MOMENTS, port=int(dashboard.where.rstrip("/").rpartition(":")[2]))
 
 
 def look(folder: Path, text: str) -> None:

@@ -23,10 +23,10 @@ def schema():
     from google.protobuf import descriptor_pb2, message_factory
 
     def decode(definition: bytes, data: bytes):
-        found = pool.DescriptorPool()
+        schemas = pool.DescriptorPool()
         for file in descriptor_pb2.FileDescriptorSet.FromString(definition).file:
-            found.Add(file)
-        kind = found.FindMessageTypeByName("foxglove.SceneUpdate")
+            schemas.Add(file)
+        kind = schemas.FindMessageTypeByName("foxglove.SceneUpdate")
         return message_factory.GetMessageClass(kind).FromString(data)
 
     return decode
@@ -47,8 +47,8 @@ def check(scene, event) -> None:
         for name, result in forecast.models.items():
             lines = entities[f"{name} {id}"].lines
             ways = [[(point.x, point.y) for point in line.points] for line in lines]
-            wanted = [*result.samples[:, n], result.samples[result.central, n]]
-            assert_allclose(np.array(ways)[:, 1:], wanted)
+            expected = [*result.samples[:, n], result.samples[result.central, n]]
+            assert_allclose(np.array(ways)[:, 1:], expected)
             assert_allclose(np.array(ways)[:, 0], [forecast.observed[n, -1]] * len(ways))
             thickness, opacity = zip(*((line.thickness, line.color.a) for line in lines))
             assert (thickness.index(max(thickness)), opacity.index(max(opacity))) == (5, 5)
@@ -63,20 +63,20 @@ def test_an_mcap_holds_scene_numbers_and_events(stream, schema, tmp_path):
     view.close()
     with path.open("rb") as file:
         rows = list(reader.make_reader(file).iter_messages())
-    of = {
+    entities = {
         topic: [row for row in rows if row[1].topic == topic]
         for topic in ("/forecasts", "/stream", "/events")
     }
-    assert len(of["/forecasts"]) == len(of["/stream"]) == len(events)
-    assert [row[2].log_time for row in of["/forecasts"]] == [
+    assert len(entities["/forecasts"]) == len(entities["/stream"]) == len(events)
+    assert [row[2].log_time for row in entities["/forecasts"]] == [
         round(1e9 * event.frame.stamp) for event, _ in events
     ]
-    definition, _, message = of["/forecasts"][-1]
+    definition, _, message = entities["/forecasts"][-1]
     check(schema(definition.data, message.data), events[-1][0])
-    numbers = json.loads(of["/stream"][-1][2].data)
+    numbers = json.loads(entities["/stream"][-1][2].data)
     assert numbers["age"] == events[-1][1]["age"]
     assert numbers["missing"] == {"7": "short", "9": "<script>"}
-    assert of["/events"]
+    assert entities["/events"]
     for wrong, reason in ((path, "cannot be used for Foxglove"), (tmp_path / "a.txt", r"\.mcap")):
         with pytest.raises(InputError, match=reason):
             FoxgloveView(predictor(), wrong)
@@ -89,11 +89,11 @@ def test_a_client_is_told_by_websocket(stream, schema):
     with client.connect(view.where, subprotocols=["foxglove.sdk.v1"]) as peer:
         channels, heard = {}, ""
         while len(channels) < 3:
-            said = json.loads(peer.recv(timeout=10))
-            channels |= {each["topic"]: each for each in said.get("channels", ())}
+            message = json.loads(peer.recv(timeout=10))
+            channels |= {channel["topic"]: channel for channel in message.get("channels", ())}
         scene = channels["/forecasts"]
-        asked = {"op": "subscribe", "subscriptions": [{"id": 7, "channelId": scene["id"]}]}
-        peer.send(json.dumps(asked))
+        subscription = {"op": "subscribe", "subscriptions": [{"id": 7, "channelId": scene["id"]}]}
+        peer.send(json.dumps(subscription))
         for _ in range(100):
             view.show(*last)
             with contextlib.suppress(TimeoutError):

@@ -25,20 +25,22 @@ NOW = {"missing": {}, "score": {}}
 
 def test_a_forecast_is_told_whole_once_a_period(moments, stream):
     events = list(stream(6))
-    told = [json.loads(moments.moment(*event)) for event in events]
-    assert [n for n, each in enumerate(told) if each["step"]] == list(range(28, 60, 4))
+    moments_of_stream = [json.loads(moments.moment(*event)) for event in events]
+    assert [n for n, moment in enumerate(moments_of_stream) if moment["step"]] == list(
+        range(28, 60, 4)
+    )
     (frame, forecast, *_), now = events[56]
-    told = told[56]
-    assert told["ids"] == [str(id) for id in frame.ids]
-    assert_allclose(np.reshape(told["xy"], (-1, 2)), frame.xy, atol=6e-4)
-    step = told["step"]
+    moments_of_stream = moments_of_stream[56]
+    assert moments_of_stream["ids"] == [str(id) for id in frame.ids]
+    assert_allclose(np.reshape(moments_of_stream["xy"], (-1, 2)), frame.xy, atol=6e-4)
+    step = moments_of_stream["step"]
     assert_allclose(np.reshape(step["seen"], (3, 8, 2)), forecast.observed, atol=6e-4)
     for name, result in forecast.models.items():
         samples = np.reshape(step["models"][name]["samples"], (3, 5, 8, 2)).swapaxes(0, 1) / 100
         assert_allclose(samples + forecast.observed[:, -1:], result.samples, atol=6e-3)
         assert step["models"][name]["central"] == result.central
-    assert told["now"]["missing"] == {"7": "short", "9": "<script>"}
-    assert (told["now"]["age"], step["score"]) == (now["age"], now["score"])
+    assert moments_of_stream["now"]["missing"] == {"7": "short", "9": "<script>"}
+    assert (moments_of_stream["now"]["age"], step["score"]) == (now["age"], now["score"])
     codes, alpha = moments.symbols(forecast.observed)
     assert step["codes"] == [int(codes[pair]) for pair in ((0, 1), (0, 2), (1, 2))]
     assert_allclose(step["alpha"], alpha.ravel(), atol=6e-5)
@@ -50,10 +52,12 @@ def test_the_first_events_of_all_kinds_come_before_the_second_of_any(moments, st
     events.insert(2, LikelyEvent("follows", 1, 0, 0.75, 1.2))  # of a pair that is told already
     monkeypatch.setattr("neurosym_robot.dashboard.moments.likely_events", lambda *how: events)
     step = next(
-        step for each in stream(4, people=7) if (step := json.loads(moments.moment(*each))["step"])
+        step
+        for event in stream(4, people=7)
+        if (step := json.loads(moments.moment(*event))["step"])
     )
-    told = [(name, share) for name, _, _, share, _ in step["likely"]]
-    assert told == [named[n] for n in (0, 2, 1, 4, 3)]
+    likely = [(name, share) for name, _, _, share, _ in step["likely"]]
+    assert likely == [named[n] for n in (0, 2, 1, 4, 3)]
 
 
 def test_symbols_and_weights_are_the_models_own():
@@ -75,11 +79,11 @@ def test_symbols_and_weights_are_the_models_own():
 def test_time_never_falls(moments):
     nobody = np.zeros(0, np.int64), np.zeros((0, 2))
     stamps = [100.0, 100.4, 100.4, 100.2, math.nan, math.inf, 101.0, 50.0, 50.4, 1e9]
-    told = []
+    times = []
     for stamp in stamps:
         moments._window.push(stamp, *nobody)
-        told.append(moments.moment(ReplayEvent(Frame(stamp, *nobody), None), NOW))
-    times = [json.loads(line)["t"] for line in told if line]
+        times.append(moments.moment(ReplayEvent(Frame(stamp, *nobody), None), NOW))
+    times = [json.loads(line)["t"] for line in times if line]
     assert times == pytest.approx([0, 0.4, 1.0, 61.0, 61.4, 1e9 - 50 + 61])
 
 
@@ -89,22 +93,22 @@ def test_whatever_is_seen_is_bounded_and_sound(moments):
     xy[::2] = ids[::2, None] % 7
     xy[::4] = [np.inf, 1e300]
     now = {"missing": dict.fromkeys(ids.tolist(), "short"), "score": {}}
-    told = moments.moment(ReplayEvent(Frame(0.0, ids, xy), None), now)
-    assert len(told) < 100 * MAX_NAMED
-    told = json.loads(told)
-    assert len(told["ids"]) == len(told["now"]["missing"]) == MAX_NAMED
-    assert told["more"] == 2500 - MAX_NAMED
-    assert told["ids"][:2] == ["2", "6"]
+    moment = moments.moment(ReplayEvent(Frame(0.0, ids, xy), None), now)
+    assert len(moment) < 100 * MAX_NAMED
+    moment = json.loads(moment)
+    assert len(moment["ids"]) == len(moment["now"]["missing"]) == MAX_NAMED
+    assert moment["more"] == 2500 - MAX_NAMED
+    assert moment["ids"][:2] == ["2", "6"]
 
 
 YAML = "image: room.pgm\nresolution: 0.05\norigin: [-1.0, 2.5, 0.1]\n"
 PIXELS = np.array([[0, 205, 254], [254, 100, 0]], np.uint8)
 
 
-def opacity(told) -> np.ndarray:
+def opacity(row) -> np.ndarray:
     from PIL import Image
 
-    data = base64.b64decode(told["image"].removeprefix("data:image/png;base64,"))
+    data = base64.b64decode(row["image"].removeprefix("data:image/png;base64,"))
     return np.asarray(Image.open(io.BytesIO(data)))[..., 1]
 
 
@@ -117,10 +121,10 @@ def room(tmp_path):
 
 
 def test_walls_floor_and_the_unknown(room):
-    told = read_floor_map(room)
-    assert (told["width"], told["height"]) == (0.15, 0.1)
-    assert told["origin"] == [-1.0, 2.5, 0.1]
+    floor = read_floor_map(room)
+    assert (floor["width"], floor["height"]) == (0.15, 0.1)
+    assert floor["origin"] == [-1.0, 2.5, 0.1]
     # As map_server reads it, 205 is (255 - 205) / 255 = 0.196 and so just not free.
-    assert_array_equal(opacity(told), [[255, UNKNOWN, 0], [0, UNKNOWN, 255]])
+    assert_array_equal(opacity(floor), [[255, UNKNOWN, 0], [0, UNKNOWN, 255]])
     room.write_text(YAML + "negate: 1\noccupied_thresh: 0.9\nfree_thresh: 0.1\n")
     assert_array_equal(opacity(read_floor_map(room)), [[0, UNKNOWN, 255], [255, UNKNOWN, 0]])

@@ -87,9 +87,9 @@ def test_live(page, live, stream):
     events = list(stream(clock + 0.2))
     now = events[round(10 * clock)][1]
     assert f"{now['age']:.1f} ms" in page.locator("#tiles").inner_text()
-    told = [each[1]["score"] for each in events[: round(10 * clock) + 1 : 4]][-1]["models"]
+    scores = [event[1]["score"] for event in events[: round(10 * clock) + 1 : 4]][-1]["models"]
     for name in ("SGAN", "NeuroSyM"):
-        assert page.locator(ADE.format(name)).inner_text() == f"{told[name]['published_ade']:.2f}"
+        assert page.locator(ADE.format(name)).inner_text() == f"{scores[name]['published_ade']:.2f}"
     # Back in time, forth, and to what is live again.
     press(page, "Shift+ArrowLeft")
     assert seconds(page) == pytest.approx(clock - 4, abs=0.4)
@@ -113,8 +113,8 @@ def test_a_dead_stream_is_never_called_live(page, moments, stream):
     dashboard = Dashboard(moments, port=0)
     for event in stream(4):
         dashboard.show(*event)
-    now, shown = dashboard._server.fresh
-    dashboard._server.fresh = now, shown - 65.0
+    now, fresh = dashboard._server.fresh
+    dashboard._server.fresh = now, fresh - 65.0
     page.add_init_script(STATES)
     page.goto(dashboard.where)
     page.get_by_text(re.compile(r"^stale for 6\d s")).wait_for()
@@ -148,8 +148,8 @@ def test_a_slow_stream_is_live_and_its_age_and_rate_are_those_of_now(page, momen
 
 
 def test_a_file_to_share(page, play, stream):
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url))
     uri = play(stream(20), stop=False)
     assert page.title() == "three people </script>"
     page.get_by_text("playing").wait_for()
@@ -164,7 +164,7 @@ def test_a_file_to_share(page, play, stream):
     assert seconds(page) == pytest.approx(clock + 0.4)
     press(page, "End")
     assert seconds(page) == pytest.approx(19.9)
-    assert asked == [uri]  # It needs nothing else.
+    assert requests == [uri]  # It needs nothing else.
 
 
 def test_who_has_no_forecast_and_why(page, play, stream):
@@ -174,8 +174,8 @@ def test_who_has_no_forecast_and_why(page, play, stream):
     assert all(str(2**53 + n) in missing for n in range(3))
     *events, (event, now) = stream(6)
     lost = event.frame._replace(ids=event.frame.ids[1:], xy=event.frame.xy[1:])
-    more = [(event._replace(frame=lost), {**now, "missing": {2**53 + 2: "compiling"}})]
-    play(events + more)
+    later = [(event._replace(frame=lost), {**now, "missing": {2**53 + 2: "compiling"}})]
+    play(events + later)
     missing = page.locator("#missing").inner_text()
     assert "program for so many people is being compiled: 9007199254740994" in missing
     play(stream(6))
@@ -211,8 +211,8 @@ def test_the_pair_and_what_is_likely(page, moments, play, stream):
     events = list(stream(6.05))
     play(events)
     page.evaluate("analysis.open = true")
-    one, other = str(2**53), str(2**53 + 2)
-    page.locator("#k").select_option(one)
+    person, other = str(2**53), str(2**53 + 2)
+    page.locator("#k").select_option(person)
     page.locator("#l").select_option(other)
 
     def symbols():
@@ -221,22 +221,24 @@ def test_the_pair_and_what_is_likely(page, moments, play, stream):
 
     forecast = next(e[0].forecast for e in reversed(events[:57]))
     code = int(moments.symbols(forecast.observed)[0][0, 2])
-    wanted = ["−0+"[code // place % 3] for place in (27, 9, 3, 1)]
-    assert symbols() == wanted
+    expected = ["−0+"[code // place % 3] for place in (27, 9, 3, 1)]
+    assert symbols() == expected
     assert "counts 0.067 for k" in page.locator("#alpha").inner_text()  # One of 15 neighbours.
-    page.locator("#l").select_option(one)
+    page.locator("#l").select_option(person)
     page.locator("#k").select_option(other)
-    assert symbols() == [wanted[n] for n in (1, 0, 3, 2)]  # the converse
-    told = likely_events(forecast, "NeuroSyM", 0.4)
+    assert symbols() == [expected[n] for n in (1, 0, 3, 2)]  # the converse
+    probable = likely_events(forecast, "NeuroSyM", 0.4)
     line = page.locator("#likely li").first.inner_text()
-    assert any(re.sub(r"\W+", "", e.words(forecast.ids)) == re.sub(r"\W+", "", line) for e in told)
+    assert any(
+        re.sub(r"\W+", "", e.words(forecast.ids)) == re.sub(r"\W+", "", line) for e in probable
+    )
 
 
 def test_by_keyboard_and_on_a_phone(page, play, stream):
     play(stream(8))
-    whole = page.locator("#scene").screenshot()
+    screenshot = page.locator("#scene").screenshot()
     page.get_by_role("checkbox", name="SGAN").uncheck()
-    assert page.locator("#scene").screenshot() != whole
+    assert page.locator("#scene").screenshot() != screenshot
     for theme in ("Light", "Dark"):
         press(page, "t")
         assert page.get_by_role("button", name=theme).is_visible()

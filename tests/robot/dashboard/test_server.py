@@ -93,18 +93,20 @@ def test_the_stream_is_what_was_shown(dashboard, moments, stream):
     for event in events:
         dashboard.show(*event)
     dashboard.end(events[-1][1]["score"])
-    told = [row for row in read_events(dashboard) if row.get("event") != " beat"]
-    assert [each.get("event") for each in told[:2]] == [" introduction", " anew"]
-    assert told[-1]["event"] == " end"
-    lines = [json.loads(each["data"]) for each in told[2:-1]]
+    rows = [row for row in read_events(dashboard) if row.get("event") != " beat"]
+    assert [message.get("event") for message in rows[:2]] == [" introduction", " anew"]
+    assert rows[-1]["event"] == " end"
+    lines = [json.loads(message["data"]) for message in rows[2:-1]]
     assert [line["t"] for line in lines[:-1]] == [n / 10 for n in range(50)]
     assert lines[-1]["score"]["forecasts"] == events[-1][1]["score"]["forecasts"]
     # Who comes again is told the rest; who comes from another run, everything.
-    rest = read_events(dashboard, told[41]["id"].strip())
+    rest = read_events(dashboard, rows[41]["id"].strip())
     assert rest.pop(-2)["event"] == " beat"  # after what was kept, before the end
-    assert [each["data"] for each in rest] == [each["data"] for each in [told[0], *told[42:]]]
-    assert len(read_events(dashboard, "0123-40")) == len(told) + 1
-    assert len(read_events(dashboard, f"{told[9]['id'].strip()}x")) == len(told) + 1
+    assert [message["data"] for message in rest] == [
+        message["data"] for message in [rows[0], *rows[42:]]
+    ]
+    assert len(read_events(dashboard, "0123-40")) == len(rows) + 1
+    assert len(read_events(dashboard, f"{rows[9]['id'].strip()}x")) == len(rows) + 1
 
 
 def test_slow_and_vanished_readers_delay_nobody(dashboard, moments, stream, monkeypatch):
@@ -152,8 +154,8 @@ def test_what_is_no_http_is_survived(dashboard, capfd):
         heard = say(dashboard, data)
         assert not heard or heard[:5] == b"HTTP/" or b"doctype" in heard or heard[:1].isdigit()
     assert get(dashboard)[0] == 200
-    said = capfd.readouterr()
-    assert "Traceback" not in said.out + said.err
+    output = capfd.readouterr()
+    assert "Traceback" not in output.out + output.err
 
 
 def test_half_open_connections_are_bounded_by_address_and_in_time(dashboard):

@@ -78,9 +78,9 @@ class Drive:
             return order
         # One connection keeps the order: who is overtaken delays the others.
         lines = iter(sorted(row[0] for row in sent if row[1] == TF_TOPICS[0]))
-        kept = [(next(lines), *row[1:]) for row in sent if row[1] == TF_TOPICS[0]]
+        transforms = [(next(lines), *row[1:]) for row in sent if row[1] == TF_TOPICS[0]]
         others = [row for row in sent if row[1] != TF_TOPICS[0]]
-        return sorted(kept + others, key=lambda row: row[0])
+        return sorted(transforms + others, key=lambda row: row[0])
 
     def _delay(self, rng: np.random.Generator, t: float) -> float:
         return START + t + self.late + rng.uniform(0, self.jitter)
@@ -92,8 +92,8 @@ class Drive:
         if self.frame == "map":
             local = people(t)
         far, angle = np.hypot(*local.T), np.arctan2(*local.T[::-1])
-        apart = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle))))
-        hidden = ((apart < 0.3 / far) & (far < far[:, None] - 0.5)).any(axis=1)
+        turn = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle))))
+        hidden = ((turn < 0.3 / far) & (far < far[:, None] - 0.5)).any(axis=1)
         rows = [
             Fields(
                 name=str(n + 10 * (t >= SECONDS / 2 and self.back > 0)),

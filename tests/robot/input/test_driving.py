@@ -109,8 +109,8 @@ def test_who_stands_is_never_forecast_to_walk(drive):
 
 
 def test_a_robot_that_drives_without_a_fixed_frame_has_no_forecast():
-    said: list[str] = []
-    source = PeopleSource(report=said.append)
+    notices: list[str] = []
+    source = PeopleSource(report=notices.append)
     assert len(stream(Drive(0.0), source)) <= 3
     assert source.refused["moving frame"] >= 110
-    assert "--fixed-frame" in said[0]
+    assert "--fixed-frame" in notices[0]

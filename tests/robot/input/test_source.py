@@ -35,39 +35,39 @@ def transform(at: float, parent: str, child: str, x: float, turn: float = 0.0) -
     """`child` lies at `x` in `parent`, turned by `turn` radians about z."""
     rotation = Fields(x=0.0, y=0.0, z=np.sin(turn / 2), w=np.cos(turn / 2))
     header = Fields(stamp=stamp(at), frame_id=parent)
-    there = Fields(translation=point(x, 0.0), rotation=rotation)
-    return Fields(transforms=[Fields(header=header, child_frame_id=child, transform=there)])
+    transform = Fields(translation=point(x, 0.0), rotation=rotation)
+    return Fields(transforms=[Fields(header=header, child_frame_id=child, transform=transform)])
 
 
 def test_another_frame_is_left_out_and_said_once():
-    said = []
-    source = PeopleSource(report=said.append)
+    notices = []
+    source = PeopleSource(report=notices.append)
     taken = [
         len(source.take(PEOPLE, people(1 + n / 10, "odom" if n % 2 else "/map"))) == 1
         for n in range(20)
     ]
     assert taken == [n % 2 == 0 for n in range(20)]
     assert source.refused == {"other frame": 10}
-    (line,) = said
+    (line,) = notices
     assert "'odom'" in line
     assert "'map'" in line
     assert "--fixed-frame map" in line
 
 
 def test_a_second_publisher_waits_until_the_first_is_silent():
-    said = []
-    source = PeopleSource(report=said.append)
+    notices = []
+    source = PeopleSource(report=notices.append)
     turns = ((0.0, "/a", 1), (0.1, "/b", 0), (0.2, "/a", 1), (2.0, "/b", 0), (2.3, "/b", 1))
     for at, publisher, count in (*turns, (2.4, "/a", 0)):
         assert len(source.take(PEOPLE, people(1 + at), publisher, at)) == count
     assert source.refused == {"other publisher": 3}
-    assert "/b, are left out beside those of /a; remap one" in said[0]
-    assert "now, not from" in said[1]
+    assert "/b, are left out beside those of /a; remap one" in notices[0]
+    assert "now, not from" in notices[1]
 
 
 def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_them():
-    said = []
-    source = PeopleSource("map", report=said.append)
+    notices = []
+    source = PeopleSource("map", report=notices.append)
     source.transforms.hear(transform(0.0, "base", "camera", 0.5), static=True)
     source.transforms.hear(transform(10.0, "map", "base", 0.0))
     source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
@@ -81,7 +81,7 @@ def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_th
     first, second = source.release(10.4)
     assert (first.stamp, second.stamp) == (10.3, 10.35)
     assert_allclose(first.xy, [[0.0, 1.5]], atol=1e-12)
-    assert said == []
+    assert notices == []
     # They wait for a bounded time, and what is older than /tf does not wait at all.
     assert source.take(PEOPLE, people(10.5, "camera"), received=10.5) == []
     assert source.release(10.5 + WAIT) == []
@@ -89,9 +89,9 @@ def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_th
     assert source.release(10.6 + WAIT) == []
     assert not source.waiting
     assert source.refused == {"no transform": 1}
-    (line,) = said
+    (line,) = notices
     assert "cannot be taken to 'map': where base lies is known from 10.00 to 10.40 s, not" in line
-    late = PeopleSource("map", report=said.append)
+    late = PeopleSource("map", report=notices.append)
     late.transforms.hear(transform(10.0, "map", "camera", 0.0))
     assert late.take(PEOPLE, people(9.0, "camera")) == []
     assert late.refused == {"no transform": 1}
@@ -99,27 +99,27 @@ def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_th
 
 def test_lost_and_distant_people_are_left_out_in_the_sensors_frame():
     """(-3000, -3000) is no place in the map, whatever the transform makes of it."""
-    said = []
-    source = PeopleSource("map", report=said.append)
+    notices = []
+    source = PeopleSource("map", report=notices.append)
     source.transforms.hear(transform(0.0, "map", "camera", 2.0), static=True)
-    for at, x, kept in ((1.0, 1.0, 1), (1.1, -3000.0, 0), (1.2, 61.0, 0), (1.3, np.nan, 1)):
+    for at, x, count in ((1.0, 1.0, 1), (1.1, -3000.0, 0), (1.2, 61.0, 0), (1.3, np.nan, 1)):
         (frame,) = source.take(PEOPLE, people(at, "camera", x))
-        assert len(frame.ids) == len(frame.xy) == kept
+        assert len(frame.ids) == len(frame.xy) == count
     assert source.refused == {"far people": 2}
-    assert said == [
+    assert notices == [
         "people more than 60 m from the sensor or robot are left out; --reach sets the limit"
     ]
     # Of people who are in the map already, the robot's place counts, if it is known.
-    for robot_frame, kept in (("", 1), ("base", 0)):
-        source = PeopleSource(report=said.append, robot_frame=robot_frame)
+    for robot_frame, count in (("", 1), ("base", 0)):
+        source = PeopleSource(report=notices.append, robot_frame=robot_frame)
         source.transforms.hear(transform(0.0, "map", "base", 500.0), static=True)
-        for x, wanted in ((1.0, kept), (501.0, 1), (3000.0, 0)):
-            assert len(source.take(PEOPLE, people(x, x=x))[0].ids) == wanted
+        for x, expected in ((1.0, count), (501.0, 1), (3000.0, 0)):
+            assert len(source.take(PEOPLE, people(x, x=x))[0].ids) == expected
 
 
 def test_where_the_robot_is_among_the_people():
-    said = []
-    source = PeopleSource(report=said.append, robot_frame="base")
+    notices = []
+    source = PeopleSource(report=notices.append, robot_frame="base")
     assert source.robot(10.0) is None  # Nothing is known of the stream yet.
     assert len(source.take(PEOPLE, people(10.0))) == 1
     assert source.refused == {"robot's place unknown": 1}
@@ -157,14 +157,14 @@ def test_every_kind_says_who_is_where():
 def test_people_of_any_message_by_paths():
     entry = Fields(where=[Fields(), Fields(p=point(1, 2))], who=Fields(number=9))
     message = Fields(header=Fields(stamp=stamp(1.0), frame_id="map"), crowd=Fields(all=[entry]))
-    for path, wanted in (("who.number", 9), ("", UNNAMED)):
+    for path, expected in (("who.number", 9), ("", UNNAMED)):
         seen = see(Kind("crowd.all", "where.1.p", path), message)
-        assert (seen.ids.tolist(), seen.xyz.tolist()) == ([wanted], [[1, 2, 0]])
-    said = []
-    source = PeopleSource(report=said.append, form=Kind("crowd.all", "where.1.p", "name"))
+        assert (seen.ids.tolist(), seen.xyz.tolist()) == ([expected], [[1, 2, 0]])
+    notices = []
+    source = PeopleSource(report=notices.append, form=Kind("crowd.all", "where.1.p", "name"))
     assert source.take("any/msg/Type", message) == []
     assert source.refused == {"malformed": 1}
-    assert "people cannot be read: people have no name" in said[0]
+    assert "people cannot be read: people have no name" in notices[0]
 
 
 def test_names_are_numbers_only_as_numbers_are_written():
@@ -186,22 +186,22 @@ def test_people_without_names_are_told_apart_by_where_they_are():
 
 
 def test_a_stamp_of_0_is_the_time_of_arrival():
-    said = []
-    source = PeopleSource(report=said.append)
+    notices = []
+    source = PeopleSource(report=notices.append)
     for n in range(3):
         (frame,) = source.take(PEOPLE, people(0.0), received=n, clock=1.7e9 + n)
         assert frame.stamp == 1.7e9 + n
-    assert said == ["stamps are 0: the time of arrival is taken"]
+    assert notices == ["stamps are 0: the time of arrival is taken"]
     assert source.refused == {"stamped on arrival": 3}
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.003])
 @pytest.mark.parametrize("recorded", [True, False])
-def test_messages_of_one_moment_are_joined(apart, recorded):
+def test_messages_of_one_moment_are_joined(separate, recorded):
     source, frames = PeopleSource(recorded=recorded), []
     for n in range(20):
         for m in range(3):
-            at = n / 10 + m * apart
+            at = n / 10 + m * separate
             frames += source.take(PEOPLE, people(at, x=3.0 * m, names=str(m)), received=at)
         frames += source.release(n / 10 + 0.09) if not recorded else []
     frames += source.release(np.inf)
@@ -247,10 +247,10 @@ def test_bodies_of_ros4hri_are_frames_of_tf():
     ],
 )
 def test_frames_that_would_be_misread_are_refused_with_the_option(frame, turn, step, cause, advice):
-    said: list[str] = []
-    live, recorded = PeopleSource(report=said.append), PeopleSource(recorded=True)
+    notices: list[str] = []
+    live, recorded = PeopleSource(report=notices.append), PeopleSource(recorded=True)
     meant = PeopleSource(frame, report=lambda text: None)
-    kept, named, error = 0, 0, ""
+    count, named, error = 0, 0, ""
     for n in range(20):
         at = 1 + n / 10
         move = transform(at, "map" if frame == "odom" else "odom", frame, step * n, turn * n)
@@ -258,7 +258,7 @@ def test_frames_that_would_be_misread_are_refused_with_the_option(frame, turn, s
             move.transforms[0].transform.rotation = Fields(x=0.5, y=-0.5, z=0.5, w=-0.5)
         for source in (live, recorded, meant):
             source.transforms.hear(move, received=at)
-        kept += len(live.take(PEOPLE, people(at, frame), received=at))
+        count += len(live.take(PEOPLE, people(at, frame), received=at))
         named += len(meant.take(PEOPLE, people(at, frame), received=at))
         try:
             recorded.take(PEOPLE, people(at, frame), received=at)
@@ -266,11 +266,11 @@ def test_frames_that_would_be_misread_are_refused_with_the_option(frame, turn, s
             error = str(refused)
     assert named == 20  # A frame that is named is meant.
     if not cause:
-        assert (kept, error, said) == (20, "", [])
+        assert (count, error, notices) == (20, "", [])
         return
-    assert kept <= 2
-    assert live.refused == {f"{cause} frame": 20 - kept}
-    (line,) = said
+    assert count <= 2
+    assert live.refused == {f"{cause} frame": 20 - count}
+    (line,) = notices
     for text in (line, error):
         assert f"coordinates are in '{frame}'" in text
         assert advice in text
@@ -278,24 +278,24 @@ def test_frames_that_would_be_misread_are_refused_with_the_option(frame, turn, s
 
 def test_without_tf_a_robots_own_frame_is_questioned():
     for frame, lines in (("base_link", 1), ("map", 0), ("room", 0)):
-        said = []
-        source = PeopleSource(report=said.append)
+        notices = []
+        source = PeopleSource(report=notices.append)
         assert len(source.take(PEOPLE, people(1.0, frame))) == 1
-        assert len(said) == lines
-    said = []
-    source = PeopleSource(report=said.append)
+        assert len(notices) == lines
+    notices = []
+    source = PeopleSource(report=notices.append)
     assert source.take(PEOPLE, people(1.0, "camera_color_optical_frame")) == []
-    assert "--fixed-frame map" in said[0]
+    assert "--fixed-frame map" in notices[0]
 
 
 def test_an_unnamed_frame_is_not_joined_with_another():
-    said = []
-    source = PeopleSource(report=said.append)
+    notices = []
+    source = PeopleSource(report=notices.append)
     counts = [
         len(source.take(PEOPLE, people(1 + n / 10, "" if n < 5 else "map"))) for n in range(10)
     ]
     assert counts == 5 * [1] + 5 * [0]
-    assert "'map' are left out, the stream's are in ''; --fixed-frame map" in said[0]
+    assert "'map' are left out, the stream's are in ''; --fixed-frame map" in notices[0]
 
 
 @pytest.mark.parametrize("back", [0.3, 3.0, 30.0])

@@ -31,24 +31,24 @@ MEMORY = Path("/proc/self/statm")
 def stream(tracks):
     """The frames of a recording: stamp, ids, xy."""
     for stamp in np.unique(tracks.stamp):
-        here = tracks.stamp == stamp
-        yield stamp, tracks.id[here], tracks.position[here]
+        present = tracks.stamp == stamp
+        yield stamp, tracks.id[present], tracks.position[present]
 
 
 def test_frame_by_frame_equals_batches_of_windows(model):
     tracks = simulate("cross-path", 3, 12.0, people=5)
     models = {"sgan": model(), "neurosym": model("as_described", "ped")}
-    how = {"samples": 3, "seed": 7, "recording": tracks.recording, "compile": "needed"}
-    predictor = Predictor(models, max_people=8, **how)
+    options = {"samples": 3, "seed": 7, "recording": tracks.recording, "compile": "needed"}
+    predictor = Predictor(models, max_people=8, **options)
     forecasts = [f for frame in stream(tracks) if (f := predictor.push(*frame)) is not None]
     assert len(forecasts) == len(np.unique(tracks.stamp)) - 12  # One with every frame.
     windows = cut_windows([resample(tracks, 0.4)], 4, 3)
     (batch,) = make_batches(windows)
     scene = batch.scene
-    for name, each in models.items():
-        forecaster = each.forecaster
+    for name, forecast in models.items():
+        forecaster = forecast.forecaster
         noise = draw_noise(forecaster.noise, 7, np.asarray(scene.identity), 3, 8)
-        futures, _ = forecast_batch(forecaster, each.params, scene, noise)
+        futures, _ = forecast_batch(forecaster, forecast.params, scene, noise)
         futures = unpacked(futures, scene.valid)
         for at, n in enumerate(batch.index):
             if n < 0:
@@ -67,8 +67,8 @@ def test_equals_predict_with_people_coming_and_going(model):
     predictor = Predictor(model(), samples=6, seed=3, recording="r", max_people=4)
     sizes = set()
     for n in range(60):
-        here = np.flatnonzero(rng.random(3) < 0.9) if n > 30 else np.array([1])
-        forecast = predictor.push(n / 10, here, np.stack([here + n / 20, here * 0.5], 1))
+        present = np.flatnonzero(rng.random(3) < 0.9) if n > 30 else np.array([1])
+        forecast = predictor.push(n / 10, present, np.stack([present + n / 20, present * 0.5], 1))
         if forecast is None:
             continue
         sizes.add(len(forecast.ids))
@@ -106,17 +106,19 @@ def test_nothing_compiles_after_the_start_and_crowds_are_reported(model):
 
 
 def test_a_recording_waits_for_programs_that_it_needs(model):
-    said: list[str] = []
-    predictor = Predictor(model(), samples=2, max_people=40, compile="needed", report=said.append)
+    notices: list[str] = []
+    predictor = Predictor(
+        model(), samples=2, max_people=40, compile="needed", report=notices.append
+    )
     used: list[int] = []
     gc.unfreeze()
     predictor.programs.add(lambda forecast: used.append(len(forecast.ids)))
-    assert not said
+    assert not notices
     ids = np.arange(10)
     for n in range(4):
         forecast = predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
     assert len(forecast.ids) == 10
-    assert said == ["compiling for up to 16 people (3 of 5)"]
+    assert notices == ["compiling for up to 16 people (3 of 5)"]
     assert used == [16]
     assert gc.get_freeze_count() > 1000
     assert forecast.latency < 0.5
@@ -125,13 +127,13 @@ def test_a_recording_waits_for_programs_that_it_needs(model):
 
 def test_a_robot_does_not_wait_and_says_who_does(model):
     """Nobody is forecast at first, then fewer, then all; no frame waits."""
-    said: list[str] = []
-    begun, go = {4: threading.Event(), 16: threading.Event()}, threading.Event()
+    notices: list[str] = []
+    started, go = {4: threading.Event(), 16: threading.Event()}, threading.Event()
     hold = threading.Event()
 
     def report(text):
-        said.append(text)
-        for size, event in begun.items():
+        notices.append(text)
+        for size, event in started.items():
             if f"up to {size} people" in text:
                 event.set()
                 (hold if size == 4 else go).wait(20)
@@ -143,20 +145,20 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
     def push(n: int):
         return predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
 
-    begun[4].wait(20)
+    started[4].wait(20)
     began = time.monotonic()
     assert [push(n) for n in range(4)] == [None] * 4
     assert time.monotonic() - began < 2
     assert predictor.dropped == dict.fromkeys(range(10), "compiling")
     hold.set()
     # What the people present need comes next, before the program for eight.
-    begun[16].wait(20)
+    started[16].wait(20)
     forecast = push(4)
     # The middle of all is at 4.5: these are the nearest.
     assert forecast.ids.tolist() == [3, 4, 5, 6]
     assert set(forecast.dropped.values()) == {"compiling"}
     go.set()
-    wait(lambda: said[-1] == "everything is compiled")
+    wait(lambda: notices[-1] == "everything is compiled")
     assert gc.get_freeze_count() > 1000
     forecast = push(5)
     assert len(forecast.ids) == 10
@@ -169,16 +171,16 @@ def test_names_of_models_side_by_side():
     sgan, neurosym = SHIPPED / "sgan_zara1_8", SHIPPED / "neurosym_zara1_8"
     assert list(load_models((neurosym, sgan))) == ["NeuroSyM", "SGAN"]
     assert list(load_models((sgan,))) == ["SGAN"]
-    both = load_models((sgan, SHIPPED / "sgan_eth_8"))
-    assert list(both) == ["sgan_zara1_8", "sgan_eth_8"]
+    names = load_models((sgan, SHIPPED / "sgan_eth_8"))
+    assert list(names) == ["sgan_zara1_8", "sgan_eth_8"]
 
 
 def test_steps_are_the_models_own(model):
-    one = model()
-    other = dataclasses.replace(one, config=dataclasses.replace(one.config, period=0.2))
+    network = model()
+    other = dataclasses.replace(network, config=dataclasses.replace(network.config, period=0.2))
     assert Predictor(other, max_people=1, samples=1, compile="needed").window.period == 0.2
     with pytest.raises(InputError, match=r"steps of one length, not \[0\.2, 0\.4\] s"):
-        Predictor({"one": one, "other": other})
+        Predictor({"one": network, "other": other})
 
 
 def resident() -> int:
@@ -201,17 +203,17 @@ def test_people_come_and_go_for_long(model, minutes):
     memory, count = [], 0
     for frame in range(frames):
         visit, since = np.divmod(frame, stay + absent)
-        here = since < stay
+        present = since < stay
         ids = np.arange(PEOPLE) + PEOPLE * visit
         # It begins at a clock that counts from 1970, with frames that tremble by 2 ms.
         stamp = 1.7e9 + frame / RATE + (2e-3 * np.sin(frame) if frame % 4 else 0.0)
-        forecast = predictor.push(stamp, ids[here], (place + step * since[:, None])[here])
+        forecast = predictor.push(stamp, ids[present], (place + step * since[:, None])[present])
         analytics.add(forecast)
         if forecast is not None:
             count += 1
             # Whose window begins within the trembling of its first frame may have it or not.
-            whole, sure = (here & (since >= 4 * (OBS - 1) + n) for n in (0, 1))
-            assert set(ids[sure]) <= set(forecast.ids.tolist()) <= set(ids[whole])
+            observed_whole, sure = (present & (since >= 4 * (OBS - 1) + n) for n in (0, 1))
+            assert set(ids[sure]) <= set(forecast.ids.tolist()) <= set(ids[observed_whole])
         if frame % (frames // 6) == frames // 12:
             memory.append(resident())
     assert count >= frames - 4 * (OBS - 1) - 1  # With every frame.

@@ -30,9 +30,9 @@ def shares_held(spread: float, growth: float = 1.0, people: int = 5, frames: int
         regions.add(window.stamp, ids, draws)
         issued.append((Regions.around(draws), regions.scale.copy()))
     for frame in range(frames - STEPS):
-        around, scale = issued[frame]
+        center, scale = issued[frame]
         truth = path[:, frame + 1 : frame + STEPS + 1]
-        factors = np.stack([around.factors(n, truth[:, n]) for n in range(STEPS)], axis=-1)
+        factors = np.stack([center.factors(n, truth[:, n]) for n in range(STEPS)], axis=-1)
         held.append((factors <= scale[:, None]).mean(axis=-1).T)
     return np.concatenate(held), regions
 

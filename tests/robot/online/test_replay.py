@@ -55,9 +55,9 @@ def folder(tmp_path_factory) -> Path:
         for frame in frames_of_tracks(tracks):
             frame = frame._replace(stamp=frame.stamp + 1.7e9)
             bag.write("/people", frame.stamp, messages.make_people(bag.new, frame, "odom"))
-    with contextlib.redirect_stdout(io.StringIO()) as said:
+    with contextlib.redirect_stdout(io.StringIO()) as output:
         run(recording=bag.path, out=folder / "forecasts.mcap", html=folder / "page.html")
-    (folder / "said.txt").write_text(said.getvalue())
+    (folder / "said.txt").write_text(output.getvalue())
     return folder
 
 
@@ -77,13 +77,13 @@ def futures_of(samples) -> np.ndarray:
 
 
 def test_the_whole_way_and_back(folder, replayed):
-    said = (folder / "said.txt").read_text()
-    assert all(word in said for word in ("141 frames", "p99", "joint", "future unknown"))
+    output = (folder / "said.txt").read_text()
+    assert all(word in output for word in ("141 frames", "p99", "joint", "future unknown"))
     page = (folder / "page.html").read_text()
-    told = [json.loads(line) for line in page.splitlines() if line[:2] == '{"']
-    assert told[0]["models"] == ["SGAN", "NeuroSyM"]
-    assert len(told) == 1 + 141 + 1
-    steps = [line["step"] for line in told if line.get("step")]
+    rows = [json.loads(line) for line in page.splitlines() if line[:2] == '{"']
+    assert rows[0]["models"] == ["SGAN", "NeuroSyM"]
+    assert len(rows) == 1 + 141 + 1
+    steps = [line["step"] for line in rows if line.get("step")]
     assert len(steps) > 20
     people = (read_people(folder / name) for name in ("run", "forecasts"))
     for a, b in zip(*people, strict=True):
@@ -92,28 +92,31 @@ def test_the_whole_way_and_back(folder, replayed):
     for name, topic in TOPICS.items():
         ends = ("", "/samples", "/events")
         heard = [replayed[f"/hri/human_poses_prediction_{topic}{end}"] for end in ends]
-        assert len({len(each) for each in heard}) == 1
+        assert len({len(messages) for messages in heard}) == 1
         assert len(heard[0]) > 3.5 * len(steps)  # One with every frame, on the page one a period.
-        at = {round(seconds_of(each[0].header.stamp) - 1.7e9, 3): each for each in zip(*heard)}
+        at = {
+            round(seconds_of(messages[0].header.stamp) - 1.7e9, 3): messages
+            for messages in zip(*heard)
+        }
         for step in steps:
             trajectories, samples, events = at[step["t"]]
             model, futures = step["models"][name], futures_of(samples)
-            shown = np.reshape(model["samples"], (-1, 3, samples.steps, 2)).swapaxes(0, 1) / 100
-            assert_allclose(futures - samples.position.reshape(-1, 1, 2), shown, atol=6e-3)
+            drawn = np.reshape(model["samples"], (-1, 3, samples.steps, 2)).swapaxes(0, 1) / 100
+            assert_allclose(futures - samples.position.reshape(-1, 1, 2), drawn, atol=6e-3)
             assert trajectories.header.frame_id == "odom"
-            path = [see(HUMANS, each) for each in trajectories.trajs]
+            path = [see(HUMANS, messages) for messages in trajectories.trajs]
             assert [str(id) for id in path[8].ids] == step["ids"]
-            way = np.stack([each.xyz[:, :2] for each in path[8:]], 1)
+            way = np.stack([messages.xyz[:, :2] for messages in path[8:]], 1)
             assert_allclose(way, futures[model["central"]], atol=1e-6)
             if name == "NeuroSyM":
                 ids = [int(id) for id in step["ids"]]
-                told = {
+                rows = {
                     (e.name, e.k, e.l): (e.probability, e.seconds, e.words) for e in events.events
                 }
                 for kind, k, other, *numbers in step["likely"]:
-                    *wanted, words = told[kind, ids[k], ids[other]]
-                    assert_allclose(numbers, wanted, atol=6e-4)
-                    assert words.endswith(f": {100 * wanted[0]:.0f} %, in {wanted[1]:.1f} s")
+                    *expected, words = rows[kind, ids[k], ids[other]]
+                    assert_allclose(numbers, expected, atol=6e-4)
+                    assert words.endswith(f": {100 * expected[0]:.0f} %, in {expected[1]:.1f} s")
 
 
 def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, capsys):
@@ -128,12 +131,14 @@ def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, ca
     )
     assert 3 <= len(after) <= 4 < len(before)
     samples = (message for topic, message in read_messages(tmp_path / "mended.bag"))
-    forecast = {id for each in samples if hasattr(each, "futures") for id in each.ids.tolist()}
+    forecast = {
+        id for message in samples if hasattr(message, "futures") for id in message.ids.tolist()
+    }
     assert forecast == after
-    said = capsys.readouterr().out
-    assert "until interrupted" not in said
+    output = capsys.readouterr().out
+    assert "until interrupted" not in output
     if "foxglove" in options:
-        assert "Foxglove can open" in said
+        assert "Foxglove can open" in output
         reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
         with options["foxglove"].open("rb") as file:
             counts = reader.make_reader(file).get_summary().statistics.channel_message_counts
@@ -189,7 +194,7 @@ def test_slow_views_do_not_hold_a_node_up(monkeypatch):
 @pytest.mark.parametrize("name", TOPICS)
 def test_the_table_is_the_errors_of_what_is_written(folder, replayed, name):
     topic = f"/hri/human_poses_prediction_{TOPICS[name]}/samples"
-    forecasts = {seconds_of(each.header.stamp): each for each in replayed[topic]}
+    forecasts = {seconds_of(message.header.stamp): message for message in replayed[topic]}
     ade, published, people = 0.0, 0.0, 0
     for truth in replayed[TRUTH_TOPIC]:
         steps = [see(HUMANS, step) for step in truth.trajs[8:]]
@@ -199,15 +204,15 @@ def test_the_table_is_the_errors_of_what_is_written(folder, replayed, name):
         errors = np.linalg.norm(off, axis=-1).mean(axis=-1).sum(axis=1)
         ade, published = ade + errors.min(), published + errors[samples.central]
         people += len(rows)
-    said = (folder / "said.txt").read_text().splitlines()
-    (line,) = [line for line in said if line.strip().startswith(name)]
+    output = (folder / "said.txt").read_text().splitlines()
+    (line,) = [line for line in output if line.strip().startswith(name)]
     assert float(line.split()[1]) == pytest.approx(published / people, abs=2e-3)
     assert float(line.split()[3]) == pytest.approx(ade / people, abs=2e-3)
     assert int(line.split()[-1]) == people > 10
 
 
 def test_the_rate_is_that_of_the_stamps():
-    still = SimpleNamespace(  # A predictor, and its analytics, that forecast nothing.
+    idle = SimpleNamespace(  # A predictor, and its analytics, that forecast nothing.
         waited=0.0,
         window=SimpleNamespace(push=lambda *_, **__: True),
         forecast=lambda *_, **__: None,
@@ -217,15 +222,15 @@ def test_the_rate_is_that_of_the_stamps():
     frames = [Frame(stamp, np.zeros(0, np.int64), np.zeros((0, 2))) for stamp in stamps]
     for rate, seconds in ((2.0, 0.3), (math.inf, 0.0)):
         before = time.monotonic()
-        events = list(replay(frames, still, still, rate=rate))
+        events = list(replay(frames, idle, idle, rate=rate))
         assert seconds - 1e-3 <= time.monotonic() - before < seconds + 0.2
         assert [event.frame for event in events] == frames
     # The recording is opened, or without a rate read, in nobody's time.
     for rate, slow in ((2.0, {0}), (math.inf, {0, 3})):
         read = (time.sleep(0.2 * (n in slow)) or frame for n, frame in enumerate(frames))
-        assert all(-0.01 < event.age < 0.1 for event in replay(read, still, still, rate=rate))
+        assert all(-0.01 < event.age < 0.1 for event in replay(read, idle, idle, rate=rate))
     with pytest.raises(InputError, match="rate"):
-        list(replay(frames, still, still, rate=math.nan))
+        list(replay(frames, idle, idle, rate=math.nan))
 
 
 @pytest.mark.parametrize(

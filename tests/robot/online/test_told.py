@@ -37,35 +37,35 @@ class Stream:
         """The forecast of frame n, in which `ids` are seen."""
         self.window.push(n / 10 if stamp is None else stamp, ids, self.path[ids, n])
         people, observed, lost = self.window.complete()
-        each = None
+        forecast = None
         if len(people):
             samples = np.random.default_rng(n).normal(size=(K, len(people), PRED, 2))
             models = {"a": ModelForecast(samples, samples.mean(axis=0), 0, runtime=0.02)}
             missing = self.window.incomplete(people)
-            each = Forecast(self.window.stamp, n, people, observed, models, missing, 1e-3, lost)
-        self.done += self.analytics.add(each)
-        return each
+            forecast = Forecast(self.window.stamp, n, people, observed, models, missing, 1e-3, lost)
+        self.done += self.analytics.add(forecast)
+        return forecast
 
 
 def test_equals_the_offline_errors_of_one_forecast_a_period():
     stream = Stream(160)
     forecasts = [stream.push(n, [0, 1, 2]) for n in range(160)]
     stream.done += stream.analytics.finish()
-    assert [each.index for each in stream.done] == list(range(8, 160, 4))
-    scored = [each for each in stream.done if each.index + 4 * PRED < 160]
-    for each in scored:
-        truth = stream.path[:, each.index + 4 : each.index + 4 * PRED + 1 : 4]
-        assert_allclose(each.future, truth, atol=1e-9)
+    assert [forecast.index for forecast in stream.done] == list(range(8, 160, 4))
+    scored = [forecast for forecast in stream.done if forecast.index + 4 * PRED < 160]
+    for forecast in scored:
+        truth = stream.path[:, forecast.index + 4 : forecast.index + 4 * PRED + 1 : 4]
+        assert_allclose(forecast.future, truth, atol=1e-9)
     summary = stream.analytics.summary()
-    assert summary["forecasts"] == sum(each is not None for each in forecasts) == 152
+    assert summary["forecasts"] == sum(forecast is not None for forecast in forecasts) == 152
     result = summary["models"]["a"]
     assert (result["forecasts"], result["people"]) == (len(scored), 3 * len(scored))
-    alone = [score(each.models["a"].samples, each.future) for each in scored]
+    alone = [score(forecast.models["a"].samples, forecast.future) for forecast in scored]
     for metric in alone[0]:
-        expected = np.mean([each[metric].mean for each in alone], axis=0)
+        expected = np.mean([scores[metric].mean for scores in alone], axis=0)
         assert result[metric] == pytest.approx(expected, rel=1e-6)
     # What is published is one forecast, the central one, and not the best by hindsight.
-    errors = [each.models["a"].samples[0] - each.future for each in scored]
+    errors = [forecast.models["a"].samples[0] - forecast.future for forecast in scored]
     off = np.linalg.norm(np.concatenate(errors), axis=-1)
     published = result["published_ade"], result["published_fde"]
     assert published == pytest.approx((off.mean(), off[:, -1].mean()))
@@ -73,11 +73,11 @@ def test_equals_the_offline_errors_of_one_forecast_a_period():
     assert result["runtime"] == pytest.approx(20.0)
     # Beside them whoever goes on as before, once and not best of several.
     off = []
-    for each in scored:
-        last, before = each.observed[:, -1], each.observed[:, -2]
+    for forecast in scored:
+        last, before = forecast.observed[:, -1], forecast.observed[:, -2]
         for t in range(PRED):
             way = last + (t + 1) * (last - before)
-            off.append(np.linalg.norm(way - each.future[:, t], axis=-1))
+            off.append(np.linalg.norm(way - forecast.future[:, t], axis=-1))
     result = summary["models"][STRAIGHT]
     assert result["joint_ade"] == pytest.approx(np.mean(off), rel=1e-5)
     assert stream.analytics.dropped["future unknown"] == 3 * (len(stream.done) - len(scored))
@@ -91,12 +91,12 @@ def test_who_is_gone_is_not_scored_and_who_is_lost_for_a_moment_is():
     for n in range(120):
         stream.push(n, [0] + [1] * (not 40 <= n < 46) + [2] * (n < 70))
     stream.done += stream.analytics.finish()
-    known = {n: np.isfinite(each.future).all(axis=(1, 2)) for n, each in enumerate(stream.done)}
-    for n, each in enumerate(stream.done):
-        ends = each.index + 4 * PRED
-        wanted = {0: ends < 120, 1: ends < 120, 2: ends < 70}
-        assert {id: bool(k) for id, k in zip(each.ids.tolist(), known[n])} == {
-            id: wanted[id] for id in each.ids.tolist()
+    people = {n: np.isfinite(item.future).all(axis=(1, 2)) for n, item in enumerate(stream.done)}
+    for n, item in enumerate(stream.done):
+        ends = item.index + 4 * PRED
+        expected = {0: ends < 120, 1: ends < 120, 2: ends < 70}
+        assert {id: bool(k) for id, k in zip(item.ids.tolist(), people[n])} == {
+            id: expected[id] for id in item.ids.tolist()
         }
     assert stream.analytics.dropped["unseen"] > 0
 
@@ -157,8 +157,8 @@ def test_the_line_says_what_regions_held():
     means |= {"joint_fde": 0.2, "coverage": {"50": 0.482, "90": 0.914}}
     stream = Clocked()
     stream.summary["models"]["m"] = means
-    said = "50 % regions held 48 %, 90 % regions held 91 % in the last 5 minutes"
-    assert said in stream.status.line()
+    line = "50 % regions held 48 %, 90 % regions held 91 % in the last 5 minutes"
+    assert line in stream.status.line()
     means["coverage"] = {}
     assert "regions" not in stream.status.line()
 
@@ -189,7 +189,7 @@ def test_a_constant_offset_is_told_and_not_called_stale(late, way):
 
 def forecast_of(place, velocity, samples=20) -> Forecast:
     """People who go straight on, as the samples say but for 2 cm."""
-    place, velocity = (np.asarray(each, float)[:, None] for each in (place, velocity))
+    place, velocity = (np.asarray(vector, float)[:, None] for vector in (place, velocity))
     steps = 0.4 * np.arange(-7, 9)[:, None]
     way = place + velocity * steps
     noise = np.random.default_rng(0).normal(0, 0.02, (samples, len(place), 8, 2))
@@ -215,9 +215,9 @@ def test_two_who_come_towards_each_other_pass():
 
 def test_an_event_is_as_probable_as_in_the_draws():
     meet = forecast_of([(0, 0), (4, 0.8)], [(1.2, 0), (-1.2, 0)])
-    apart = forecast_of([(0, 0), (4, 0.8)], [(-1.2, 0), (1.2, 0)])
+    crossing = forecast_of([(0, 0), (4, 0.8)], [(-1.2, 0), (1.2, 0)])
     result = meet.models["m"]
-    draws = np.concatenate([result.samples[:15], apart.models["m"].samples[:5]])
+    draws = np.concatenate([result.samples[:15], crossing.models["m"].samples[:5]])
     meet.models["m"] = dataclasses.replace(result, draw=lambda: draws)  # pyright: ignore
     events = {event.name: event.probability for event in likely_events(meet, "m", 0.4)}
     assert events["meets"] == pytest.approx(0.75, abs=0.06)
@@ -227,16 +227,18 @@ def test_the_list_is_that_of_all_pairs_and_bounded():
     rng = np.random.default_rng(1)
     for people in (5, 8):
         forecast = forecast_of(rng.uniform(-5, 5, (people, 2)) + 1e5, rng.normal(0, 1, (people, 2)))
-        told = likely_events(forecast, "m", 0.4, 0.3)
-        found = symbolic_events(forecast.models["m"].samples, forecast.observed)
-        share = dict(zip(EVENTS, np.asarray(found.probability)))
-        seconds = dict(zip(EVENTS, np.asarray(found.seconds)[..., 1]))
-        assert told == sorted(told, key=lambda each: -each.probability)
-        for name, *pair, probability, when in told:
+        likely = likely_events(forecast, "m", 0.4, 0.3)
+        events = symbolic_events(forecast.models["m"].samples, forecast.observed)
+        share = dict(zip(EVENTS, np.asarray(events.probability)))
+        seconds = dict(zip(EVENTS, np.asarray(events.seconds)[..., 1]))
+        assert likely == sorted(likely, key=lambda event: -event.probability)
+        for name, *pair, probability, when in likely:
             assert probability == pytest.approx(share[name][tuple(pair)], abs=1e-6)
             assert when == pytest.approx(seconds[name][tuple(pair)])
-        pairs = {frozenset(each[1:3]) for each in told}
+        pairs = {frozenset(event[1:3]) for event in likely}
         assert len(pairs) <= PAIRS
         if people == 5:
-            once = [np.triu(each) if EVENTS[name].mutual else each for name, each in share.items()]
-            assert len(told) == (np.array(once) >= 0.3).sum() > 2
+            once = [
+                np.triu(table) if EVENTS[name].mutual else table for name, table in share.items()
+            ]
+            assert len(likely) == (np.array(once) >= 0.3).sum() > 2

@@ -26,8 +26,8 @@ def test_every_frame_has_a_window_of_what_was_seen_until_it(start):
     seen[40:70, 2] = False
     walk = rng.normal(0, 0.1, (120, 5, 2)).cumsum(axis=0)
     window, compared = Window(4, 0.4), 0
-    for n, (stamp, here, xy) in enumerate(zip(stamps, seen, walk)):
-        assert window.push(stamp, np.flatnonzero(here), xy[here])
+    for n, (stamp, present, xy) in enumerate(zip(stamps, seen, walk)):
+        assert window.push(stamp, np.flatnonzero(present), xy[present])
         ids, positions, extrapolated = window.complete()
         assert not extrapolated.any()
         if stamp - stamps[0] < 1.2:
@@ -37,13 +37,15 @@ def test_every_frame_has_a_window_of_what_was_seen_until_it(start):
         tracks = make_tracks("r", stamps[rows[:, 0]], rows[:, 1], walk[rows[:, 0], rows[:, 1]])
         grid = resample(tracks, 0.4, start=stamp - 1.2)
         step = np.rint((grid.stamp - stamp) / 0.4).astype(int)
-        known = {(k, i): xy for k, i, xy in zip(step, grid.id.tolist(), grid.position)}
+        positions_by_step = {(k, i): xy for k, i, xy in zip(step, grid.id.tolist(), grid.position)}
         steps = range(-3, 1)
-        whole = [i for i in np.flatnonzero(here) if all((k, i) in known for k in steps)]
-        assert ids.tolist() == whole
+        people = [
+            i for i in np.flatnonzero(present) if all((k, i) in positions_by_step for k in steps)
+        ]
+        assert ids.tolist() == people
         for i, position in zip(ids.tolist(), positions):
-            wanted = [known[k, i] for k in steps]
-            assert_allclose(position, wanted, atol=1e-6 if start else 1e-12)
+            expected = [positions_by_step[k, i] for k in steps]
+            assert_allclose(position, expected, atol=1e-6 if start else 1e-12)
             compared += 1
     assert compared > 200
 
@@ -63,8 +65,8 @@ def test_stamps_that_are_refused_change_nothing_and_a_clock_set_back_begins_anew
     people = "bad_positions", "duplicate_ids", "far_positions"
     assert [other.health[name] for name in people] == [1, 1, 2]
     assert other.complete()[0].tolist() == [3]
-    for one, two in zip(before, window.complete()):
-        assert_array_equal(one, two)
+    for earlier, later in zip(before, window.complete()):
+        assert_array_equal(earlier, later)
     assert window.push(5.0, [1], [[6.0, 1.0]])
     assert health["clock_resets"] == 1
     assert len(window.complete()[0]) == 0
@@ -133,7 +135,7 @@ def test_who_was_lost_a_moment_ago_is_extrapolated_and_said_to_be():
             assert_allclose(positions[0, :, 0], n / 10 - 0.4 * np.arange(3, -1, -1), atol=1e-9)
     assert [steps[n].get(1) for n in (21, 22, 25, 26, 27, 28)] == [0, 1, 1, 2, 2, 0]
     assert [steps[n].get(1) for n in (44, 48, 54, 55)] == [0, 1, 3, None]
-    assert all(each[2] == 0 for n, each in steps.items() if n >= 12)
+    assert all(state[2] == 0 for n, state in steps.items() if n >= 12)
 
 
 def test_the_past_is_kept_for_scores_and_no_longer():

@@ -29,7 +29,7 @@ def main() -> None:
     heard: list[dict] = []
 
     def hear(message: MarkerArray) -> None:
-        told = [
+        messages = [
             {
                 "ns": marker.ns,
                 "type": marker.type,
@@ -39,7 +39,7 @@ def main() -> None:
             for marker in message.markers
         ]
         stamp = message.markers[0].header.stamp
-        heard.append({"stamp": stamp.sec + 1e-9 * stamp.nanosec, "markers": told})
+        heard.append({"stamp": stamp.sec + 1e-9 * stamp.nanosec, "markers": messages})
 
     node.create_subscription(MarkerArray, MARKERS, hear, 100)
     people = node.create_publisher(PoseArray, sys.argv[3], 100)

@@ -42,24 +42,24 @@ def write(path, topic=TOPIC, length=20):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_people_and_forecasts_there_and_back(tmp_path, kind):
-    wanted = frames()
+    expected = frames()
     with BagWriter(tmp_path / f"run.{kind}") as bag:
-        for frame in wanted:
+        for frame in expected:
             bag.write(TOPIC, frame.stamp, messages.make_people(bag.new, frame))
             now = frame.stamp
             trajectories = make_trajectories(bag.new, [now], frame.ids, frame.xy[:, None])
             bag.write("/forecast", frame.stamp, trajectories)
     assert bag.path.is_file() == (kind == "bag")
     got = list(read_frames(bag.path))
-    for a, b in zip(wanted, got, strict=True):
+    for a, b in zip(expected, got, strict=True):
         assert a.stamp == pytest.approx(b.stamp, abs=1e-6)
         assert_array_equal(a.ids, b.ids)
         assert_array_equal(a.xy, b.xy)
-    both = list(read_messages(bag.path))
-    assert [topic for topic, _ in both] == [TOPIC, "/forecast"] * len(wanted)
-    (step,) = both[-1][1].trajs
-    assert seconds_of(step.header.stamp) == pytest.approx(wanted[-1].stamp, abs=1e-6)
-    assert_array_equal(see(HUMANS, step).xyz[:, :2], wanted[-1].xy)
+    records = list(read_messages(bag.path))
+    assert [topic for topic, _ in records] == [TOPIC, "/forecast"] * len(expected)
+    (step,) = records[-1][1].trajs
+    assert seconds_of(step.header.stamp) == pytest.approx(expected[-1].stamp, abs=1e-6)
+    assert_array_equal(see(HUMANS, step).xyz[:, :2], expected[-1].xy)
     with pytest.raises(InputError, match="already there"):
         BagWriter(tmp_path / f"run.{kind}")
 
@@ -75,9 +75,9 @@ TOOLS = {"bag": "rosbag reindex", "db3": "ros2 bag reindex", "mcap": "mcap recov
 def test_a_bag_cut_short_is_refused_with_the_tool_that_mends_it(tmp_path, kind):
     path = write(tmp_path / f"run.{kind}", length=200)
     file = path if path.is_file() else next(path.glob(f"*.{kind}"))
-    whole = file.read_bytes()
-    for size in [*np.random.default_rng(0).integers(100, len(whole) - 1, 8), 0]:
-        file.write_bytes(whole[:size])
+    content_of_file = file.read_bytes()
+    for size in [*np.random.default_rng(0).integers(100, len(content_of_file) - 1, 8), 0]:
+        file.write_bytes(content_of_file[:size])
         cut = rf"cannot be read as a bag: .*if it was cut short, `{TOOLS[kind]}`"
         with pytest.raises(InputError, match=cut) as error:
             list(read_people(path))
@@ -88,11 +88,13 @@ def test_a_bag_cut_short_is_refused_with_the_tool_that_mends_it(tmp_path, kind):
 def test_no_frame_is_lost_in_silence(tmp_path, kind):
     path = write(tmp_path / f"run.{kind}", length=4)
     file = path if path.is_file() else next(path.glob(f"*.{kind}"))
-    whole, wanted = file.read_bytes(), len(content(path))
-    for at in [whole.rindex(b"conn=") + 5] if kind == "bag" else range(90, 110):
-        file.write_bytes(whole[:at] + bytes([whole[at] ^ 219]) + whole[at + 1 :])
-        with warnings.catch_warnings(record=True) as said, contextlib.suppress(InputError):
-            assert len(content(path)) == wanted or said, at
+    content_of_file, expected = file.read_bytes(), len(content(path))
+    for at in [content_of_file.rindex(b"conn=") + 5] if kind == "bag" else range(90, 110):
+        file.write_bytes(
+            content_of_file[:at] + bytes([content_of_file[at] ^ 219]) + content_of_file[at + 1 :]
+        )
+        with warnings.catch_warnings(record=True) as warned, contextlib.suppress(InputError):
+            assert len(content(path)) == expected or warned, at
 
 
 def test_one_message_less_than_the_metadata_say_is_refused(tmp_path):
@@ -108,10 +110,10 @@ def test_one_message_less_than_the_metadata_say_is_refused(tmp_path):
 def test_whatever_reads_tracks_reads_bags(tmp_path):
     first, second = write(tmp_path / "first.bag"), write(tmp_path / "second.mcap")
     (tracks,) = read_any(first)
-    wanted = tracks_of_frames(iter(frames()), "first")
+    expected = tracks_of_frames(iter(frames()), "first")
     assert (tracks.recording, tracks.reading.format) == ("first", "bag")
-    assert_array_equal(tracks.id, wanted.id)
-    assert_array_equal(tracks.position, wanted.position)
+    assert_array_equal(tracks.id, expected.id)
+    assert_array_equal(tracks.position, expected.position)
     # The folder of ROS 2 is one recording, a folder of bags is several.
     assert not is_folder(second)
     assert data_files(tmp_path) == files_in(tmp_path) == [first, second]
@@ -145,17 +147,17 @@ def test_which_topic_has_the_people(tmp_path):
             bag.write("/chatter", 1.0, bag.new("std_msgs/msg/String"))
             humans = make_trajectories(bag.new, [2.0], np.array([-5, 6]), np.ones((2, 1, 2)))
             bag.write("/humans", 1.0, humans.trajs[0])
-    run, two = tmp_path / "run.bag", tmp_path / "two.bag"
+    run, later_bag = tmp_path / "run.bag", tmp_path / "two.bag"
     # The filtered one is preferred, and humans are people, too.
     assert PEOPLE_TOPICS[::-1].index(TOPIC) == 1
     assert_array_equal(next(read_people(run)).xy, frame.xy + 1)
     assert_array_equal(next(read_people(run, PEOPLE_TOPICS[1])).xy, frame.xy)
     assert_array_equal(next(read_people(run, "/humans")).ids, [-5, 6])
     with pytest.raises(InputError, match=r"which topic has the people.*/one.*/two.*bag,topic="):
-        read_any(two)
+        read_any(later_bag)
     far = pytest.warns(InputWarning, match="people more than 60 m")
     with far, pytest.warns(InputWarning, match="1 positions are left out"):
-        (tracks,) = read_any(two, ReadOptions(format="bag,topic=/two"))
+        (tracks,) = read_any(later_bag, ReadOptions(format="bag,topic=/two"))
     assert_array_equal(tracks.position, [[1, 0]])
 
 

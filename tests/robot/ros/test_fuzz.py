@@ -129,8 +129,8 @@ def test_broken_messages_are_counted_and_the_next_one_is_forecast(node):
     rng, forecasts = random.Random(0), node.analytics.forecasts
     for n in range(300):
         work(node, rng.randbytes(rng.randrange(100)))
-        whole = people(node, Frame(1e9 + n, np.arange(3), np.full((3, 2), np.nan)))
-        work(node, broken(whole, rng))
+        message = people(node, Frame(1e9 + n, np.arange(3), np.full((3, 2), np.nan)))
+        work(node, broken(message, rng))
     malformed = node.source.refused["malformed"]
     assert malformed > 400
     for stamp in (2**31 - 5, -100):  # ROS has no time for their forecasts.
@@ -156,9 +156,11 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(
         node._forecasts = [(*row[:3], heard) for row in node._forecasts if row[1] == FORECAST]
         for n in range(0, 40, batch):
             work(node, *walk[n : n + batch])
-    assert [len(each) for each in sent.values()] == [28, 6]
+    assert [len(forecast) for forecast in sent.values()] == [28, 6]
     for message in sent["loaded"]:
-        (same,) = (each for each in sent["idle"] if each.header.stamp == message.header.stamp)
+        (same,) = (
+            forecast for forecast in sent["idle"] if forecast.header.stamp == message.header.stamp
+        )
         assert_array_equal(same.futures, message.futures)
     assert (idle.status.skipped, loaded.status.skipped) == (0, 24)
     assert "skipped 24" in loaded.status.line()
@@ -167,12 +169,12 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(
     monkeypatch.setattr(forecasting, "time", clock)
     for n in range(1000):
         loaded.put(PEOPLE, n)
-        kept = [each[1] for each in loaded._waiting]
-        assert loaded.source.refused["late"] == n + 1 - len(kept)
-        assert len(kept) <= WAITING
-        assert kept[-1] == n
-        assert max(np.diff(kept), default=0) <= 4
-    assert kept[0] < 1000 - 30 * 2
+        waiting = [forecast[1] for forecast in loaded._waiting]
+        assert loaded.source.refused["late"] == n + 1 - len(waiting)
+        assert len(waiting) <= WAITING
+        assert waiting[-1] == n
+        assert max(np.diff(waiting), default=0) <= 4
+    assert waiting[0] < 1000 - 30 * 2
 
 
 @pytest.fixture

@@ -54,19 +54,19 @@ def forecast() -> Forecast:
 
 def received(store, message, kind=None):
     """What comes out at the other side, whose type is `kind`."""
-    ours = message.__msgtype__
+    name = message.__msgtype__
     if "seq" in vars(blank(store, "std_msgs/msg/Header")):
-        return store.deserialize_ros1(store.serialize_ros1(message, ours), kind or ours)
-    return store.deserialize_cdr(store.serialize_cdr(message, ours), kind or ours)
+        return store.deserialize_ros1(store.serialize_ros1(message, name), kind or name)
+    return store.deserialize_cdr(store.serialize_cdr(message, name), kind or name)
 
 
 def test_the_checksums_are_those_of_the_robot():
     store = typestore(1)
-    wanted = {
+    expected = {
         PEOPLE: "18722f4b8db20cc2369740732357847b",
         HUMANS_TRAJS: "2c66d20bf906f8b179d4c4d91ac92096",
     }
-    for name, checksum in wanted.items():
+    for name, checksum in expected.items():
         assert store.generate_msgdef(name)[1] == checksum
 
 
@@ -87,10 +87,10 @@ def test_a_forecast_is_the_observed_and_the_most_central_future(store, new, fore
     assert message.header.frame_id == "odom"
     assert_allclose([frame.stamp for frame in frames], 100.5 + 0.4 * np.arange(-2, 5))
     samples = forecast.models["SGAN"].samples
-    whole = np.concatenate([forecast.observed, samples[3]], axis=1)
+    path = np.concatenate([forecast.observed, samples[3]], axis=1)
     for n, frame in enumerate(frames):
         assert frame.ids.tolist() == [4, -8]
-        assert_array_equal(frame.xyz[:, :2], whole[:, n])
+        assert_array_equal(frame.xyz[:, :2], path[:, n])
     covariance = message.trajs[6].humans[1].centroid.covariance.reshape(6, 6)
     assert_allclose(covariance[:2, :2], np.cov(samples[:, 1, 3].T, bias=True))
     assert [human.confidence for human in message.trajs[6].humans] == [1, pytest.approx(2 / 3)]
@@ -135,8 +135,8 @@ def test_probabilities_are_of_the_draws_where_there_are_any(store, new, forecast
     assert (message.samples, message.central) == (7, 6)
     assert_allclose(message.weights, [*[1 / 6] * 6, 0])
     futures = message.futures.reshape(7, 2, message.steps, 2)
-    wanted = np.concatenate([draws, samples[3:4]]) - forecast.observed[:, -1:]
-    assert_allclose(futures, wanted, rtol=1e-6)
+    expected = np.concatenate([draws, samples[3:4]]) - forecast.observed[:, -1:]
+    assert_allclose(futures, expected, rtol=1e-6)
     made = messages.forecast_message(new, drawn, "SGAN", 0.4, "odom")
     covariance = received(store, made).trajs[6].humans[1].centroid.covariance.reshape(6, 6)
     assert_allclose(covariance[:2, :2], np.cov(draws[:, 1, 3].T, bias=True))
@@ -146,7 +146,7 @@ def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(store, new, 
     made = messages.markers_message(new, forecast, "SGAN", 0.4, "odom")
     message = received(store, made, MARKERS)
     assert [marker.ns for marker in message.markers] == ["SGAN/4", "SGAN/-8"]
-    colours = [(each.color.r, each.color.g, each.color.b) for each in message.markers]
+    colours = [(arrow.color.r, arrow.color.g, arrow.color.b) for arrow in message.markers]
     # Blue and vermilion of Okabe and Ito.
     assert_allclose(colours, np.array([(0, 114, 178), (213, 94, 0)]) / 255, atol=1e-6)
     assert_allclose([marker.color.a for marker in message.markers], [1.0, 0.35])
@@ -160,8 +160,8 @@ def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(store, new, 
 
 
 def test_a_ros_2_with_another_definition_gets_no_bytes_of_ours(monkeypatch):
-    store, said, sent = typestore(2), [], []
-    theirs = {"/markers": store.hash_rihs01(MARKERS), "/other": "RIHS01_0", "/old": "INVALID"}
+    store, notices, sent = typestore(2), [], []
+    hashes = {"/markers": store.hash_rihs01(MARKERS), "/other": "RIHS01_0", "/old": "INVALID"}
     publisher = SimpleNamespace(publish=sent.append, get_subscription_count=lambda: 1)
     graph = SimpleNamespace(
         create_publisher=lambda form, topic, depth: SimpleNamespace(
@@ -169,19 +169,21 @@ def test_a_ros_2_with_another_definition_gets_no_bytes_of_ours(monkeypatch):
         ),
         get_name=lambda: "ours",
         get_publishers_info_by_topic=lambda topic: [
-            SimpleNamespace(node_name="ours", topic_type_hash=theirs[topic]),
-            SimpleNamespace(node_name="another", topic_type_hash=theirs["/markers"]),
+            SimpleNamespace(node_name="ours", topic_type_hash=hashes[topic]),
+            SimpleNamespace(node_name="another", topic_type_hash=hashes["/markers"]),
         ],
     )
     monkeypatch.setattr(ros2, "message_type", lambda kind: None)
-    node = SimpleNamespace(node=graph, _store=store, report=said.append)
+    node = SimpleNamespace(node=graph, _store=store, report=notices.append)
     node._compare = functools.partial(ros2.ForecastNode._compare, node)
-    for topic in theirs:
+    for topic in hashes:
         outlet = ros2.ForecastNode._advertise(node, topic, MARKERS)
         assert outlet.is_heard() == (topic != "/other")
         outlet.publish(lambda: blank(store, MARKERS))
     assert sent == [bytes(store.serialize_cdr(blank(store, MARKERS), MARKERS))] * 2
-    assert said == [f"this ROS 2 defines {MARKERS} in another way: nothing is published on /other"]
+    assert notices == [
+        f"this ROS 2 defines {MARKERS} in another way: nothing is published on /other"
+    ]
 
 
 TRACKED = {
@@ -204,17 +206,17 @@ def test_a_definition_is_learned_from_its_publisher():
     store = typestore(1)
     for name, text in TRACKED.items():
         store.register(get_types_from_msg(text, name))
-    one, kind = TRACKED
+    tracked, kind = TRACKED
     # As published with it.
-    assert store.generate_msgdef(one)[1] == "28bdd0d6d6551c668e4fde8aecdf1885"
-    message, track = blank(store, kind), blank(store, one)
+    assert store.generate_msgdef(tracked)[1] == "28bdd0d6d6551c668e4fde8aecdf1885"
+    message, track = blank(store, kind), blank(store, tracked)
     message.header.stamp.sec, message.header.frame_id = 3, "odom"
     track.track_id, track.pose.pose.position.x, track.pose.pose.position.y = 9, 1.0, 2.0
     message.tracks.append(track)
-    data, said = bytes(store.serialize_ros1(message, kind)), header(store, kind)
+    data, definition = bytes(store.serialize_ros1(message, kind)), header(store, kind)
     decoder = Decoder()
-    assert decoder.refuse(said) is None
-    seen = see(*decoder.decode(data, said))
+    assert decoder.refuse(definition) is None
+    seen = see(*decoder.decode(data, definition))
     assert_array_equal(seen.xyz[:, :2], [[1, 2]])
     assert_array_equal(seen.ids, [9])
     assert (seen.stamp, seen.frame_id) == (3.0, "odom")
@@ -241,11 +243,11 @@ PACKAGES = sorted(path.parent for path in ROS.glob("*/package.xml"))
 def test_a_package_is_for_both_ros(package):
     root = ElementTree.parse(package / "package.xml").getroot()
     assert root.findtext("name") == package.name
-    assert {each.text for each in root.iter("build_type")} == {"catkin", "ament_cmake"}
+    assert {element.text for element in root.iter("build_type")} == {"catkin", "ament_cmake"}
     cmake = (package / "CMakeLists.txt").read_text()
     assert re.search(rf"project\({package.name}\b", cmake)
-    wanted = {each.text for each in root.iter("depend")}
-    assert wanted == {*re.findall(r"^  find_package\((\w+_msgs) REQUIRED\)", cmake, re.MULTILINE)}
+    expected = {element.text for element in root.iter("depend")}
+    assert expected == {*re.findall(r"^  find_package\((\w+_msgs) REQUIRED\)", cmake, re.MULTILINE)}
 
 
 def test_parameters_are_options_and_the_views_are_of_our_topics():

@@ -123,10 +123,10 @@ class Graph:
         # The log's node is the last thing that roscore starts.
         self.core.wait(lambda: call(self.uri, "lookupNode", "/tests", "/rosout"))
 
-    def start(self, *command, **more) -> Process:
+    def start(self, *command, **options) -> Process:
         """A process in this graph."""
         log = self._folder / f"{time.monotonic_ns()}.txt"
-        process = Process(log, *command, env={**self.env, **more})
+        process = Process(log, *command, env={**self.env, **options})
         self._processes.callback(process.end)
         return process
 
@@ -153,9 +153,9 @@ def graph(tmp_path_factory):
     usable = shutil.which("roscore") and Path(SYSTEM).exists()
     if not usable or subprocess.run([SYSTEM, "-c", "import rospy"], capture_output=True).returncode:
         pytest.skip(f"no ROS 1 here: apt-get install --no-install-recommends {PACKAGES}")
-    there = Graph(tmp_path_factory.mktemp("ros"))
-    yield there
-    there.close()
+    graph = Graph(tmp_path_factory.mktemp("ros"))
+    yield graph
+    graph.close()
 
 
 @pytest.fixture(scope="module")
@@ -195,11 +195,11 @@ def test_a_rospy_tracker_is_answered_and_a_rospy_listener_hears_it(graph, node):
         assert steps.shape == (7, 2, 3)
         assert row["frame"] == "odom"
         assert (steps[:, :, 0] == [1, 2]).all()
-        known = 7 if row["topic"] == TRUTH_TOPIC else 4
+        length = 7 if row["topic"] == TRUTH_TOPIC else 4
         # They walk along x at 1 m/s, and the stamp is that of the last step observed.
         start = steps[3, 0, 1]
-        assert_allclose(steps[:known, 0, 1] - start, 0.4 * np.arange(-3, known - 3), atol=1e-5)
-        assert_allclose(steps[:known, :, 2], [[1, 2]] * known, atol=1e-9)
+        assert_allclose(steps[:length, 0, 1] - start, 0.4 * np.arange(-3, length - 3), atol=1e-5)
+        assert_allclose(steps[:length, :, 2], [[1, 2]] * length, atol=1e-9)
     delays = [row["late"] for row in rows if row["topic"] in FORECASTS]
     print("from a frame's stamp to its forecast at a rospy listener, ms:", 1e3 * np.median(delays))
     assert np.median(delays) < 0.5
@@ -232,15 +232,15 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     assert all(1e9 < stamp < 1e9 + 9 for _, stamp in heard)
     recorder.end(signal.SIGINT)
     wait(recorded.exists)  # Its child gives the file its name.
-    there = {
+    topics = {
         (topic, round(seconds_of(message.header.stamp), 6))
         for topic, message in read_messages(recorded)
         if topic in FORECASTS
     }
-    assert len(heard & there) > 10
-    told = subprocess.run([SYSTEM, "-c", TELL, recorded, SAMPLES], capture_output=True, text=True)
-    rows = [line.split() for line in told.stdout.splitlines()]
-    assert len(rows) > 10, told.stderr
+    assert len(heard & topics) > 10
+    output = subprocess.run([SYSTEM, "-c", TELL, recorded, SAMPLES], capture_output=True, text=True)
+    rows = [line.split() for line in output.stdout.splitlines()]
+    assert len(rows) > 10, output.stderr
     assert {tuple(row) for row in rows} == {("odom", "3", "3", "True")}
     assert 40 < len(list(read_people(recorded, "/people"))) <= 81
     # What was played live is what a replay of the bag says, frame by frame.

@@ -36,13 +36,15 @@ IMPORTS = "import sys, rclpy, visualization_msgs.msg; print(sys.version_info[:2]
 def ros2() -> tuple[str, dict[str, str]]:
     """Python with ROS 2, and an environment in which it finds us and what we need."""
     python = os.environ.get("NEUROSYM_ROS2", sys.executable)
-    found = subprocess.run([python, "-c", IMPORTS], capture_output=True, text=True)
-    if found.returncode:
-        pytest.skip(f"no ROS 2 in {python} (set NEUROSYM_ROS2): {found.stderr.splitlines()[-1]}")
-    if found.stdout.strip() != str(sys.version_info[:2]):
-        pytest.skip(f"{python} is another Python than that of these tests: {found.stdout.strip()}")
-    ours = [str(ROOT), sysconfig.get_paths()["purelib"], os.environ.get("PYTHONPATH", "")]
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, ours)))
+    outcome = subprocess.run([python, "-c", IMPORTS], capture_output=True, text=True)
+    if outcome.returncode:
+        pytest.skip(f"no ROS 2 in {python} (set NEUROSYM_ROS2): {outcome.stderr.splitlines()[-1]}")
+    if outcome.stdout.strip() != str(sys.version_info[:2]):
+        pytest.skip(
+            f"{python} is another Python than that of these tests: {outcome.stdout.strip()}"
+        )
+    folders = [str(ROOT), sysconfig.get_paths()["purelib"], os.environ.get("PYTHONPATH", "")]
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, folders)))
     environment |= {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         # Nobody else's graph.
@@ -61,12 +63,12 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     path = tmp_path / "frames.json"
     # The node sleeps for half a second.
     awake = [not 40 <= n < 45 for n in range(len(frames))]
-    told = [[frame.stamp, frame.xy.tolist(), on] for frame, on in zip(frames, awake)]
-    path.write_text(json.dumps(told))
+    rows = [[frame.stamp, frame.xy.tolist(), on] for frame, on in zip(frames, awake)]
+    path.write_text(json.dumps(rows))
     frames = list(itertools.compress(frames, awake))
     parameters = tmp_path / "forecast.yaml"
-    said = "message: PoseArray, autostart: false, samples: 9, max_people: 4"
-    parameters.write_text(f"/**: {{ros__parameters: {{{said}}}}}")
+    words = "message: PoseArray, autostart: false, samples: 9, max_people: 4"
+    parameters.write_text(f"/**: {{ros__parameters: {{{words}}}}}")
     options = ["--ros-args", "-r", "__node:=mine", "-r", "/people_tracker/people_filtered:=/seen"]
     options += ["--params-file", parameters, "-p", "samples:=4", "-p", "use_sim_time:=true"]
     log = tmp_path / "log"
@@ -93,27 +95,29 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     finally:
         node.send_signal(signal.SIGINT)
         try:
-            said, _ = node.communicate(timeout=60)
+            words, _ = node.communicate(timeout=60)
         except subprocess.TimeoutExpired:
             # Seen once, on a busy machine: faulthandler says where all its threads are.
             node.send_signal(signal.SIGABRT)
-            said, _ = node.communicate(timeout=30)
+            words, _ = node.communicate(timeout=30)
     errors = log.read_text()
     assert peer.returncode == 0, peer.stderr
     assert node.returncode == 0, errors
-    assert f"{len(frames)} frames" in said
+    assert f"{len(frames)} frames" in words
     assert "[mine]: listening to /seen" in errors
     assert "Traceback" not in errors
     assert "this ROS 2 has no darko_perception_msgs: nothing is published on" in errors
 
     heard = json.loads(peer.stdout)
     predictor = Predictor(load_model(MODEL), samples=4, max_people=4, hold=1.0)
-    wanted = {round(f.stamp, 3): f for frame in frames if (f := predictor.push(*frame)) is not None}
-    assert len(wanted) == len(frames) - 28
+    expected = {
+        round(f.stamp, 3): f for frame in frames if (f := predictor.push(*frame)) is not None
+    }
+    assert len(expected) == len(frames) - 28
     # A forecast with every frame, but for those that were skipped.
-    assert len(heard) > 0.5 * len(wanted)
+    assert len(heard) > 0.5 * len(expected)
     for message in heard:
-        forecast = wanted[round(message["stamp"], 3)]
+        forecast = expected[round(message["stamp"], 3)]
         (result,) = forecast.models.values()
         path = np.concatenate([forecast.observed[:, -1:], result.samples[result.central]], axis=1)
         for marker, id, way in zip(message["markers"], forecast.ids.tolist(), path, strict=True):

@@ -25,10 +25,10 @@ FAULTS = TrackerFaults(dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
 
 def live(tracks, stitcher: OnlineStitcher | None = None) -> np.ndarray:
     """[R] ids given frame by frame."""
-    stitcher, given = stitcher or OnlineStitcher(), np.zeros(len(tracks.id), int)
+    stitcher, numbers = stitcher or OnlineStitcher(), np.zeros(len(tracks.id), int)
     order = np.lexsort((tracks.id, tracks.stamp))
-    given[order] = np.concatenate([stitcher.push(*frame) for frame in frames_of_tracks(tracks)])
-    return given
+    numbers[order] = np.concatenate([stitcher.push(*frame) for frame in frames_of_tracks(tracks)])
+    return numbers
 
 
 def people(ids: np.ndarray) -> set[int]:
@@ -46,9 +46,9 @@ def test_ids_follow_people(count, least):
     scores = []
     for seed in range(3):
         tracks, person = simulate_labelled("cross-path", seed, 60.0, count, FAULTS)
-        given = live(tracks)
-        assert_array_equal(stitched_ids(tracks)[0], given)
-        scores.append([idf1(person, tracks.id), idf1(person, given)])
+        numbers = live(tracks)
+        assert_array_equal(stitched_ids(tracks)[0], numbers)
+        scores.append([idf1(person, tracks.id), idf1(person, numbers)])
     raw, mended = np.mean(scores, axis=0)
     assert raw < 0.6
     assert mended > least
@@ -80,8 +80,8 @@ def test_far_or_late_or_at_the_same_time_is_somebody_else():
     far = broken()
     far.position[far.id == 7, 1] += 4
     assert stitch(far).joined == 0
-    both = make_tracks("r", [0, 1, 0, 1], [1, 1, 2, 2], [[0, 0], [0, 0], [5, 0], [5, 0]])
-    assert stitch(both).joined == 0
+    pair = make_tracks("r", [0, 1, 0, 1], [1, 1, 2, 2], [[0, 0], [0, 0], [5, 0], [5, 0]])
+    assert stitch(pair).joined == 0
 
 
 def test_the_nearest_pair_is_linked_first_and_each_track_once():
@@ -126,8 +126,8 @@ def test_who_is_seen_briefly_is_left_out_of_a_recording():
 def test_a_jump_is_somebody_new():
     t = np.arange(80) / 10
     xy = np.stack([np.where(t < 4, t, t + 10), 0 * t], 1)
-    given = live(make_tracks("r", t, np.full(80, 5), xy))
-    before, after = people(given[:40]), people(given[40:])
+    numbers = live(make_tracks("r", t, np.full(80, 5), xy))
+    before, after = people(numbers[:40]), people(numbers[40:])
     assert before == {5}
     assert len(after) == 1
 
@@ -147,16 +147,16 @@ def test_the_command(tmp_path, capsys):
 def test_people_without_ids_keep_those_that_they_are_given():
     rng = np.random.default_rng(0)
     for scenario in ("all-forward", "cross-path"):
-        nearest, true, given = NearestIds(), [], []
+        nearest, true, numbers = NearestIds(), [], []
         for frame in frames_of_tracks(simulate_labelled(scenario, 1, 40.0, 4)[0]):
             order = rng.permutation(len(frame.ids))
-            given.extend(nearest.push(frame.stamp, frame.xy[order]))
+            numbers.extend(nearest.push(frame.stamp, frame.xy[order]))
             true.extend(frame.ids[order])
-        assert idf1(true, given) > 0.97
+        assert idf1(true, numbers) > 0.97
     nearest = NearestIds()
-    (one,) = nearest.push(0.0, [[0.0, 0.0]])
-    assert nearest.push(FORGET, [[0.0, 0.0]]) == [one]
-    assert nearest.push(2 * FORGET + 0.1, [[0.0, 0.0]]) != [one]
+    (person,) = nearest.push(0.0, [[0.0, 0.0]])
+    assert nearest.push(FORGET, [[0.0, 0.0]]) == [person]
+    assert nearest.push(2 * FORGET + 0.1, [[0.0, 0.0]]) != [person]
     for n in range(5):
         ids = nearest.push(3 + n / 10, rng.uniform(0, 1000, (3000, 2)) * [[1.0, np.nan]])
         assert len(np.unique(ids)) == 3000

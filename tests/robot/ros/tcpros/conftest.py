@@ -24,17 +24,17 @@ class Master:
         self.nodes: dict[str, str] = {}
         self.publishers, self.subscribers = ends = defaultdict(list), defaultdict(list)
         methods: dict[str, Callable] = {"lookupNode": self.lookup}
-        for kind, of in zip(("Publisher", "Subscriber"), ends):
-            methods[f"register{kind}"] = functools.partial(self.change, of, list.append)
-            methods[f"unregister{kind}"] = functools.partial(self.change, of, list.remove)
+        for kind, end in zip(("Publisher", "Subscriber"), ends):
+            methods[f"register{kind}"] = functools.partial(self.change, end, list.append)
+            methods[f"unregister{kind}"] = functools.partial(self.change, end, list.remove)
         self.server = SlaveServer("127.0.0.1", methods)
         self.uri = f"http://127.0.0.1:{self.server.server_address[1]}"
 
-    def change(self, ends, how, caller, topic, *kind_and_uri):
+    def change(self, ends, call, caller, topic, *kind_and_uri):
         """Register or unregister; tell the subscribers."""
         self.nodes[caller] = uri = kind_and_uri[-1]
-        if (uri in ends[topic]) == (how is list.remove):
-            how(ends[topic], uri)
+        if (uri in ends[topic]) == (call is list.remove):
+            call(ends[topic], uri)
         if ends is self.publishers:
             threading.Thread(target=self.tell, args=(topic,)).start()
         return self.publishers[topic]
@@ -61,9 +61,9 @@ def wait(condition: Callable[[], object], seconds: float = 30.0) -> None:
 
 @pytest.fixture
 def master():
-    there = Master()
-    yield there
-    there.server.close()
+    master = Master()
+    yield master
+    master.server.close()
 
 
 @pytest.fixture
@@ -72,9 +72,9 @@ def graph(master):
     with contextlib.ExitStack() as stack:
 
         def make(name: str) -> Node:
-            said: list[str] = []
-            node = Node(name, master.uri, said.append)
-            node.said = said
+            notices: list[str] = []
+            node = Node(name, master.uri, notices.append)
+            node.said = notices
             stack.callback(node.close)
             return node
 

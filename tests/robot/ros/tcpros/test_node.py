@@ -179,8 +179,8 @@ def test_a_publisher_that_talks_nonsense(pair):
     wait(lambda: b"whole" in pair.heard)
     assert max(map(len, pair.listener.said)) < 500
     subscriber.close()
-    for each in (data, *slaves):
-        each.close()
+    for channel in (data, *slaves):
+        channel.close()
 
 
 CALL = b"<methodCall><methodName>getPid</methodName>"
