@@ -111,8 +111,8 @@ def live(join: Callable[[contextlib.ExitStack, Hear], Publish], command: list[st
                 node.line("everything is compiled")
                 for case in CASES:
                     began, stamps = time.monotonic(), []
-                    for due, ids, xy in case.frames():
-                        time.sleep(max(0.0, began + due - time.monotonic()))
+                    for moment, ids, xy in case.frames():
+                        time.sleep(max(0.0, began + moment - time.monotonic()))
                         stamps.append(time.time())
                         publish(Frame(stamps[-1], ids, xy))
                     time.sleep(1.0)
@@ -218,17 +218,17 @@ KINDS: dict[str, Callable[[str, str], None]] = {
 }
 
 
-def _tell(kind: str, case: Case, ages: list[float], drawn: float | None, **more: Any) -> None:
+def _tell(kind: str, case: Case, ages: list[float], drawn: float | None, **columns: Any) -> None:
     """Print the row of a case; of a replay, `ages` are the median and the 99th percentile."""
     name = f"{kind}, {case.name}{'' if drawn is None else ', page open'}"
     print(name, "" if ages else ": no forecast was heard", file=sys.stderr, flush=True)
     if not ages:
         return
-    more |= {} if drawn is None else {"drawn": drawn}
-    told = row(name, OURS, ages, **more, p99=float(np.percentile(ages, 99)))
+    columns |= {} if drawn is None else {"drawn": drawn}
+    entry = row(name, OURS, ages, **columns, p99=float(np.percentile(ages, 99)))
     if kind == "replay":
-        told |= {"median": ages[0], "p99": ages[1]}
-    print(json.dumps(told), flush=True)
+        entry |= {"median": ages[0], "p99": ages[1]}
+    print(json.dumps(entry), flush=True)
 
 
 class _Process:
@@ -237,8 +237,8 @@ class _Process:
     def __init__(self, stack: contextlib.ExitStack, command: list[str], is_open: bool = False):
         """Start `command`, one of ours unless it is a program's name; open its page."""
         if shutil.which(command[0]) is None:
-            every = ["--max-people", str(max(case.people for case in CASES))]
-            command = [sys.executable, "-m", "neurosym_jax", *command, *every]
+            options = ["--max-people", str(max(case.people for case in CASES))]
+            command = [sys.executable, "-m", "neurosym_jax", *command, *options]
         command += ["--dashboard", "--port", "0"] if is_open else []
         into = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
         self._process: Any = subprocess.Popen(command, **into)

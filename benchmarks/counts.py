@@ -51,11 +51,11 @@ def _programs() -> dict[str, float]:
         compiled += event == "/jax/core/compile/backend_compile_duration"
 
     jax.monitoring.register_event_duration_secs_listener(count)
-    found: dict[str, float] = {}
+    counts: dict[str, float] = {}
 
     def done(name: str) -> None:
         nonlocal compiled
-        found[f"programs: {name}"], compiled = compiled, 0
+        counts[f"programs: {name}"], compiled = compiled, 0
         jax.clear_caches()
 
     names = ("sgan_simulations_8", "neurosym_simulations_8")
@@ -70,10 +70,10 @@ def _programs() -> dict[str, float]:
     done("the evaluation of two models on a scene")
     windows = _windows()
     with tempfile.TemporaryDirectory() as folder:
-        how = {"config": GeneratorConfig(pooling=NoPooling()), "recipe": _recipe("ours")}
-        train(windows, windows, Path(folder) / "run", **how)
+        settings = {"config": GeneratorConfig(pooling=NoPooling()), "recipe": _recipe("ours")}
+        train(windows, windows, Path(folder) / "run", **settings)
     done("a training run")
-    return found
+    return counts
 
 
 def _windows() -> Any:
@@ -99,7 +99,7 @@ def _training_costs() -> dict[str, float]:
     from neurosym_jax.training.catalogue import make_config
     from neurosym_jax.training.stream import SceneStream
 
-    found: dict[str, float] = {}
+    counts: dict[str, float] = {}
     key = jax.eval_shape(lambda: jax.random.key(0))
     # SGAN with its discriminator, which takes a batch of its own.
     for model, recipe in (("sgan", _recipe("sgan")), ("neurosym", _recipe("ours"))):
@@ -111,9 +111,9 @@ def _training_costs() -> dict[str, float]:
         step = jax.tree.map(lambda leaf: leaf[None], groups)
         pooling = POOLINGS.name_of(config.pooling)
         cost: Any = train_steps.lower(config, recipe, key, state, step).cost_analysis()
-        found[f"MFLOP: a training step, {pooling}"] = round(cost["flops"] / 1e6, 3)
-        found[f"MB: a training step, {pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
-    return found
+        counts[f"MFLOP: a training step, {pooling}"] = round(cost["flops"] / 1e6, 3)
+        counts[f"MB: a training step, {pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
+    return counts
 
 
 def _costs() -> dict[str, float]:
@@ -126,7 +126,7 @@ def _costs() -> dict[str, float]:
     from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
     from neurosym_jax.scene import make_scene, pad_scene
 
-    found: dict[str, float] = {}
+    counts: dict[str, float] = {}
     for pooling in ("none", "pool_net", "as_described"):
         config = GeneratorConfig(pooling=POOLINGS[pooling]())
         scene = pad_scene(make_scene(np.zeros((1, 8, 2))), PEOPLE).replace(origin=None)
@@ -135,9 +135,9 @@ def _costs() -> dict[str, float]:
         noises = np.zeros((SAMPLES, config.noise_dim), np.float32)
         forecaster = GeneratorForecaster(config)
         cost: Any = forecast_scene.lower(forecaster, params, scene, noises).cost_analysis()
-        found[f"MFLOP: a forecast, {pooling}"] = round(cost["flops"] / 1e6, 3)
-        found[f"MB: a forecast, {pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
-    return found
+        counts[f"MFLOP: a forecast, {pooling}"] = round(cost["flops"] / 1e6, 3)
+        counts[f"MB: a forecast, {pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
+    return counts
 
 
 def collision_share() -> float:
@@ -153,9 +153,9 @@ def collision_share() -> float:
     draw = np.random.default_rng(0)
     step = draw.normal(0, 0.3, (people, 1, 2)) + draw.normal(0, 0.1, (SAMPLES, people, 12, 2))
     futures = draw.uniform(0, 14, (people, 1, 2)) + step.cumsum(axis=2)
-    found = operations(collisions, futures.astype(np.float32), np.ones(people, bool))
+    counts = operations(collisions, futures.astype(np.float32), np.ones(people, bool))
     work = encoding(config, people, people**2) + decoding(config, people, SAMPLES)
-    return round(found / (work.flops / FLOPS_OF_AN_OPERATION + work.transcendentals), 4)
+    return round(counts / (work.flops / FLOPS_OF_AN_OPERATION + work.transcendentals), 4)
 
 
 if __name__ == "__main__":

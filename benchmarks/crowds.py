@@ -27,9 +27,9 @@ def measure(options: Any) -> dict[str, Any]:
             command = [sys.executable, "-m", "benchmarks.crowds", model, str(people)]
             folder, pipe = Path(__file__).parents[1], subprocess.PIPE
             done = subprocess.run(command, cwd=folder, check=True, stdout=pipe, text=True)
-            found = json.loads(done.stdout)
+            seconds_by_case = json.loads(done.stdout)
             name = model.partition("_")[0]
-            table.append(row(f"{name}, {people} people", OURS, **found))
+            table.append(row(f"{name}, {people} people", OURS, **seconds_by_case))
     return {"title": "crowds", "rows": table}
 
 

@@ -63,8 +63,8 @@ def machine_rates() -> dict[str, float]:
     }
     gates = [jnp.asarray(draw.normal(size=(rows, 4 * WIDTH)), jnp.float32) for rows in ROWS]
     return {
-        name: max(_rate(program, some, LOOPS * len(some) * each) for some in gates)
-        for name, (program, each) in work.items()
+        name: max(_rate(program, arrays, LOOPS * len(arrays) * steps) for arrays in gates)
+        for name, (program, steps) in work.items()
     }
 
 

@@ -14,7 +14,7 @@ TESTS = ("symbolic", "models", "forecasting", "interop/test_parity.py", "test_go
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module; what failed is printed, and counted in the row."""
-    tests = [f"tests/{each}" for each in TESTS]
+    tests = [f"tests/{name}" for name in TESTS]
     start = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", *tests],

@@ -13,31 +13,31 @@ class _Counted(np.ndarray):
 
     count = 0
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = (), **more: Any):
-        given = [np.asarray(each) if isinstance(each, _Counted) else each for each in inputs]
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = (), **options: Any):
+        plain = [np.asarray(value) if isinstance(value, _Counted) else value for value in inputs]
         if out:
-            more["out"] = tuple(np.asarray(each) for each in out)
-        result = getattr(ufunc, method)(*given, **more)
-        _Counted.count += max(map(np.size, [*given, result]))
+            options["out"] = tuple(np.asarray(value) for value in out)
+        result = getattr(ufunc, method)(*plain, **options)
+        _Counted.count += max(map(np.size, [*plain, result]))
         return out[0] if out else result.view(_Counted) if np.ndim(result) else result
 
-    def take(self, *arguments: Any, **more: Any):
-        return self._moved(super().take(*arguments, **more))
+    def take(self, *arguments: Any, **options: Any):
+        return self._moved(super().take(*arguments, **options))
 
     def __getitem__(self, at: Any):
-        found = super().__getitem__(at)
+        item = super().__getitem__(at)
         indices = at if isinstance(at, tuple) else (at,)
-        copied = any(isinstance(each, np.ndarray) for each in indices)
-        return self._moved(found) if copied else found
+        copied = any(isinstance(value, np.ndarray) for value in indices)
+        return self._moved(item) if copied else item
 
     @staticmethod
-    def _moved(found: Any) -> Any:
-        _Counted.count += np.size(found)
-        return found
+    def _moved(result: Any) -> Any:
+        _Counted.count += np.size(result)
+        return result
 
 
-def operations(function: Callable[..., object], array: np.ndarray, *more: Any) -> int:
+def operations(function: Callable[..., object], array: np.ndarray, *others: Any) -> int:
     """Elements gone through by `function(array, *more)` in what it computes from `array`."""
     before = _Counted.count
-    function(array.view(_Counted), *more)
+    function(array.view(_Counted), *others)
     return _Counted.count - before

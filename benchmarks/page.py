@@ -84,11 +84,16 @@ def document(benchmarks: dict[str, Any]) -> str:
         for title, case, rows in compared
     ]
     parts = [HEAD, "## Compared\n", _table(["", "ours", *others], lines), "## Ours alone\n"]
-    ages = [row for title, _, by_who in alone if title == TITLES["age"] for row in by_who.values()]
+    ages = [
+        row
+        for title, _, contestants in alone
+        if title == TITLES["age"]
+        for row in contestants.values()
+    ]
     rows = [
         [f"{title}: {case}", _seconds(row["median"])]
-        for title, case, by_who in alone
-        for row in by_who.values()
+        for title, case, contestants in alone
+        for row in contestants.values()
         if row not in ages
     ]
     parts.append(_table(["", "median"], rows))
@@ -118,13 +123,13 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 def _ratio(rows: dict[str, Any], who: str) -> str:
     if who not in rows:
         return ""
-    ours, theirs = rows[OURS], rows[who]
+    own, other = rows[OURS], rows[who]
     parts = zip(
-        (theirs["low"], theirs["median"], theirs["high"]),
-        (ours["high"], ours["median"], ours["low"]),
+        (other["low"], other["median"], other["high"]),
+        (own["high"], own["median"], own["low"]),
     )
     low, ratio, high = (_digits(a / b) for a, b in parts)
-    return f"{_seconds(theirs['median'])}: {ratio} ({low} to {high})"
+    return f"{_seconds(other['median'])}: {ratio} ({low} to {high})"
 
 
 def _digits(value: float) -> str:

@@ -20,9 +20,9 @@ def measure(options: Any) -> dict[str, Any]:
         files = [split_files(data, scene, "test") for scene in SCENES]
         read = [[Text().read(path, AS_IT_SAYS, PERIOD)[0] for path in paths] for paths in files]
         windows = [cut_windows(tracks, 8, 12) for tracks in read]
-        for each in windows:
-            make_batches(each)
-        counts[OURS] = sum(each.agents for each in windows)
+        for part in windows:
+            make_batches(part)
+        counts[OURS] = sum(part.agents for part in windows)
 
     contestants: dict[str, Callable[[], object]] = {OURS: ours}
     if options.reference:

@@ -91,23 +91,23 @@ def measure(options: Any) -> dict[str, Any]:
     for case, command in commands.items():
         with tempfile.TemporaryDirectory() as cache:
             runs = [_process(command, cache) for _ in range(1 + options.repeats)]
-        for kind, found in (("cold", runs[:1]), ("warm", runs[1:])):
-            peak = max(each.pop("peak_mb") for each in found)
-            for what in found[0]:
-                values = [each[what] for each in found]
-                table.append(row(f"{case}, {kind}{what}", OURS, values, peak_mb=peak))
+        for kind, chosen in (("cold", runs[:1]), ("warm", runs[1:])):
+            peak = max(run.pop("peak_mb") for run in chosen)
+            for stage in chosen[0]:
+                values = [run[stage] for run in chosen]
+                table.append(row(f"{case}, {kind}{stage}", OURS, values, peak_mb=peak))
     return {"title": "whole processes", "rows": table}
 
 
 def _process(command: list[str], cache: str) -> dict[str, float]:
     """Seconds of the whole, or of what a robot's process says, and the peak of memory in MB."""
     start = time.perf_counter()
-    said, peak = Path(cache, "said"), 0.0
+    report, peak = Path(cache, "said"), 0.0
     process = subprocess.Popen(
         [sys.executable, *command],
         env={**os.environ, "XDG_CACHE_HOME": cache, "PYTHONPATH": str(ROOT)},
         cwd=cache,
-        stdout=said.open("w"),
+        stdout=report.open("w"),
     )
     # The system keeps no figures of an ended process; its peak is reached before the end.
     while os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
@@ -116,10 +116,10 @@ def _process(command: list[str], cache: str) -> dict[str, float]:
     seconds = time.perf_counter() - start
     if process.wait():
         raise RuntimeError(f"{' '.join(command[:3])} failed")
-    found = {"": seconds}
+    times = {"": seconds}
     if NODE in command:
-        found = {f": {what}": each for what, each in json.loads(said.read_text()).items()}
-    return {"peak_mb": peak, **found}
+        times = {f": {stage}": value for stage, value in json.loads(report.read_text()).items()}
+    return {"peak_mb": peak, **times}
 
 
 def _peak_so_far(process: int) -> float:

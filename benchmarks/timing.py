@@ -20,8 +20,8 @@ def peak_mb(process: int | str = "self") -> float:
     if process == "self":
         import jax
 
-        if of_device := jax.devices()[0].memory_stats():  # None on a CPU.
-            return of_device["peak_bytes_in_use"] / 1e6
+        if statistics := jax.devices()[0].memory_stats():  # None on a CPU.
+            return statistics["peak_bytes_in_use"] / 1e6
     status = Path(f"/proc/{process}/status").read_text()
     return next(int(line.split()[1]) for line in status.splitlines() if "VmHWM" in line) / 1024
 
@@ -43,7 +43,7 @@ def alternate(
     return seconds
 
 
-def row(case: str, who: str, values: Sequence[float], unit: str = "s", **more: Any) -> Row:
+def row(case: str, who: str, values: Sequence[float], unit: str = "s", **columns: Any) -> Row:
     """Median and spread of one contestant."""
     return {
         "case": case,
@@ -53,31 +53,31 @@ def row(case: str, who: str, values: Sequence[float], unit: str = "s", **more: A
         "low": min(values),
         "high": max(values),
         "repeats": len(values),
-        **more,
+        **columns,
     }
 
 
 def rows(case: str, seconds: Mapping[str, Sequence[float]]) -> list[Row]:
     """A row each, with `ratio`: how many times our median theirs is."""
-    found = [row(case, who, values) for who, values in seconds.items()]
-    ours = next(each["median"] for each in found if each["who"] == OURS)
-    return [{**each, "ratio": each["median"] / ours} for each in found]
+    table = [row(case, who, values) for who, values in seconds.items()]
+    median_of_ours = next(entry["median"] for entry in table if entry["who"] == OURS)
+    return [{**entry, "ratio": entry["median"] / median_of_ours} for entry in table]
 
 
 def text(result: Mapping[str, Any]) -> str:
     """A benchmark's result for people."""
     lines = [result["title"]]
-    for each in result["rows"]:
-        scale, unit = (1000, "ms") if each["unit"] == "s" and each["median"] < 0.5 else (1, "")
-        unit = unit or each["unit"]
-        low, middle, high = (f"{each[part] * scale:.4g}" for part in ("low", "median", "high"))
-        more = f"  {each['ratio']:.1f} times ours" if each.get("ratio", 1) != 1 else ""
-        if "p99" in each:
-            more += f"  p99 {each['p99'] * scale:.4g} {unit}"
-        known = ("peak_mb", "ade", "answered", "drawn")
-        more += "".join(f"  {name} {each[name]:.4g}" for name in known if name in each)
+    for entry in result["rows"]:
+        scale, unit = (1000, "ms") if entry["unit"] == "s" and entry["median"] < 0.5 else (1, "")
+        unit = unit or entry["unit"]
+        low, middle, high = (f"{entry[part] * scale:.4g}" for part in ("low", "median", "high"))
+        details = f"  {entry['ratio']:.1f} times ours" if entry.get("ratio", 1) != 1 else ""
+        if "p99" in entry:
+            details += f"  p99 {entry['p99'] * scale:.4g} {unit}"
+        extras = ("peak_mb", "ade", "answered", "drawn")
+        details += "".join(f"  {name} {entry[name]:.4g}" for name in extras if name in entry)
         lines.append(
-            f"  {each['case']:32} {each['who']:14} {middle:>9} {unit} ({low} to {high}){more}"
+            f"  {entry['case']:32} {entry['who']:14} {middle:>9} {unit} ({low} to {high}){details}"
         )
     if light := result.get("light"):
         lines.append(

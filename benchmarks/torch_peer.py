@@ -27,10 +27,10 @@ def _mlp(*sizes: int) -> nn.Sequential:
 
 def pairs_of(sizes: torch.Tensor) -> torch.Tensor:
     """[2, P] all ordered pairs (i, j) of agents of the same scene, each with itself too."""
-    each = torch.repeat_interleave(sizes, sizes)
-    i = torch.repeat_interleave(torch.arange(len(each)), each)
+    repeats = torch.repeat_interleave(sizes, sizes)
+    i = torch.repeat_interleave(torch.arange(len(repeats)), repeats)
     first = torch.repeat_interleave(sizes.cumsum(0) - sizes, sizes)
-    start = torch.repeat_interleave(each.cumsum(0) - each, each)
+    start = torch.repeat_interleave(repeats.cumsum(0) - repeats, repeats)
     j = first[i] + torch.arange(len(i)) - start
     return torch.stack([i, j])
 
@@ -108,10 +108,10 @@ class Generator(nn.Module):
         }
         mine = {}
         for name, value in state.items():
-            for theirs, ours in names.items():
-                if name.startswith(theirs):
-                    rest = name.removeprefix(theirs)
-                    mine[ours + (rest.removesuffix("_l0") if ours == "cell." else rest)] = value
+            for foreign, own in names.items():
+                if name.startswith(foreign):
+                    rest = name.removeprefix(foreign)
+                    mine[own + (rest.removesuffix("_l0") if own == "cell." else rest)] = value
         self.load_state_dict(mine)
 
 
@@ -160,8 +160,8 @@ class TorchPeer:
         """One Adam step of the generator on the best of k, scene by scene, and the last sample."""
         fakes = self._forecast(self.best_k)
         errors = ((fakes - self.future) ** 2).sum(dim=(2, 3))
-        of_scene = errors.new_zeros(self.best_k, len(self.sizes)).index_add(1, self.scene, errors)
-        variety = (of_scene.min(dim=0).values / (self.sizes * self.future.shape[1])).sum()
+        total = errors.new_zeros(self.best_k, len(self.sizes)).index_add(1, self.scene, errors)
+        variety = (total.min(dim=0).values / (self.sizes * self.future.shape[1])).sum()
         scores = self._scores(fakes[-1])
         label = torch.full_like(scores, random.uniform(0.7, 1.2))
         loss = variety + binary_cross_entropy_with_logits(scores, label)
@@ -208,8 +208,8 @@ class TorchForecaster:
     @staticmethod
     def _best(error: torch.Tensor, chunk: "Chunk") -> float:
         """Sum over scenes of the least of the samples' summed `error [k, A]`."""
-        of_scene = error.new_zeros(len(error), len(chunk.sizes))
-        return of_scene.index_add(1, chunk.scene, error).min(0).values.sum().item()
+        total = error.new_zeros(len(error), len(chunk.sizes))
+        return total.index_add(1, chunk.scene, error).min(0).values.sum().item()
 
     @torch.inference_mode()
     def forecast(self, chunk: "Chunk", samples: int) -> torch.Tensor:
@@ -235,13 +235,13 @@ class Chunk:
 
 def chunks_of(windows: Any, agents: int = CHUNK) -> list[Chunk]:
     """The scenes of `Windows`, at least `agents` agents in each chunk but the last."""
-    found, first = [], 0
+    chunks, first = [], 0
     for last in range(1, windows.scenes + 1):
         start, end = windows.bounds[first], windows.bounds[last]
         if end - start >= agents or last == windows.scenes:
             position = windows.position[start:end]
             observed = windows.obs_len
             sizes = windows.sizes[first:last]
-            found.append(Chunk(position[:, :observed], position[:, observed:], sizes))
+            chunks.append(Chunk(position[:, :observed], position[:, observed:], sizes))
             first = last
-    return found
+    return chunks

@@ -58,9 +58,11 @@ def draw(path: Path) -> None:
         save_figure,
     )
 
-    found = json.loads((DOCS / "benchmarks.json").read_text())["benchmarks"]
-    seconds = {each["case"]: each["median"] for each in found["trainings"]["rows"]}
-    step = next(each["median"] for each in found["training"]["rows"] if each["who"] == "original")
+    rows_by_benchmark = json.loads((DOCS / "benchmarks.json").read_text())["benchmarks"]
+    seconds = {row["case"]: row["median"] for row in rows_by_benchmark["trainings"]["rows"]}
+    step = next(
+        row["median"] for row in rows_by_benchmark["training"]["rows"] if row["who"] == "original"
+    )
     seconds[RELEASED] = ITERATIONS * step
     rows = read_report(DOCS / "results.json").filter(pred_len=12)
     checkpoint = pl.col("checkpoint").fill_null("")
@@ -84,9 +86,9 @@ def draw(path: Path) -> None:
             side = "right" if name == RELEASED else "center"
             at = (0, -13 if name == "anchors" else 6)
             axes.annotate(name, (took, errors[name]), at, ha=side, **words)
-        still = errors["constant velocity"]
-        axes.axhline(still, **looks["constant velocity"], linewidth=0.8)
-        axes.annotate("constant velocity", (5, still), (0, -8), **words)
+        constant = errors["constant velocity"]
+        axes.axhline(constant, **looks["constant velocity"], linewidth=0.8)
+        axes.annotate("constant velocity", (5, constant), (0, -8), **words)
         axes.set(xscale="log", xlim=(4, 1e5), ylim=(0.15, 0.57))
         dress(axes, "seconds of training on two cores", f"{kind.split('_')[0]} ADE, m")
     save_figure(figure, path)

@@ -47,8 +47,8 @@ def occupancy(futures, weights, period):
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         cell = (who * rows + row) * columns + column
         size = people * rows * columns
-        there = np.bincount(cell[inside], share[inside], size).reshape(people, -1)
-        somebody = 1 - np.prod(1 - np.minimum(there, 1), axis=0)
+        probability = np.bincount(cell[inside], share[inside], size).reshape(people, -1)
+        somebody = 1 - np.prod(1 - np.minimum(probability, 1), axis=0)
         worst = np.maximum(worst, somebody * np.exp(-step * period / FADE))
     return np.rint(100 * worst).astype(np.int8).reshape(rows, columns), corner
 
@@ -57,10 +57,10 @@ def fill(grid, forecast):
     """Write a neurosym_msgs/Forecast into an empty nav_msgs/OccupancyGrid; whether there is any."""
     if not len(forecast.ids):
         return False
-    here = np.reshape(forecast.position, (-1, 2))
-    shape = (forecast.samples, len(here), forecast.steps, 2)
-    ahead = here[:, None] + np.reshape(forecast.futures, shape)
-    now = np.broadcast_to(here[:, None], (shape[0], len(here), 1, 2))
+    place = np.reshape(forecast.position, (-1, 2))
+    shape = (forecast.samples, len(place), forecast.steps, 2)
+    ahead = place[:, None] + np.reshape(forecast.futures, shape)
+    now = np.broadcast_to(place[:, None], (shape[0], len(place), 1, 2))
     per_cent, corner = occupancy(
         np.concatenate([now, ahead], axis=2), np.asarray(forecast.weights, float), forecast.period
     )
@@ -126,13 +126,13 @@ def on_ros2(topic):
 
 
 if __name__ == "__main__":
-    first, *more = sys.argv[1:]
+    first, *paths = sys.argv[1:]
     if first in ("ros1", "ros2"):
-        {"ros1": on_ros1, "ros2": on_ros2}[first](*more or [TOPIC])
+        {"ros1": on_ros1, "ros2": on_ros2}[first](*paths or [TOPIC])
     else:
         from pathlib import Path
 
-        took = of_bag(Path(first), Path(more[0]))
+        took = of_bag(Path(first), Path(paths[0]))
         print(
             f"{len(took)} costmaps, {np.median(took):.1f} ms in the median, {max(took):.1f} at most"
         )

@@ -63,27 +63,27 @@ class _EncounterNetwork(nn.Module):
         speed = length(velocity, self.SMOOTH)
         heading = velocity / jnp.hypot(speed, self.STEPS * self.SLOW)[:, None]
 
-        there = turned(position - position[:, None], heading[:, None], -1)
+        relative = turned(position - position[:, None], heading[:, None], -1)
         motion = turned(velocity - velocity[:, None], heading[:, None], -1)
-        distance = length(there, self.SMOOTH)
+        distance = length(relative, self.SMOOTH)
         speed = jnp.broadcast_to(speed[:, None], distance.shape)
-        soon, miss = closest_approach(there, motion, 0.04, self.LONGEST, self.SMOOTH)
-        bearing = there / jnp.maximum(distance, 1)[..., None]
+        soon, miss = closest_approach(relative, motion, 0.04, self.LONGEST, self.SMOOTH)
+        bearing = relative / jnp.maximum(distance, 1)[..., None]
         numbers = [jnp.exp(-distance), soon, jnp.exp(-2 * miss - soon), speed, 1 / (distance + 0.3)]
         pairs = jnp.concatenate([bearing, motion, jnp.stack(numbers, axis=-1)], axis=-1)
-        said = nn.relu(self.pair(pairs))
+        features = nn.relu(self.pair(pairs))
 
         others = valid & ~jnp.eye(valid.shape[0], dtype=bool)
         weight = jnp.where(others, jnp.maximum(alpha[..., -1], 0), 0)[..., None]
-        score = self.score(said) - distance[..., None]
+        score = self.score(features) - distance[..., None]
         # No more than 0, so that nothing overflows; a ratio does not change.
         most = jnp.where(weight > 0, score, -jnp.inf).max(axis=1, keepdims=True)
         score = jnp.minimum(score - lax.stop_gradient(jnp.where(weight > 0, most, 0)), 0)
         share = weight * jnp.exp(score)
-        whole = share.sum(axis=1, keepdims=True)
-        share = share / jnp.where(whole > 0, whole, 1)
+        total = share.sum(axis=1, keepdims=True)
+        share = share / jnp.where(total > 0, total, 1)
 
-        message = self.message(said).reshape(*share.shape, -1)
+        message = self.message(features).reshape(*share.shape, -1)
         pooled = (share[..., None] * message).sum(axis=1).reshape(valid.shape[0], -1)
         pushes, numbers = jnp.split(pooled, 2, axis=-1)
         pushes = turned(pushes.reshape(valid.shape[0], -1, 2), heading[:, None], 1)

@@ -28,8 +28,8 @@ observed, future = np.split(walks.astype(np.float32), 2, axis=2)  # [scenes, peo
 def loss(params, key):
     """Mean over scenes of the best of 5 joint ADE."""
     noise = jax.random.normal(key, (len(observed), 5, config.noise_dim))
-    of_scene = functools.partial(nj.forecast, config, params)  # [5, people, 8, 2]
-    futures = jax.vmap(of_scene)(observed, noise)
+    forecast = functools.partial(nj.forecast, config, params)  # [5, people, 8, 2]
+    futures = jax.vmap(forecast)(observed, noise)
     return jnp.linalg.norm(futures - future[:, None], axis=-1).mean((2, 3)).min(1).mean()
 
 
@@ -44,9 +44,7 @@ def step(params, state, key):
 optimizer = optax.adam(1e-3)
 state = optimizer.init(params)
 for number in range(steps):
-    params, state, value, by_weight = step(params, state, jax.random.key(number))
+    params, state, value, slopes = step(params, state, jax.random.key(number))
     if number in (0, steps - 1):
-        most = abs(by_weight).argmax()
-        print(
-            f"step {number}: {value:.3f} m; by the weight of state {most}: {by_weight[most]:+.4f}"
-        )
+        most = abs(slopes).argmax()
+        print(f"step {number}: {value:.3f} m; by the weight of state {most}: {slopes[most]:+.4f}")

@@ -23,8 +23,8 @@ from neurosym_jax.training.loop import train
 @register_weighting("nearness", log_reach=0.0)
 def nearness(positions, valid, log_reach):
     """[N, N, T]: 1 for those on one spot, less the farther two are apart."""
-    apart = positions[:, None] - positions[None]  # [N, N, T, 2]
-    square = (apart * apart).sum(axis=-1)
+    offset = positions[:, None] - positions[None]  # [N, N, T, 2]
+    square = (offset * offset).sum(axis=-1)
     return jnp.exp(-square / jnp.exp(2 * log_reach))
 
 

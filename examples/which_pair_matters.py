@@ -42,14 +42,14 @@ def main(path: Path = MODEL) -> np.ndarray:
     raised = np.stack([np.asarray(alpha).copy() for _ in pairs])
     for case, pair in zip(raised, pairs):
         case[pair] *= 1.01
-    found = np.asarray(jax.jit(jax.vmap(error))(raised)) - float(value)
+    changes = np.asarray(jax.jit(jax.vmap(error))(raised)) - float(value)
 
     print(f"{model.name}: ADE {float(value):.3f} m. One per cent more weight changes it, in mm:")
     for at in np.argsort(-abs(foretold), kind="stable"):
         i, j = pairs[at]
-        told = f"{1000 * foretold[at]:+7.3f} by the gradient, {1000 * found[at]:+7.3f} in fact"
-        print(f"  {j + 1} as seen by {i + 1}: {told}")
-    return np.stack([foretold, found])
+        line = f"{1000 * foretold[at]:+7.3f} by the gradient, {1000 * changes[at]:+7.3f} in fact"
+        print(f"  {j + 1} as seen by {i + 1}: {line}")
+    return np.stack([foretold, changes])
 
 
 def meeting() -> tuple[np.ndarray, np.ndarray]:
