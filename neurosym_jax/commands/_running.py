@@ -1,12 +1,14 @@
 """Run a command: parse its options, and print errors of input in one line without a traceback."""
 
 import argparse
+import contextlib
 import errno
+import os
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import tyro
 
@@ -48,7 +50,7 @@ def run_command(
         except BaseException as error:
             # A library may have made another error of the interruption.
             if signals:
-                sys.exit(128 + signals[0])
+                _end(128 + signals[0])
             if isinstance(error, KeyboardInterrupt):
                 print("interrupted", file=sys.stderr)
                 sys.exit(128 + signal.SIGINT)
@@ -59,8 +61,16 @@ def run_command(
                 sys.exit(2)
             raise
     if signals:  # The action has ended by itself.
-        sys.exit(128 + signals[0])
+        _end(128 + signals[0])
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _end(status: int) -> NoReturn:
+    """End the process without the end of Python, which aborts where a thread compiles meanwhile."""
+    with contextlib.suppress(OSError, ValueError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(status)
 
 
 def _run(

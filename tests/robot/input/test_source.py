@@ -195,7 +195,7 @@ def test_a_stamp_of_0_is_the_time_of_arrival():
     assert source.refused == {"stamped on arrival": 3}
 
 
-@pytest.mark.parametrize("apart", [0.0, 0.003])
+@pytest.mark.parametrize("separate", [0.0, 0.003])
 @pytest.mark.parametrize("recorded", [True, False])
 def test_messages_of_one_moment_are_joined(separate, recorded):
     source, frames = PeopleSource(recorded=recorded), []
