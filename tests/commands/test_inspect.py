@@ -27,12 +27,12 @@ OTHERS = {
 
 @pytest.mark.parametrize("name", [*TABLES, *OTHERS])
 def test_the_next_command_reads_the_file_as_it_was_read(tmp_path, capsys, name):
-    content, given = OTHERS.get(name, (TABLES.get(name), {}))
+    content, options = OTHERS.get(name, (TABLES.get(name), {}))
     path = tmp_path / "my tracks.csv"
     path.write_text(content, encoding="utf-8")
-    tracks, pasted = read_as_told(path, **given)
-    told = given | {"columns": tuple(shlex.split(pasted))} if pasted else given
-    assert inspect.run(path, figure=None, read=ReadOptions(**told)) == 0
+    tracks, pasted = read_as_told(path, **options)
+    stated = options | {"columns": tuple(shlex.split(pasted))} if pasted else options
+    assert inspect.run(path, figure=None, read=ReadOptions(**stated)) == 0
     evaluate, symbols = capsys.readouterr().out.split("next:\n")[1].splitlines()
     words = shlex.split(evaluate)
     start = ["neurosym", "evaluate", "--data", str(path), "--checkpoint", RECOMMENDED]
