@@ -146,9 +146,12 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
     Raises:
         InputError: naming `option` for an unknown NAME, `source` for a value that does not fit.
     """
-    fields = to_json(config)
+    fields, changed_before = to_json(config), set[str]()
     for change in changes:
         path, equals, text = change.partition("=")
+        if path in changed_before:
+            raise InputError(f"{option} {change}: {path} is given twice")
+        changed_before.add(path)
         outer, dot, key = path.rpartition(".")
         node: Any = fields.get(outer) if dot else fields
         kind = key == "kind" and _table(_hints(type(config)).get(outer)) is not None

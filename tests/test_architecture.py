@@ -15,14 +15,13 @@ LIBRARIES = {
     "distributed": ("runtime/",),
     "flax": ("models/", "scene.py"),
     "matplotlib": ("plotting/",),
-    "orbax": ("training/",),
     "rclpy": (),
     "rosbags": (),
     "rospy": (),
     "torch": ("interop/",),
     "tyro": ("commands/",),
 }
-ON_DEMAND = {"distributed", "matplotlib", "orbax", "safetensors", "torch"}
+ON_DEMAND = {"distributed", "matplotlib", "safetensors", "torch"}
 """Imported inside functions, but for matplotlib in `plotting`, which is imported so itself."""
 PACKAGES = (
     *("data", "simulation", "symbolic", "forecasting", "evaluation", "training", "models"),
@@ -33,7 +32,7 @@ LATER = {
     ("data/sources.py", "simulation"),
     ("forecasting/forecaster.py", "training"),
     ("forecasting/model_folder.py", "interop"),
-    ("training/loop.py", "plotting"),
+    ("training/run_files.py", "plotting"),
 }
 """Files that use a package to their right all the same."""
 

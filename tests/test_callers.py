@@ -23,7 +23,7 @@ from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.anchors.network import AnchorTableConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.training.sweep import compare_sweep, write_errors
+from neurosym_jax.training.sweep_report import compare_sweep, write_errors
 from tests.repository import run_python
 from tests.rows import result_row
 
@@ -150,7 +150,7 @@ def test_additional_recordings_have_the_steps_of_the_run(tmp_path):
         data=tmp_path, train_on=("walk",), validate_on=("check",),
         train_also=(tmp_path / "also.csv",), obs_len=4, pred_len=3,
     )  # fmt: skip
-    training = train_command.make_run(options).training
+    training = train_command.make_run(options)[0].training
     moves = np.diff(training.position[..., 0], axis=1)
     np.testing.assert_allclose(moves, 0.4, atol=1e-6)
     assert len({how.recording for how in training.reading}) == 2

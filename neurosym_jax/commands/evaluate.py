@@ -25,6 +25,7 @@ from neurosym_jax.forecasting.model_places import (
     find_model,
     shipped_models,
     shipped_name,
+    state_of_run,
 )
 from neurosym_jax.runtime.process import provenance
 from neurosym_jax.runtime.workers import cluster_map, process_map, worth_processes
@@ -180,6 +181,7 @@ def run(options: Options) -> list[Row]:
         named = [path for path, model in models if model.assumed == assumed]
         subject = named[0] if len(named) == 1 else f"{len(named)} torch checkpoints"
         notes.append(f"assumed of {subject}: {'; '.join(assumed)}")
+    notes += [state_of_run(path, model.step) for path, model in models if model.step is not None]
     if not paths:
         notes += ["No model was given, or none matches: these are the baselines."]
     if options.figures:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from neurosym_jax.training.sweep import compare_sweep
+from neurosym_jax.training.sweep_report import compare_sweep
 
 __all__ = ["run"]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from neurosym_jax.commands import train
-from neurosym_jax.commands._options import open_data, options_text
+from neurosym_jax.commands._options import open_data, options_text, refuse_unused
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.sources import Source
 from neurosym_jax.errors import InputError
@@ -36,8 +36,15 @@ class Options(train.Options):
     """Weightings, a model each of every network that takes it; default: cnd for NeuroSyM."""
     dataset: tuple[str, ...] = ()
     """Data sets to leave out of training and to test on; default: all that the data has."""
-    pred_len: tuple[int, ...] = (8,)
-    """Steps to forecast, a model each."""
+    pred_len: tuple[int, ...] = ()
+    """Steps to forecast, a model each; default: 8."""
+    set: tuple[str, ...] = ()
+    """Changes to the recipe, NAME=VALUE; of several values, learning_rate=0.01,0.001, a training
+    each with every combination."""
+    network: tuple[str, ...] = ()
+    """Changes to the network, as --set."""
+    fold: tuple[str, ...] = ()
+    """Folds, as 1/5 2/5 3/5 4/5 5/5, a training each."""
     seed: tuple[int, ...] = (0, 1, 2)
     """Random seeds, a training each."""
     out: Path = Path("runs/sweep")
@@ -75,33 +82,61 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         InputError: for nothing to train, an unknown data set, a pooling, a weighting or a change
             that no model takes, or two runs of one name.
     """
-    for name in ("model", "pred_len", "seed"):
+    for name in ("model", "seed"):
         if not getattr(options, name):
-            raise InputError(f"--{name.replace('_', '-')}: at least one is needed")
+            raise InputError(f"--{name}: at least one is needed")
     first = options.dataset[0] if options.dataset else None
     data, read, also = options.data, options.read, options.train_also
-    source = open_data(data, read, first, also, period=options.period)
+    period = train.configured(train.Options(period=options.period, init=options.init))[0].period
+    source = open_data(data, read, first, also, period=period)
     if unknown := [name for name in options.dataset if name not in source.scenes]:
         raise InputError(f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}")
     common = {of.name: getattr(options, of.name) for of in dataclasses.fields(train.Options)}
     datasets = options.dataset or source.scenes
     runs: dict[Path, SweepRun] = {}
     # Seed by seed: an interrupted sweep has trained all models as often.
-    for seed, model, dataset, pred_len in itertools.product(
-        options.seed, _models(options), datasets, options.pred_len
+    changes = [*itertools.product(*(_values(change) for change in options.set))]
+    networks = [*itertools.product(*(_values(change) for change in options.network))]
+    varied = [change for change in (*options.set, *options.network) if len(_values(change)) > 1]
+    for seed, model, dataset, pred_len, fold, changed, network in itertools.product(
+        *(options.seed, _models(options), datasets, options.pred_len or (None,)),
+        *(options.fold or (None,), changes, networks),
     ):
-        own = {**model, "dataset": dataset, "pred_len": pred_len, "seed": seed}
+        own = {"dataset": dataset, "pred_len": pred_len, "seed": seed, "fold": fold}
+        own |= {**model, "set": changed, "network": network}
         asked = train.Options(**{**common, **own})
-        config, _ = train.configured(asked)
-        name = f"{forecaster_of(config).variant}_{dataset}_{options.obs_len}_{pred_len}_seed{seed}"
+        config, *_ = train.configured(asked)
+        names = [change.partition("=")[0] for change in varied]
+        label = [c for c in (*changed, *network) if c.partition("=")[0] in names]
+        label += [f"fold {fold}"] if fold else []
+        parts = [forecaster_of(config).variant, *label, dataset, config.obs_len, config.pred_len]
+        name = "_".join(map(str, [*parts, f"seed{seed}"])).replace("/", "of").replace(" ", "")
         if (folder := options.out / name) in runs:
             raise InputError(f"{name}: two runs of the sweep have this name")
-        runs[folder] = SweepRun(folder, options_text(dataclasses.replace(asked, out=folder)))
+        text = options_text(dataclasses.replace(asked, out=folder))
+        runs[folder] = SweepRun(folder, text, ", ".join(label))
     return source, list(runs.values())
 
 
+def _values(change: str) -> list[str]:
+    """NAME=VALUE for each value of `NAME=VALUE,VALUE...`.
+
+    Commas within brackets, and those before an option of a component (`pooling=social,grid_size=9`)
+    separate no values.
+    """
+    name, _, text = change.partition("=")
+    parts = text.split(",")
+    if text[:1] in ("[", "{") or any("=" in part for part in parts):
+        return [change]
+    return [f"{name}={part}" for part in parts]
+
+
 def _models(options: Options) -> list[dict[str, Any]]:
-    """Each network with each pooling and each weighting that it takes."""
+    """Each network with each pooling and each weighting that it takes; or the --init model's."""
+    if options.init is not None:
+        names = ("model", "pooling", "weighting", "network")
+        refuse_unused(options, names, "with --init, which has its network")
+        return [dict.fromkeys(("model", "pooling", "weighting"))]
     taken: dict[str, dict[str, list[Any]]] = {}
     for option in ("pooling", "weighting"):
         taken[option] = {model: [] for model in options.model}

@@ -7,19 +7,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from neurosym_jax.commands._options import Reading, open_data, options_text, refuse_unused
-from neurosym_jax.data.clock import on_grid
-from neurosym_jax.data.formats import recordings_in
+from neurosym_jax.commands._options import (
+    Reading,
+    given,
+    open_data,
+    options_text,
+    refuse_given,
+    refuse_unused,
+)
 from neurosym_jax.data.leakage import shared_shapes
 from neurosym_jax.data.reading import AS_IT_SAYS
-from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic
-from neurosym_jax.data.tracks import Tracks, describe_readings
-from neurosym_jax.data.windows import Windows, cut_windows, make_batches
+from neurosym_jax.data.sources import GENERAL, EthUcy, Files, Folders, Source, Synthetic
+from neurosym_jax.data.tracks import PERIOD, describe_readings
+from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.plugins import loaded
 from neurosym_jax.training.catalogue import (
     make_config,
@@ -28,9 +34,13 @@ from neurosym_jax.training.catalogue import (
     refuse_other_recipe,
 )
 from neurosym_jax.training.loop import train_run
+from neurosym_jax.training.preparation import describe_parts, prepare
 from neurosym_jax.training.run import Run
 
-__all__ = ["Options", "configured", "make_run", "run"]
+__all__ = ["Options", "closing_line", "configured", "make_run", "run"]
+
+LENGTH = 8
+"""Steps observed, and forecast, where nothing says how many."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,9 +50,9 @@ class Options:
     `neurosym train FILE.yaml` reads options from a file; those after it override the file.
     """
 
-    model: str = "sgan"
-    """Network to train: sgan, neurosym (weights pairs of people by symbols), anchors (learned
-    residuals with probabilities), anchor_table (its baseline, fixed offsets), or a plugin's."""
+    model: str | None = None
+    """Network to train: sgan (default), neurosym (weights pairs of people by symbols), anchors
+    (learned residuals with probabilities), anchor_table (its baseline), or a plugin's."""
     pooling: str | None = None
     """Pooling of SGAN: pool_net (default), none or social, or of NeuroSyM: as_described (default)
     or neurosym_ros; or one that a plugin registers."""
@@ -50,14 +60,20 @@ class Options:
     """Weighting of NeuroSyM (default: cnd) or anchors (default: none), KIND[,FIELD=VALUE...], see
     docs/weightings.md."""
     dataset: str | None = None
-    """Data set to leave out of training (eth, hotel, ...); `general` trains on all of ETH/UCY. Of
-    the simulations, the one to train on (default: all of them)."""
-    obs_len: int = 8
-    """Observed steps."""
-    pred_len: int = 8
-    """Steps to forecast."""
-    period: float = 0.4
-    """Seconds between steps; recordings that have others are resampled."""
+    """Data set to leave out of training (eth, hotel, a file's name, ...); `general` trains on all.
+    Of the simulations, the one to train on (default: all of them)."""
+    obs_len: int | None = None
+    """Observed steps; default: the --init model's, else 8."""
+    pred_len: int | None = None
+    """Steps to forecast; default: the --init model's, else 8."""
+    period: float | None = None
+    """Seconds between steps, to which recordings are resampled; default: the --init model's, else
+    0.4."""
+    init: str | None = None
+    """Model to start from (name, folder or torch checkpoint), as to fine-tune `recommended`; it
+    brings its network."""
+    freeze: tuple[str, ...] = ()
+    """Modules of the network that do not learn, such as encoder pooling."""
     recipe: str | None = None
     """How the model is trained: anchors for anchors and their table, else ours or sgan (as
     published), see docs/recipe.md; or a plugin's. Default: the first that fits."""
@@ -70,20 +86,24 @@ class Options:
     network: tuple[str, ...] = ()
     """Changes to the network, NAME=VALUE, such as noise_type=uniform or encoder_h_dim=48."""
     data: Path | None = None
-    """ETH/UCY as SGAN arranges it, or a folder of recordings; default: the download that has the
-    data set, else the embedded simulations."""
+    """A recording, a folder of recordings, one with folders train, val and test, or ETH/UCY as SGAN
+    arranges it; default: the download that has the data set, else the embedded simulations."""
     train_on: tuple[str, ...] = ()
-    """Recordings to train on, by file name, instead of a leave-one-out split."""
+    """Recordings to train on, files or folders, instead of a leave-one-out split."""
     validate_on: tuple[str, ...] = ()
-    """Recordings to validate on, by file name; needed with --train-on."""
+    """Recordings to validate on, with --train-on; default: the last part of those."""
     train_also: tuple[Path, ...] = ()
     """Additional recordings to train on, each a file or a folder of them."""
+    fold: str | None = None
+    """Validate on part K of N, as 1/5: of the recordings if there are N, else of their times."""
     read: Reading = AS_IT_SAYS
     """How files are read."""
     out: Path | None = None
     """Folder of the run; default: runs/ and a name made of the options."""
     resume: bool = False
-    """Continue the run in the folder."""
+    """Continue the run in the folder, to more --steps if you say so."""
+    quiet: bool = False
+    """Show no progress."""
     log: Literal["tensorboard"] | None = None
     """Also write the metrics as TensorBoard's events to the run's folder."""
 
@@ -94,9 +114,11 @@ def run(options: Options) -> None:
     Raises:
         InputError: see `make_run` and `training.train_run`.
     """
-    run = make_run(options)
-    where = run.dataset or ("files" if options.train_on else "simulations")
-    name = f"{run.forecaster.variant}_{where}_{options.obs_len}_{options.pred_len}"
+    run, source = make_run(options)
+    data = options.data.stem if options.data else "simulations"
+    where = run.dataset or ("files" if options.train_on else data)
+    lengths = run.config.obs_len, run.config.pred_len
+    name = "_".join(map(str, (run.forecaster.variant, where, *lengths)))
     recipe = options.recipe or next(iter(recipes_of(type(run.forecaster))))
     folder = options.out or Path("runs") / f"{name}_{recipe}_{options.seed}"
     print(
@@ -104,17 +126,49 @@ def run(options: Options) -> None:
         f"{run.validation.scenes} scenes to validate on, {run.recipe.steps} steps"
     )
     if text := describe_readings([*run.training.reading, *run.validation.reading]):
-        print(text)
+        print(f"{text}\n{describe_parts(run.training, run.validation)}")
     repeated = dataclasses.replace(options, out=folder, resume=False)
     run = dataclasses.replace(run, options=options_text(repeated))
     with contextlib.ExitStack() as stack:
         on_row = _tensorboard(folder, stack) if options.log else lambda row: None
-        model = train_run(run, folder, resume=options.resume, on_row=on_row)
+        model = train_run(run, folder, resume=options.resume, quiet=options.quiet, on_row=on_row)
     _print_errors(run, model)
-    data = "" if options.data is None else f" --data {shlex.quote(str(options.data))}"
-    place = shlex.quote(str(folder / "model"))
-    plugins = "".join(f" --plugin {shlex.quote(plugin)}" for plugin in loaded())
-    print(f"model: {place}\ntest it: neurosym evaluate --checkpoint {place}{data}{plugins}")
+    print(f"model: {folder / 'model'}, step {model.step}")
+    print(closing_line(options, run, source, folder))
+
+
+def closing_line(options: Options, run: Run, source: Source, folder: Path) -> str:
+    """The command that tests the model on what it has not seen; or that nothing is left for it."""
+    datasets = source.scenes if isinstance(source, Synthetic | Folders) else (run.dataset,)
+    if options.train_on:
+        datasets = _unseen(run, source) if options.data else ()
+    elif not {*datasets} <= {*source.scenes}:
+        datasets = ()
+    words = ["neurosym", "evaluate", "--checkpoint", str(folder)]
+    if not datasets:
+        place = "NEW_RECORDING"
+        said = f"nothing is left to test on: test on a new recording: {shlex.join(words)} --data "
+        return f"{said}{place}"
+    words += ["--data", str(options.data)] if options.data else []
+    words += ["--test-on", *map(str, datasets)] if options.train_on else []
+    for option, value in given(options.read).items():
+        values = value if isinstance(value, list) else [] if value is True else [value]
+        words += [f"--{option.replace('_', '-')}", *map(str, values)]
+    words += [] if run.config.period == PERIOD else ["--period", f"{run.config.period:g}"]
+    words += [word for plugin in loaded() for word in ("--plugin", plugin)]
+    return f"test it: {shlex.join(words)}"
+
+
+def _unseen(run: Run, source: Source) -> list[str]:
+    """The recordings of a source that are neither learned from nor validated on, by content."""
+    lengths, names = (run.config.obs_len, run.config.pred_len), list[str]()
+    for path in source.paths:
+        with contextlib.suppress(InputError):  # It may be too short for a window.
+            windows = cut_windows(source.files([str(path)]), *lengths)
+            used = (shared_shapes(windows, part) for part in (run.training, run.validation))
+            if all(found <= 0.01 * total for found, total in used):
+                names.append(path.stem if isinstance(source, Files) else str(path))
+    return names
 
 
 def _tensorboard(folder: Path, stack: contextlib.ExitStack) -> Callable[[dict[str, Any]], None]:
@@ -157,89 +211,90 @@ def _print_errors(run: Run, model: Model) -> None:
         print(f"  {each.name:26}  ADE {ade:.3f}  FDE {fde:.3f}")
 
 
-def configured(options: Options) -> tuple[Any, Any]:
-    """The configuration and the recipe that `options` describe.
+def configured(options: Options) -> tuple[Any, Any, Model | None]:
+    """The configuration, the recipe and the initial model that `options` describe.
 
     Raises:
         InputError: for options that contradict each other, or a change that does not fit.
     """
     chosen = {"pooling": options.pooling, "weighting": options.weighting}
     changes = [f"{name}={value}" for name, value in chosen.items() if value is not None]
-    config = make_config(
-        options.model,
-        obs_len=options.obs_len,
-        pred_len=options.pred_len,
-        changes=[*changes, *options.network],
-    )
+    lengths = {"obs_len": options.obs_len, "pred_len": options.pred_len}
+    if options.init is None:
+        init = None
+        steps = {name: LENGTH if value is None else value for name, value in lengths.items()}
+        period = PERIOD if options.period is None else options.period
+        config = make_config(options.model or "sgan", **steps, changes=[*changes, *options.network])
+        config = dataclasses.replace(config, period=period)
+    else:
+        refuse_unused(options, ["model", *chosen, "network"], "with --init, which has its network")
+        init = load_model(options.init, dataset=options.dataset, pred_len=options.pred_len)
+        config = init.config
+        for name, value in {**lengths, "period": options.period}.items():
+            if value not in (None, has := getattr(config, name)):  # As its numbers mean it.
+                flag = name.replace("_", "-")
+                raise InputError(f"--{flag} {value}: the model {options.init} has {has}")
     forecaster = forecaster_of(config)
     name = options.recipe or next(iter(recipes_of(type(forecaster))))
     recipe = make_recipe(name, seed=options.seed, steps=options.steps, changes=options.set)
     refuse_other_recipe(forecaster, recipe)
-    return dataclasses.replace(config, period=options.period), recipe
+    if options.freeze:
+        recipe = dataclasses.replace(recipe, freeze=options.freeze)
+    return config, recipe, init
 
 
-def make_run(options: Options) -> Run:
-    """The run that `options` describe, its data read.
+def make_run(options: Options) -> tuple[Run, Source]:
+    """The run that `options` describe, its data read, and the source of the data.
 
     Raises:
         InputError: for options that contradict each other or data that cannot be read.
     """
-    config, recipe = configured(options)
+    config, recipe, init = configured(options)
     place, files = (options.data, options.read), (options.train_on, options.train_also)
-    source = open_data(*place, options.dataset, *files, period=options.period)
-    learned, validated = _recordings(options, source)
-    lengths = options.obs_len, options.pred_len
-    training = cut_windows(learned, *lengths, min_agents=recipe.min_agents)
-    parts = {"validated": cut_windows(validated, *lengths)}
-    if options.dataset in source.scenes and not isinstance(source, Synthetic):
-        with contextlib.suppress(InputError):  # It may be too short for a window.
-            parts["tested"] = cut_windows(source.recordings(str(options.dataset)), *lengths)
-    _refuse_seen(parts, training)
-    if isinstance(source, EthUcy):
-        first = "ETH/UCY"
-    else:
-        first = source.name or (options.data.stem if options.data else "recordings")
-    return Run(
-        config=dataclasses.replace(config, period=training.period),
-        recipe=recipe,
-        training=training,
-        validation=parts["validated"],
-        dataset=None if options.train_on else options.dataset or source.name or None,
-        data=(first, *(place.stem for place in options.train_also)),
-    )
-
-
-def _recordings(options: Options, source: Source) -> tuple[list[Tracks], list[Tracks]]:
-    """Those to train on and those to validate on."""
-    if bool(options.train_on) != bool(options.validate_on):
-        raise InputError("--train-on and --validate-on go together")
+    source = open_data(*place, options.dataset, *files, period=config.period)
+    dataset, tested = options.dataset, None
     if options.train_on:
         refuse_unused(options, ["dataset"], "with --train-on")
-    if options.dataset is None and options.data is not None and not options.train_on:
-        names = ", ".join(source.scenes)
-        raise InputError(f"--dataset is needed: one of {names}, or {GENERAL}")
-    besides = [
-        on_grid(tracks, options.period, options.read.max_gap)
-        for place in options.train_also
-        for tracks in recordings_in(place, options.read)
-    ]
-    if options.train_on:
-        return [*source.files(options.train_on), *besides], source.files(options.validate_on)
-    names = source.scenes if options.dataset is None else (options.dataset,)
-    learned, validated = (
-        [tracks for name in names for tracks in source.recordings(name, split)]
-        for split in ("train", "val")
+        learned, validated = (
+            source.files(names) for names in (options.train_on, options.validate_on)
+        )
+    else:
+        refuse_given("without --train-on", validate_on=options.validate_on)
+        if dataset is None and (isinstance(source, Folders) or len(source.scenes) == 1):
+            dataset = GENERAL
+        elif dataset is None and options.data is not None:
+            names = ", ".join(source.scenes)
+            raise InputError(f"--dataset is needed: one of {names}, or {GENERAL}")
+        names = source.scenes if dataset is None else (dataset,)
+        learned, validated = (
+            [tracks for name in names for tracks in source.recordings(name, split)]
+            for split in ("train", "val")
+        )
+        if isinstance(source, Folders):
+            tested = [tracks for name in source.scenes for tracks in source.recordings(name)]
+            dataset = options.dataset
+        elif dataset in source.scenes and not isinstance(source, Synthetic):
+            tested = source.recordings(str(dataset))
+    training, validation = prepare(
+        config,
+        recipe,
+        learned,
+        validated,
+        tested,
+        also=options.train_also,
+        read=options.read,
+        fold=options.fold,
+        seen=init.seen if init else "",
     )
-    return [*learned, *besides], validated
-
-
-def _refuse_seen(parts: dict[str, Windows], training: Windows) -> None:
-    """Refuse to train on what the model is tested or validated on, by what is in it."""
-    for use, windows in reversed(parts.items()):
-        found, all_ = shared_shapes(windows, training)
-        if found > 0.01 * all_:
-            names = ", ".join(dict.fromkeys(how.recording for how in windows.reading))
-            raise InputError(
-                f"the training data has {found} of the {all_} shapes of windows in {names}, and "
-                f"that is what the model is {use} on"
-            )
+    first = source.name or (options.data.stem if options.data else "recordings")
+    if isinstance(source, EthUcy):
+        first = "ETH/UCY"
+    return Run(
+        config=config,
+        recipe=recipe,
+        training=training,
+        validation=validation,
+        dataset=None if options.train_on else dataset or source.name or None,
+        data=(first, *(place.stem for place in options.train_also)),
+        init=init,
+    ), source

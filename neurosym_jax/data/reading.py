@@ -38,6 +38,7 @@ GUARDS = {
     "near": "people are too near to each other",
     "clock": "two columns, options or files disagree about the clock",
     "scale": "two columns, options or files disagree about the unit",
+    "seen": "a model is validated or tested on what it learns from",
 }
 
 
@@ -65,8 +66,9 @@ class ReadOptions:
     keep: tuple[str, ...] = ()
     """Kinds of rows that are people, where a table's column label, class, type, category, ... says
     what each row is; default: person, pedestrian, human, adult, ...; others are left out."""
-    fps: float | None = None
-    """Frames per second, where frames are numbered; default: their most common step is 0.4 s."""
+    fps: float | str | None = None
+    """Frames per second, where frames are numbered; default: their most common step is 0.4 s. Or
+    those of each recording, gates=10,quad=25."""
     eth_stride: float | None = None
     """Frames per 0.4 s of files called biwi_eth* only: 6 gives the true time of SGAN's eth, whose
     frames are 10 apart in a video of 15 frames per second. Published numbers use the wrong one."""
@@ -82,8 +84,10 @@ class ReadOptions:
         Raises:
             InputError: naming the option.
         """
-        rates = {option(name): getattr(self, name) for name in ("fps", "eth_stride")}
-        refuse(Positive, rates, optional=True)
+        refuse(Positive, {option("eth_stride"): self.eth_stride}, optional=True)
+        for part in [] if self.fps is None else str(self.fps).split(","):
+            if not 0 < _number(part.rpartition("=")[2]) < math.inf:
+                raise InputError(f"{option('fps')} must be positive, not {part}")
         refuse(NotNegative, {option("max_gap"): self.max_gap}, optional=True)
         if unknown := [name for name in self.allow if name not in GUARDS]:
             raise InputError(f"{option('allow')} is one of {', '.join(GUARDS)}, not {unknown[0]!r}")
@@ -99,9 +103,18 @@ class ReadOptions:
 
     def unit_of(self, recording: str) -> str | None:
         """The unit that was given for a file's recordings, by the file's name without ending."""
-        parts = (part.rpartition("=") for part in (self.unit or "").split(","))
-        units = {name: unit for name, _, unit in parts}
-        return units.get(recording) or units.get("") or None
+        return _value_of(self.unit or "", recording)
+
+    def fps_of(self, recording: str) -> float | None:
+        """The frames per second that were given for a file's recordings, as `unit_of`."""
+        rate = _value_of(str(self.fps or ""), recording)
+        return None if rate is None else float(rate)
+
+
+def _value_of(text: str, recording: str) -> str | None:
+    """The value of a recording in `VALUE` or `RECORDING=VALUE,...`."""
+    values = {name: value for name, _, value in (x.rpartition("=") for x in text.split(","))}
+    return values.get(recording) or values.get("") or None
 
 
 def metres_in(unit: str) -> float:

@@ -10,8 +10,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
-import numpy as np
-
 from neurosym_jax.data import formats
 from neurosym_jax.data.clock import on_grid, resample
 from neurosym_jax.data.readers import eth_ucy
@@ -20,7 +18,7 @@ from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, option, printable
 
-__all__ = ["GENERAL", "EthUcy", "Files", "Source", "Synthetic", "data_folder", "find"]
+__all__ = ["GENERAL", "EthUcy", "Files", "Folders", "Source", "Synthetic", "data_folder", "find"]
 __all__ += ["licences_of", "open_source", "windows_from"]
 
 Split = Literal["train", "val", "test"]
@@ -36,7 +34,8 @@ _LICENCES = {
     "simulations": ("simulations", "MIT"),
 }
 
-TRAIN_SHARE = 0.8  # of each recording of `Files`; the rest is for validation
+_PARTS = {"train": ("train",), "val": ("val", "valid", "validation"), "test": ("test",)}
+# Names of the folders of a user's own split.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,14 +60,14 @@ class Source(abc.ABC):
         return self._on_grid(self._read(scene, split))
 
     def files(self, names: Sequence[str]) -> list[Tracks]:
-        """Recordings by path, or by the name without ending of one of the source's files.
+        """Recordings by path of a file or folder, or by name without ending of a source's file.
 
         Raises:
             InputError: for an unknown name.
         """
         available = {printable(path.stem): path for path in self.paths}
         for name in names:
-            if name not in available and not os.path.isfile(name):
+            if name not in available and not os.path.exists(name):
                 among = ", ".join(sorted(available)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
         paths = [available.get(name, Path(name)) for name in names]
@@ -117,21 +116,38 @@ class EthUcy(Source):
 class Files(Source):
     """A user's files of any known format; each is a data set named after the file.
 
-    Of every recording but the one under test, the first `TRAIN_SHARE` of its duration is for
-    training, the rest for validation.
+    All but the one under test are for training, which keeps a part of them for validation.
     """
 
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         test = split == "test"
         paths = [path for path in self.paths if (printable(path.stem) == scene) == test]
         if not paths:
-            raise InputError(f"{scene}: the only recording, so nothing is left to train on")
-        for tracks in formats.recordings_in(paths, self.read):
-            # Cut before it is resampled, so that no point depends on both parts.
-            middle = tracks.stamp.min() + TRAIN_SHARE * np.ptp(tracks.stamp)
-            part = tracks if test else tracks.take((tracks.stamp < middle) == (split == "train"))
-            if len(part.id):
-                yield part
+            raise InputError(
+                f"{scene}: the only recording, so nothing is left to train on (without --dataset "
+                "it is trained on, and nothing is left to test on)"
+            )
+        return () if split == "val" else formats.recordings_in(paths, self.read)
+
+
+@dataclasses.dataclass(frozen=True)
+class Folders(Source):
+    """A folder with a user's own split: train, val and, where there is one, test.
+
+    The data sets are the files of `test`.
+    """
+
+    folder: Path = Path()
+
+    def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
+        if split == "test":
+            return formats.recordings_in([self.paths[self.scenes.index(scene)]], self.read)
+        return formats.recordings_in(_part(self.folder, split), self.read)
+
+
+def _part(folder: Path, split: Split) -> Path | None:
+    """The folder of one part of a user's own split, if it is there."""
+    return next((folder / name for name in _PARTS[split] if (folder / name).is_dir()), None)
 
 
 def open_source(
@@ -141,7 +157,8 @@ def open_source(
     read: ReadOptions = AS_IT_SAYS,
     period: float = PERIOD,
 ) -> Source:
-    """The source at `data`: ETH/UCY as SGAN arranges it, a recording, or a folder of recordings.
+    """The source at `data`: ETH/UCY as SGAN arranges it, a recording, or a folder of recordings,
+    which may be divided into folders train, val and test.
 
     The path may be below the folder of downloads. By default it is the downloaded collection that
     has the data set `scene`, or else the model's held-out `model_scene`, or the simulations.
@@ -167,6 +184,12 @@ def open_source(
         raise InputError(f"{data}: no such file or folder{hint}")
     if (data / "all").is_dir():
         return EthUcy(folder=data, paths=tuple(sorted(data.glob("*/*.txt"))), **shared)
+    own = _part(data, "train") and _part(data, "val")
+    if own:
+        test = _part(data, "test")
+        tests = formats.data_files(test, read) if test else []
+        names = [printable(path.stem) for path in tests]
+        return Folders(tuple(names), paths=tuple(tests), folder=data, **shared)
     paths = formats.data_files(data, read) if formats.is_folder(data) else [data]
     names = [printable(path.stem) for path in paths]
     if len({*names, GENERAL}) <= len(names):

@@ -59,7 +59,8 @@ def stamps_of(
         raise InputError(f"{table.path}: {option('time_unit')} is of no use: it counts frames")
     else:
         stamp = table.whole_numbers(place)
-        fps = {option("fps"): options.fps} if options.fps else {}
+        stated_rate = options.fps_of(table.path.stem)
+        fps = {option("fps"): stated_rate} if stated_rate else {}
         if options.eth_stride and table.path.stem.startswith("biwi_eth"):
             fps = {option("eth_stride"): options.eth_stride / period}
         stated = set(fps)

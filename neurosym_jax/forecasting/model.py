@@ -60,6 +60,8 @@ class Model:
     """Fingerprint of its training windows, see `data.leakage`; empty where it is not known."""
     data: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """Licence of each data set that it learned from, by name; empty where not known."""
+    step: int | None = None
+    """Steps of training after which its parameters were kept; None where it is not known."""
 
     @property
     def name(self) -> str:

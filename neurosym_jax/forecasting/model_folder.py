@@ -34,7 +34,7 @@ from neurosym_jax.forecasting.parameters import (
     shapes_of,
 )
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.files import new_file, new_folder
+from neurosym_jax.runtime.files import new_file, new_folder, replaced_folder
 
 __all__ = ["load_model", "replace_card", "save_model"]
 
@@ -58,13 +58,17 @@ class _File(Checked):
     seen: str = ""
     neighbours: float | None = None
     data: dict[str, str] | None = None
+    step: int | None = None
 
 
-def save_model(folder: Path | str, model: Model, card: str | None = None) -> None:
+def save_model(
+    folder: Path | str, model: Model, card: str | None = None, *, replace: bool = False
+) -> None:
     """Write `model` as a new folder, which appears whole or not at all.
 
     `card` is the text of its `README.md`, by default a summary of the configuration; it gets the
-    header of the Hugging Face Hub unless it has one.
+    header of the Hugging Face Hub unless it has one. With `replace` it takes the place of what is
+    there.
 
     Raises:
         InputError: if something is already there or cannot be written, and for a model that would
@@ -85,12 +89,13 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
         "seen": model.seen,
         "neighbours": model.neighbours,
         "data": dict(model.data),
+        "step": model.step,
     }
     fields |= {name: value for name, value in optional.items() if value not in ("", None, {})}
     text = json.dumps(fields, indent=2, allow_nan=False)
     if from_json(type(model.config), json.loads(text)["config"], CONFIG) != model.config:
         raise InputError(f"the configuration of {model.name} does not come back from JSON")
-    with new_folder(folder) as beside:
+    with (replaced_folder if replace else new_folder)(folder) as beside:
         (beside / PARAMS).write_bytes(save(flat_parameters(model.params)))
         text_of_card = _headed(_card(model) if card is None else card, model.data)
         (beside / CARD).write_text(text_of_card, encoding="utf-8")
@@ -198,6 +203,7 @@ def _read(folder: Path) -> Model:
         fields.neighbours,
         seen=fields.seen,
         data=fields.data or {},
+        step=fields.step,
     )
     _refuse_misfit(model)
     return model

@@ -11,7 +11,7 @@ from neurosym_jax.data.sources import GENERAL, data_folder, find
 from neurosym_jax.errors import InputError, InputWarning
 
 __all__ = ["RECOMMENDED", "find_checkpoints", "find_model", "models_at_hand"]
-__all__ += ["shipped_models", "shipped_name"]
+__all__ += ["shipped_models", "shipped_name", "state_of_run"]
 
 RECOMMENDED = "recommended"
 """Name of the model to use: `anchors`, trained without the data set that is asked for."""
@@ -31,8 +31,8 @@ def shipped_name(model: str, dataset: str | None, pred_len: int) -> str:
 def find_model(path: Path | str, dataset: str | None = None, pred_len: int | None = None) -> Path:
     """The place of a model: a path with models, the name of a shipped model, or a downloaded path.
 
-    A path that is found nowhere is returned unchanged. `recommended` is the shipped `anchors` for
-    `dataset` and `pred_len` (default: 8).
+    The folder of a training stands for its model. A path that is found nowhere is returned
+    unchanged. `recommended` is the shipped `anchors` for `dataset` and `pred_len` (default: 8).
 
     Warns:
         InputWarning: for a path that has the name of a shipped model.
@@ -43,13 +43,23 @@ def find_model(path: Path | str, dataset: str | None = None, pred_len: int | Non
     shipped = _shipped_folder() / name
     # os.path, unlike Path, takes a name that is too long for one that does not exist.
     if not name.name or not os.path.isdir(shipped):
-        return find(path if os.path.exists(path) else name)
+        place = find(path if os.path.exists(path) else name)
+        is_run = not os.path.exists(place / "config.json") and os.path.isdir(place / "model")
+        return place / "model" if is_run else place
     if not _holds_models(path):
         return shipped
     if not os.path.samefile(path, shipped):
         line = f"{path}: the one in this folder, not the model of this name that ships"
         warnings.warn(line, InputWarning, stacklevel=2)
     return path
+
+
+def state_of_run(path: str, step: int) -> str:
+    """What state a model is that was kept after `step` steps of a training, in words."""
+    run = find_model(path).parent
+    ends = (run / "checkpoints").is_dir() and not (run / "run.json").exists()
+    unfinished = ", which is not finished" if ends else ""
+    return f"{path}: the state after {step} steps of its training{unfinished}"
 
 
 def find_checkpoints(

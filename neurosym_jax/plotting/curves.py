@@ -51,13 +51,24 @@ def draw_horizon(axes: Axes, errors: Mapping[str, ArrayLike], period: float) -> 
     axes.set(xlim=(0, None), ylim=(0, None))
 
 
+GOOD = """\
+Dotted: the state that is kept, step {}. Good: both fall, then level off. Errors
+that rise while the loss falls: too long, or too few data. Both still falling at
+the end: more steps. Leaps: a smaller learning_rate."""
+"""The caption of curves."""
+
+
 def plot_training(
-    losses: Mapping[str, Curve], validation: Mapping[str, Curve], title: str | None = None
+    losses: Mapping[str, Curve],
+    validation: Mapping[str, Curve],
+    title: str | None = None,
+    best: int | None = None,
 ) -> Figure:
     """Training runs: losses in the upper panel, validation errors (metres) in the lower.
 
-    Both map a name to (steps, values). Beyond 100 points, the running mean over 1/20 is drawn over
-    pale points. Values that are not finite leave a gap.
+    Both map a name to (steps, values). `best` is the step whose state is kept; where it is given, a
+    caption says what good curves look like. Beyond 100 points, the running mean over 1/20 is drawn
+    over pale points. Values that are not finite leave a gap.
     """
     figure, ((upper,), (lower,)) = style.new_figure(style.COLUMN, 3.6, 2, sharex=True)
     colours = cycle(style.PALETTE)
@@ -73,4 +84,7 @@ def plot_training(
             axes.plot(steps, values, color=colour, label=name, **look)
     style.dress(upper, "", "loss", title)
     style.dress(lower, "step", "validation error [m]")
+    if best is not None:
+        lower.axvline(best, color="0.6", linewidth=0.8, linestyle=":")
+        lower.set_xlabel(f"step\n{GOOD.format(best)}", fontsize="small")
     return style.add_legend(figure, upper, lower)

@@ -4,6 +4,7 @@ If the process is killed or the disk is full, the old file is still there.
 """
 
 import contextlib
+import ctypes
 import errno
 import hashlib
 import json
@@ -19,7 +20,10 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.ending import when_ended
 
 __all__ = ["append_text", "folder_digest", "new_file", "new_folder", "refuse_unwritable"]
-__all__ += ["write_json", "write_text"]
+__all__ += ["replaced_folder", "write_json", "write_text"]
+
+_HERE, _EXCHANGE = -100, 2
+"""AT_FDCWD and RENAME_EXCHANGE of Linux."""
 
 
 def new_file(path: Path | str) -> contextlib.AbstractContextManager[Path]:
@@ -41,6 +45,27 @@ def new_folder(path: Path | str) -> contextlib.AbstractContextManager[Path]:
     return _beside(Path(path), Path.mkdir)
 
 
+def replaced_folder(path: Path | str) -> contextlib.AbstractContextManager[Path]:
+    """As `new_folder`, but what is at `path` is replaced: at no moment is nothing there."""
+    return _beside(Path(path), Path.mkdir)
+
+
+def _replace(beside: Path, path: Path) -> None:
+    """Put a file or folder in the place of another, which is removed."""
+    if not (beside.is_dir() and path.exists()):
+        beside.replace(path)
+        return
+    with contextlib.suppress(AttributeError, OSError):  # Other systems, old C libraries.
+        exchange, names = ctypes.CDLL(None).renameat2, (os.fsencode(beside), os.fsencode(path))
+        if exchange(_HERE, names[0], _HERE, names[1], _EXCHANGE) == 0:
+            shutil.rmtree(beside)
+            return
+    old = beside.with_name(f"{beside.name}.old")
+    path.replace(old)
+    beside.replace(path)
+    shutil.rmtree(old)
+
+
 @contextlib.contextmanager
 def _beside(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
     with _in_words(path):
@@ -58,7 +83,7 @@ def _beside(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
             yield beside
             for content in (*beside.rglob("*"), beside):
                 _sync(content)
-            beside.replace(path)
+            _replace(beside, path)
             _sync(path.parent)
 
 

@@ -1,92 +1,98 @@
-"""The training loop: rounds of compiled steps, validation, saved states, and the files of a run.
+"""The training loop: rounds of compiled steps, validation and saved states.
 
-A run is a folder: `recipe.yaml` (the options that repeat it), `checkpoints/` (to resume from),
-`metrics.jsonl`, and at its end `curves.png`, `run.json` (all facts of the run) and `model/`, the
-best state by validation and its card.
+The best state by validation is a model on the disk from the first validation on, so a run that
+ends early, whatever ends it, can be used; see `run_files`.
 """
 
-import dataclasses
-import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from tqdm import tqdm
 
-from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.leakage import fingerprint
-from neurosym_jax.data.sources import licences_of
-from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.windows import make_batches
 from neurosym_jax.errors import InputError, TrainingError, option
-from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import save_model
-from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.files import append_text, write_json, write_text
-from neurosym_jax.runtime.process import code_version
+from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.training.catalogue import make_config, recipes_of
 from neurosym_jax.training.checkpoints import restore_state, save_state, sole_writer
+from neurosym_jax.training.preparation import prepare
+from neurosym_jax.training.progress import Progress
 from neurosym_jax.training.recipe import Recipe
-from neurosym_jax.training.run import ROUND, Run, model_card, record_of
+from neurosym_jax.training.run import ROUND, Run, record_of, refuse_other_run
+from neurosym_jax.training.run_files import RunFiles
 from neurosym_jax.training.state import TrainState
+from neurosym_jax.training.validation import Advice, Row, best_row, is_over, validate
 
 __all__ = ["train", "train_run"]
 
-Row = dict[str, Any]
+PROGRAMS = STEP, VALIDATION = "the training step", "the validation"
 
-EFFECT = ("neighbour_share", "neighbour_near", "neighbour_move")
-"""The metrics of a validation by which a pooling is judged."""
-LEAST = 0.5
-"""Least share of people with somebody within 2 m whom a living pooling changes."""
+
+class _Session(NamedTuple):
+    """How far a run is: what is saved after each validation."""
+
+    state: TrainState
+    best: Any
+    """The parameters of the best validation."""
+    rows: tuple[Row, ...]
+    is_slower: bool
+    """Whether the steps are smaller, since numbers were not finite once."""
 
 
 def train(
     training: Any,
-    validation: Any,
-    folder: Path | str,
+    validation: Any = None,
+    folder: Path | str = "runs/run",
     *,
     config: Any = None,
     recipe: Recipe | None = None,
+    init: Model | Path | str | None = None,
+    tested: Any = None,
+    fold: str | None = None,
+    read: ReadOptions = AS_IT_SAYS,
     dataset: str | None = None,
     data: Sequence[str] = (),
     resume: bool = False,
+    quiet: bool = False,
     on_row: Callable[[Row], object] = lambda row: None,
 ) -> Model:
     """Train a model; return the best by validation, which `folder / "model"` then holds.
 
     Args:
-        training: `Windows` (see `windows_from`), or what they are cut from: `Tracks` on one grid,
-            files, folders, dataframes, or several of these.
-        validation: the same; the state with the least error on these is kept.
+        training: `Windows` (see `windows_from`), or recordings, which are resampled to the steps of
+            `config`: `Tracks`, files, folders, dataframes, or several of these.
+        validation: the same; the state with the least error on these is kept. None keeps a part of
+            the recordings for it.
         folder: of the run.
-        config: of what is trained, such as `AnchorConfig` or a plugin's; default: SGAN's. Its
-            period becomes that of the data.
+        config: of what is trained, such as `AnchorConfig` or a plugin's; default: that of `init`,
+            or else SGAN's.
         recipe: how it is trained; default: the usual one of its family.
+        init: the model whose parameters it starts from, or what `load_model` takes.
+        tested: recordings to be tested on, which are refused where `training` has them.
+        fold: K/N, see `training.preparation.prepare`.
+        read: how files are read, and the guards that are waived.
         dataset: the data set that was left out, to be tested on; recorded with the model.
         data: names of the data sets learned from, for the card and licences.
-        resume: continue the run in `folder`.
+        resume: continue the run in `folder`, to more steps if the recipe has more.
+        quiet: tell no progress.
         on_row: called with each row of `metrics.jsonl`.
 
     Raises:
-        InputError: for recordings without windows, and as `train_run`.
+        InputError: see `training.preparation.prepare` and `train_run`.
     """
-    config = config or make_config("sgan")
+    if init is not None and not isinstance(init, Model):
+        init = load_model(init)
+    config = config or (init.config if init else make_config("sgan"))
     recipe = recipe or next(iter(recipes_of(type(forecaster_of(config))).values()))
-
-    lengths = config.obs_len, config.pred_len
-    learned, validated = (
-        part
-        if isinstance(part, Windows)
-        else cut_windows(recordings_in(part), *lengths, min_agents=least)
-        for part, least in ((training, recipe.min_agents), (validation, 2))
-    )
-    config = dataclasses.replace(config, period=learned.period)
-    run = Run(config, recipe, learned, validated, dataset, tuple(data))
-    return train_run(run, Path(folder), resume=resume, on_row=on_row)
+    seen = init.seen if init else ""
+    parts = prepare(config, recipe, training, validation, tested, read=read, fold=fold, seen=seen)
+    run = Run(config, recipe, *parts, dataset, tuple(data), init=init)
+    return train_run(run, Path(folder), resume=resume, quiet=quiet, on_row=on_row)
 
 
 def train_run(
@@ -94,172 +100,115 @@ def train_run(
     folder: Path,
     *,
     resume: bool = False,
+    quiet: bool = False,
     on_row: Callable[[Row], object] = lambda row: None,
 ) -> Model:
     """Train from the start, or from the newest good state in `folder`; see `train`.
 
     Raises:
         InputError: when `folder` holds a run already (and `resume` is not given), or another run.
-        TrainingError: when a loss or metric is not finite; the last good state stays on disk.
+        TrainingError: when numbers are not finite again after steps were made smaller; the best
+            state stays on disk as a model.
     """
     recipe, record = run.recipe, record_of(run)
-    # tqdm's None shows the bar in a terminal only.
-    bar = tqdm(total=recipe.steps, unit="step", disable=None)
-    with sole_writer(folder), bar:
-        batches, advance = make_batches(run.validation), run.rounds()
-        state, best, rows = _begin(run, folder, record if resume else None)
-        log, done = folder / "metrics.jsonl", int(state.step)
-        write_text(log, "".join(map(_line, rows)))
-        bar.update(done)
-        while done < recipe.steps:
+    files = RunFiles(run, folder, record)
+    with sole_writer(folder), Progress(recipe.steps, PROGRAMS, quiet=quiet) as progress:
+        batches, advice = make_batches(run.validation), Advice(run)
+        session = _begin(run, folder, record if resume else None)
+        files.begin(session.rows)
+
+        def validated(state: TrainState, row: Row) -> Row:
+            with progress.compiling(VALIDATION):
+                return row | validate(run, _kept(run, state), batches)
+
+        def with_row(session: _Session, state: TrainState, row: Row) -> _Session:
+            """The session after a row, told and, where it was validated, saved."""
+            rows, best = (*session.rows, row), session.best
+            if best_row(rows) is row:
+                best = _kept(run, state)
+                files.keep(best, row)
+            files.add(row)
+            on_row(row)
+            if "val_score" in row:
+                state = jax.tree.map(np.array, state)
+                saved = {**record, "rows": rows, "is_slower": session.is_slower}
+                save_state(folder / "checkpoints", row["step"], (state, best), saved)
+                advice(rows)
+            progress.go_to(row["step"], row)
+            return _Session(state, best, rows, session.is_slower)
+
+        if run.init is not None and not session.rows:
+            session = with_row(session, session.state, validated(session.state, {"step": 0}))
+        good, done = session, int(session.state.step)
+        advance = (run.slower() if session.is_slower else run).rounds()
+        if not is_over(run, session.rows, done):
+            files.unfinish()
+        while not is_over(run, session.rows, done):
             to_validation = recipe.validate_every - done % recipe.validate_every
             count = min(ROUND, to_validation, recipe.steps - done)
-            state, metrics = advance(state, done, count)
-            row: Row = {"step": done + count}
-            row |= {name: float(np.mean(value)) for name, value in metrics.items()}
+            with progress.compiling(STEP):
+                state, metrics = advance(session.state, done, count)
+                row: Row = {"step": done + count}
+                row |= {name: float(np.mean(value)) for name, value in metrics.items()}
             validates = count == to_validation or row["step"] == recipe.steps
             if validates and np.isfinite([*row.values()]).all():
-                row |= _validate(run, state, batches)
+                row = validated(state, row)
             if bad := [f"{name} {value}" for name, value in row.items() if not np.isfinite(value)]:
-                raise TrainingError(
-                    f"{folder}: between step {done} and step {row['step']} training came to "
-                    f"numbers that are not finite: {', '.join(bad)}; what was saved before is kept"
-                )
-            rows.append(row)
-            if _best(rows) is row:
-                best = _kept(run, state)
-            append_text(log, _line(row))
-            on_row(row)
-            if validates:
-                saved = {**record, "rows": rows}
-                save_state(folder / "checkpoints", row["step"], (state, best), saved)
+                session = good = _slower(good, run, folder, done, ", ".join(bad))
+                done, advance = int(session.state.step), run.slower().rounds()
+                files.begin(session.rows)
+                continue
+            session = with_row(session, state, row)
             done += count
-            numbers = {name: f"{row[name]:.3f}" for name in row if name.endswith(("loss", "ade"))}
-            bar.set_postfix(numbers, refresh=False)
-            bar.update(count)
-        return _finish(run, folder, best, rows, record)
+            if validates:
+                good = session
+        return files.finish(session.best, session.rows)
 
 
-def _begin(
-    run: Run, folder: Path, record: dict[str, Any] | None
-) -> tuple[TrainState, Any, list[Row]]:
-    """The state, the best parameters and the rows so far; `record` of a run to be resumed."""
-    state = run.init_state()
+def _begin(run: Run, folder: Path, record: dict[str, Any] | None) -> _Session:
+    """How far the run is; `record` of a run to be resumed."""
+    state = jax.tree.map(np.array, run.init_state())  # A step takes over buffers on the device.
     best = _kept(run, state)
-    restored, again = restore_state(folder / "checkpoints", (state, best)), option("resume", True)
-    if restored is None and (folder / "model").exists():
-        raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
-    if restored is None and record is None and any((folder / "checkpoints").glob("damaged_*")):
-        raise InputError(f"{folder}: holds a run whose states are damaged; {again} begins it anew")
-    rows: list[Row] = []
+    steps = [path.name[5:] for path in (folder / "checkpoints").glob("step_*")]
+    if record is None and steps:
+        step = int(max(steps))
+        again = option("resume", True)
+        raise InputError(f"{folder}: holds a run at step {step}; {again} continues it")
+
+    def check(before: dict[str, Any]) -> None:
+        refuse_other_run(before, record or {}, before["rows"][-1]["step"], folder)
+
+    restored = restore_state(folder / "checkpoints", (state, best), check)
     if restored is not None:
         (state, best), before = restored
-        if record is None:
-            raise InputError(f"{folder}: holds a run at step {state.step}; {again} continues it")
-        _refuse_other_run(before, record, folder)
-        rows = before["rows"]
-    if run.options:
-        write_text(folder / "recipe.yaml", run.options)
-    return state, best, rows
+        return _Session(state, best, tuple(before["rows"]), before["is_slower"])
+    if any((folder / name).exists() for name in ("model", "run.json")):
+        raise InputError(f"{folder}: holds a model and no state to go on from; choose another")
+    if record is None and any((folder / "checkpoints").glob("damaged_*")):
+        again = option("resume", True)
+        raise InputError(f"{folder}: holds a run whose states are damaged; {again} begins it anew")
+    return _Session(state, best, (), False)
 
 
-def _refuse_other_run(before: dict[str, Any], record: dict[str, Any], folder: Path) -> None:
-    """Refuse to resume a run that differs; warn of another environment."""
-    record = json.loads(json.dumps(record))
-    for name, value in record.items():
-        if name != "environment" and before[name] != value:
-            raise InputError(f"{folder}: holds another run: its {name} differs")
-    for name, now in record["environment"].items():
-        if (then := before["environment"].get(name)) != now:
-            text = f"the run began with {name} {then} and goes on with {now}: other bits"
-            print(f"warning: {folder}: {text}", file=sys.stderr)
+def _slower(good: _Session, run: Run, folder: Path, done: int, bad: str) -> _Session:
+    """The last good session with smaller steps.
 
-
-def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str, Any]) -> Model:
-    """Write what a finished run leaves, unless it is there."""
-    from neurosym_jax.plotting import plot_training, save_figure
-
-    best_row = _best(rows)
-    origin = {"plugins": names(loaded()), "data": licences_of(run.data)}
-    near, seen = best_row.get("val_neighbour_near"), fingerprint(run.training)
-    model = Model(
-        run.config,
-        best,
-        run.dataset,
-        run.forecaster.key,
-        seed=run.recipe.seed,
-        neighbours=near,
-        seen=seen,
-        **origin,
+    Raises:
+        TrainingError: where they are smaller already.
+    """
+    step = int(good.state.step)
+    text = f"{folder}: after step {done} numbers are not finite: {bad}"
+    if good.is_slower:
+        step = best_row(good.rows).get("step")
+        model = "" if step is None else f"; its model is that of step {step}, a run can start there"
+        raise TrainingError(f"{text}, again, with smaller steps{model}")
+    rate = run.slower().recipe.learning_rate
+    print(
+        f"warning: {text}; it goes on from step {step} at learning_rate {rate:g}", file=sys.stderr
     )
-    if (folder / "model").exists():
-        return model
-    parts = {"training": run.training, "validation": run.validation}
-    facts = {
-        **record,
-        "samples": run.samples,
-        "licences": model.data,
-        "counts": {name: {"scenes": w.scenes, "agents": w.agents} for name, w in parts.items()},
-        "recordings": {
-            name: [dataclasses.asdict(reading) for reading in w.reading]
-            for name, w in parts.items()
-        },
-        "parameters": sum(leaf.size for leaf in jax.tree.leaves(best)),
-        "code": code_version(),
-        "plugins": list(model.plugins),
-        "validation": best_row,
-    }
-
-    def curves(*metrics: str) -> dict[str, Any]:
-        pairs = {name: [(r["step"], r[name]) for r in rows if name in r] for name in metrics}
-        return {name: tuple(zip(*points)) for name, points in pairs.items() if points}
-
-    losses = curves("loss", "g_loss", "g_adversarial", "d_loss")
-    figure = plot_training(losses, curves("val_ade", "val_fde"), "training")
-    save_figure(figure, folder / "curves.png")
-    write_json(folder / "run.json", facts)
-    # Last: a run that has a model is whole, whatever kills the process.
-    save_model(folder / "model", model, model_card(facts))
-    return model
+    return good._replace(is_slower=True)
 
 
 def _kept(run: Run, state: TrainState) -> Any:
     """The parameters that are validated and kept, on the host: a step takes over their buffers."""
     return jax.tree.map(np.array, state.average if run.recipe.ema else state.params)
-
-
-def _best(rows: list[Row]) -> Row:
-    """The row of the best validation, of equals the newest; an empty one before the first."""
-    validated = [row for row in rows if "val_score" in row]
-    return min(reversed(validated), key=lambda row: row["val_score"], default={})
-
-
-def _line(row: Row) -> str:
-    return json.dumps(row, allow_nan=False) + "\n"
-
-
-def _validate(run: Run, state: TrainState, batches: list[Batch]) -> Row:
-    """Joint best-of-k errors on the validation windows; `val_score` chooses the best state.
-
-    Warns of a dead pooling.
-    """
-    forecaster = run.forecaster
-    result = score_forecaster(
-        forecaster,
-        _kept(run, state),
-        batches,
-        samples=run.samples,
-        seed=run.recipe.seed,
-        metrics=("joint_ade", "joint_fde", *(EFFECT if forecaster.sees_neighbours else ())),
-    )
-    ade, fde = result.mean("joint_ade"), result.mean("joint_fde")
-    score = ade + fde if run.recipe.select_by == "ade_fde" else ade
-    effect = {name: result.mean(name) for name in EFFECT if name in result.scores}
-    if effect.get("neighbour_near", 1.0) < LEAST:
-        print(
-            f"warning: dead pooling at step {state.step}: {effect['neighbour_share']:.0%} of "
-            "people are changed by their neighbours",
-            file=sys.stderr,
-        )
-    row = {"val_ade": ade, "val_fde": fde, "val_score": score}
-    return row | {f"val_{name}": value for name, value in effect.items() if np.isfinite(value)}

@@ -23,7 +23,7 @@ class Recipe(Checked):
     """What all recipes have."""
 
     seed: Seed = 0
-    steps: Count = 3000
+    steps: Whole = 3000
     """Steps of training; of a generator where there is a discriminator."""
     batch_scenes: Count = 64
     """Scenes in a batch: approximately, with fixed proportions of sizes; of anchors at most."""
@@ -33,12 +33,17 @@ class Recipe(Checked):
     """Learning rate of Adam; of the generator where there is a discriminator."""
     schedule: Literal["constant", "cosine"] = "cosine"
     warmup_steps: Whole = 100
+    """Steps in which the learning rate of the cosine schedule rises; at most half of all."""
     clip_norm: NotNegative = 2.0
     """Largest norm of the gradient, of a generator's; 0 for no clipping."""
     ema: BelowOne = 0.0
     """Decay of the averaged parameters, which are validated and kept; 0 averages none."""
     validate_every: Count = 500
     """Steps between validations; the best state by validation is kept."""
+    patience: Whole = 0
+    """Validations in a row without a better one, after which training ends; 0 for never."""
+    freeze: tuple[str, ...] = ()
+    """Modules of the network that do not learn, by name, such as encoder."""
     select_by: Literal["ade", "ade_fde"] = "ade_fde"
     """Joint validation error that chooses the best state."""
     fde_weight: NotNegative = 0.5

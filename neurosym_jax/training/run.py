@@ -6,33 +6,47 @@ Everything random follows from (seed, step).
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+import json
+import sys
+import types
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from neurosym_jax.configuration import from_json, to_json
 from neurosym_jax.data.sources import GENERAL, Synthetic
 from neurosym_jax.data.windows import Windows
+from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.forecaster import FORECASTERS, Forecaster, forecaster_of
+from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.process import COMPILED_QUICKLY, run_environment
 from neurosym_jax.training.catalogue import refuse_other_recipe
-from neurosym_jax.training.state import TrainState
+from neurosym_jax.training.state import TrainState, warmup_of
 
-__all__ = ["ROUND", "Run", "model_card", "record_of"]
+__all__ = ["ROUND", "Run", "differences_between", "model_card", "record_of", "refuse_other_run"]
 
 ROUND = 25
 """Most steps between two updates of the progress bar."""
 
+SLOWER = 10
+"""By what the learning rate is divided once numbers are not finite."""
+EXTENDED = {"steps", "patience"}
+"""What of the recipe may be changed on resumption."""
+RESULTS = ("forecaster", "config", "training", "scene", "init", "data")
+"""What of a record makes the results of a run."""
+
 CARD = """\
 # {title}
 
-Forecasts {pred_len} steps from {obs_len} observed ones. `neurosym_jax.load_model` reads this folder, and `python evaluate.py --checkpoint` tests it.
+Forecasts {pred_len} steps from {obs_len} observed ones. `neurosym_jax.load_model` reads this folder, and `neurosym evaluate --checkpoint` tests it.
 
 ## Errors
 
@@ -65,10 +79,24 @@ class Run:
     """Names of the data sets learned from."""
     options: str = ""
     """The file of options that repeats it, in YAML; empty where no command made it."""
+    init: Model | None = None
+    """The model whose parameters it starts from; None for new ones."""
 
     def __post_init__(self):
-        """Refuse a recipe of another kind of network."""
+        """Refuse a recipe of another kind of network, and what does not fit the initial model."""
         refuse_other_recipe(self.forecaster, self.recipe)
+        if self.init is None and not self.recipe.steps:
+            raise InputError("steps must be at least 1 without an initial model")
+        if self.init is not None and self.init.config != self.config:
+            before, now = (to_json(config) for config in (self.init.config, self.config))
+            changes = "; ".join(differences_between(before, now))
+            raise InputError(f"the initial model has another configuration: {changes}")
+        modules = self.forecaster.shapes()
+        paths = (path for path, _ in jax.tree.leaves_with_path(modules))
+        known = {getattr(entry, "key", None) for path in paths for entry in path}
+        if unknown := [name for name in self.recipe.freeze if name not in known]:
+            there = ", ".join(modules.get("params", modules))
+            raise InputError(f"freeze: no module {unknown[0]!r} in {there}")
 
     @property
     def forecaster(self) -> Forecaster:
@@ -83,7 +111,20 @@ class Run:
     def init_state(self) -> TrainState:
         """The state before training."""
         init = functools.partial(self.forecaster.init_state, self.recipe)
-        return jax.jit(init, compiler_options=COMPILED_QUICKLY)(self._key(0))
+        state = jax.jit(init, compiler_options=COMPILED_QUICKLY)(self._key(0))
+        if self.init is None:
+            return state
+        params, average = (jax.tree.map(jnp.array, self.init.params) for _ in range(2))
+        return state._replace(params=params, average=average if self.recipe.ema else ())
+
+    def slower(self) -> "Run":
+        """The run with smaller steps, after one whose numbers were not finite."""
+        rates = {
+            name: getattr(self.recipe, name) / SLOWER
+            for name in ("learning_rate", "d_learning_rate")
+            if hasattr(self.recipe, name)
+        }
+        return dataclasses.replace(self, recipe=dataclasses.replace(self.recipe, **rates))
 
     def rounds(self) -> Callable[[TrainState, int, int], tuple[TrainState, Mapping[str, Any]]]:
         """See `Forecaster.rounds`."""
@@ -100,15 +141,64 @@ def record_of(run: Run) -> dict[str, Any]:
         "config": to_json(run.config),
         "training": to_json(run.recipe),
         "scene": run.dataset,
+        "init": None if run.init is None else _digest_of(*jax.tree.leaves(run.init.params)),
         "data": {"training": _digest(run.training), "validation": _digest(run.validation)},
         "environment": run_environment(),
     }
 
 
+def refuse_other_run(
+    before: dict[str, Any], record: dict[str, Any], done: int, folder: Path
+) -> None:
+    """Refuse to resume a run that differs in what makes its results; tell what changes bits.
+
+    More steps, and another patience, are no other run.
+
+    Raises:
+        InputError: naming all that differs.
+    """
+    record = json.loads(json.dumps(record))
+    then, now = before["training"]["steps"], record["training"]["steps"]
+    other = sorted(differences_between(_fixed(before), _fixed(record)))
+    if now < done:
+        other.append(f"training.steps {now}, and {done} are done")
+    if other:
+        raise InputError(f"{folder}: holds another run: {'; '.join(other)}")
+    environment = differences_between(before["environment"], record["environment"])
+    changes = [f"goes on with {text}" for text in environment]
+    if then != now and record["training"]["schedule"] != "constant":
+        changes += [
+            f"was scheduled for {then} steps, and from step {done} on follows the schedule of {now}"
+        ]
+    for text in changes:
+        print(f"warning: {folder}: the run {text}: other bits than in one go", file=sys.stderr)
+
+
+def _fixed(record: dict[str, Any]) -> dict[str, Any]:
+    """What of a record no resumption may change."""
+    recipe = {name: x for name, x in record["training"].items() if name not in EXTENDED}
+    return {name: record[name] for name in RESULTS} | {"training": recipe}
+
+
+def differences_between(before: Any, now: Any, name: str = "") -> Iterator[str]:
+    """`NAME VALUE (now VALUE)` of each value that differs, of dictionaries by their keys."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in [*before, *(key for key in now if key not in before)]:
+            path = f"{name}.{key}" if name else key
+            yield from differences_between(before.get(key), now.get(key), path)
+    elif before != now:
+        short = [str(value)[:40] for value in (before, now)]
+        yield f"{name} {short[0]} (now {short[1]})"
+
+
 def _digest(windows: Windows) -> str:
     """SHA-256 of the windows themselves, whatever files they came from."""
+    return _digest_of(windows.position, windows.bounds, windows.identity)
+
+
+def _digest_of(*arrays: Any) -> str:
     sha = hashlib.sha256()
-    for array in (windows.position, windows.bounds, windows.identity):
+    for array in arrays:
         sha.update(np.ascontiguousarray(array).tobytes())
     return sha.hexdigest()
 
@@ -141,7 +231,8 @@ def model_card(facts: Mapping[str, Any], test_rows: Sequence[dict[str, Any]] = (
         settings["people whom their neighbours change"] = f"{100 * share:.1f} %, in validation"
     for section, prefix in (("training", ""), ("config", "config: "), ("environment", "")):
         settings |= {f"{prefix}{name}": value for name, value in facts[section].items()}
-    lines = [[name, str(value)] for name, value in settings.items() if value not in (None, "")]
+    settings["warmup_steps"] = str(warmup_of(types.SimpleNamespace(**facts["training"])))
+    lines = [[name, str(value)] for name, value in settings.items() if value not in (None, "", [])]
     return CARD.format(
         title=title,
         obs_len=config.obs_len,

@@ -71,7 +71,7 @@ def variety_loss(
         distance = safe_root(jnp.square(futures - scenes.known_future[None]).sum(-1))
         error = distance.mean(-1) + recipe.fde_weight * distance[..., -1]  # [k, B, N]
         total += jnp.where(scenes.valid[None], error, 0).sum(-1).min(0).sum()
-        people += scenes.valid.sum()
+        people += scenes.valid.sum(dtype=people.dtype)
     return total / people, {}
 
 

@@ -165,8 +165,8 @@ def _move(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     else:
         scale = recipe.scale
         factor = jax.random.uniform(stretch, total, minval=1 - scale, maxval=1 + scale)
-    angle = turned * jax.random.uniform(turn, total, maxval=2 * jnp.pi)
-    sign = jnp.where(turned, jax.random.rademacher(flip, total), 1)
+    angle = jnp.where(turned, jax.random.uniform(turn, total, maxval=2 * jnp.pi), 0.0)
+    sign = jnp.where(turned, jax.random.rademacher(flip, total, angle.dtype), 1.0)
     cos, sin = factor * jnp.cos(angle), factor * jnp.sin(angle)
     matrix = jnp.stack([cos, -sin * sign, sin, cos * sign], axis=-1).reshape(*total, 2, 2)
 
@@ -220,7 +220,7 @@ def _single_agents(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     def left(scene: Scene, alone: Array, lots: Array) -> Scene:
         valid = jnp.asarray(scene.valid)
         lot = jnp.where(valid, lots, -1)
-        drawn = jnp.arange(valid.shape[1]) == lot.argmax(axis=1)[:, None]
+        drawn = jnp.arange(valid.shape[1])[None] == lot.argmax(axis=1)[:, None]
         return scene.replace(valid=valid & (drawn | ~alone[:, None]))
 
     return tuple(map(left, groups, split(alone, scenes), split(lots, shapes)))

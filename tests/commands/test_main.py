@@ -17,7 +17,7 @@ from neurosym_jax.commands.evaluate import Options
 from tests.repository import ROOT, run_python
 
 NAMES = re.compile(r"--[a-z][a-z0-9.-]*")
-HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "orbax", "rosbags", "scipy", "tyro"}
+HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "rosbags", "scipy", "tyro"}
 
 PACKAGES = [
     ".".join(path.parent.relative_to(ROOT).parts)

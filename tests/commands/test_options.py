@@ -47,6 +47,7 @@ BASE = {command: line.replace("%s", "walk.txt") for command, line in OF_READING.
     "download": "eth-ucy",
     "models": "",
 }
+ALL = "--data {d}/a --dataset walk"
 TWO = f"--data {{d}}/a {LENGTHS}"
 NEURO = f"{BASE['train']} --model neurosym"
 WALK, N = "{d}/a/walk.txt", "neurosym_zara1_8"
@@ -71,8 +72,11 @@ CASES: dict[str, dict[str, Case]] = {
         **TRAINING,
         **added(
             "--pred-len 5 --seed 1 --resume --train-on {d}/a/gap.txt --validate-on {d}/b/gap.txt "
-            "--train-also {d}/a/gap.txt"
+            "--train-also {d}/a/gap.txt --quiet"
         ),
+        "--init": (ALL, f"{ALL} --init sgan_zara1_8"),
+        "--freeze": "--freeze encoder",
+        "--fold": (f"{TWO} --dataset walk", f"{TWO} --dataset walk --fold 2/3"),
         **added("--weighting ones", NEURO),
         "--dataset": (f"{TWO} --dataset walk", f"{TWO} --dataset gap"),
         "--data": (f"{TWO} --dataset walk", f"--data {{d}}/b {LENGTHS} --dataset walk"),
@@ -81,8 +85,9 @@ CASES: dict[str, dict[str, Case]] = {
         **TRAINING,
         **added(
             "--weighting ones soft --dataset gap --pred-len 4 12 --seed 0 1 --data {d}/b "
-            "--train-also {d}/b --jobs 3 --dry-run"
+            "--train-also {d}/b --jobs 3 --dry-run --freeze encoder --fold 1/3 --quiet"
         ),
+        "--init": (ALL, f"{ALL} --init sgan_zara1_8"),
         **{option: text for option, (_, text, *_) in READ.items()},
     },
     "evaluate": {
@@ -179,7 +184,7 @@ def inner(data):
     shipped = [load_model.__globals__["find_model"](n) for n in ("sgan_simulations_8",)]
     return {
         "train": {
-            f"{C}.train.train_run": None,
+            f"{C}.train.train_run": SimpleNamespace(step=3),
             f"{C}.train._print_errors": None,
             f"{C}.train._tensorboard": lambda: contextlib.nullcontext(print),
         },
@@ -247,7 +252,19 @@ REFUSED = {
     "train --variant encounter": "--variant",
     "train --recipe anchors": "recipe: does not fit sgan, which takes ['ours', 'sgan']",
     "train --train-on a --validate-on b --dataset c": "--dataset: has no effect with --train-on",
-    "train --train-on a": "--train-on and --validate-on go together",
+    "train --validate-on a": "--validate-on: has no effect without --train-on",
+    "train --data {d}/a/walk.txt --dataset walk": "walk: the only recording",
+    "train --set ema=0.5 ema=0.9": "set ema=0.9: ema is given twice",
+    "train --set learning_rate=0.1,0.01": "learning_rate must be a finite number",
+    "sweep --set ema=0.5 ema=0.9": "set ema=0.9: ema is given twice",
+    "train --init absent": "absent: no such checkpoint",
+    "train --init sgan_zara1_8 --model anchors": "--model: has no effect with --init, which",
+    "train --init sgan_zara1_8 --pred-len 12": "--pred-len 12: the model sgan_zara1_8 has 8",
+    "train --init sgan_zara1_8 --period 0.2": "--period 0.2: the model sgan_zara1_8 has 0.4",
+    "train --init sgan_zara1_8 --freeze own": "freeze: no module 'own' in context_mlp, ",
+    "train --data {d}/a --dataset walk --fold 5": "fold: K/N, such as 1/5 for the first of five",
+    "train --fold 1/5": "fold 1/5: has no effect where validation is given",
+    "train --steps 0": "steps must be at least 1 without an initial model",
     "train --data {d}/a": "--dataset is needed",
     "train --dataset general": "general is for models of real people",
     "train --fps 25": "--fps: has no effect on simulations",

@@ -38,7 +38,7 @@ def test_leave_one_recording_out(tmp_path):
     for name, first in (("a", 0), ("b", 100), ("c", 200)):
         rows = [f"{first + n} {who} {first + n / 2} {who}" for n in range(10) for who in (1, 2)]
         (tmp_path / f"{name}.txt").write_text("\n".join(rows))
-    (tmp_path / "d.txt").write_text("0 1 2 3\n")  # One point can only be validated on.
+    (tmp_path / "d.txt").write_text("0 1 2 3\n")
     with pytest.raises(InputError, match="a: the only recording, so nothing is left to train"):
         open_source(tmp_path / "a.txt").recordings("a", "train")
     source = open_source(tmp_path)
@@ -50,8 +50,12 @@ def test_leave_one_recording_out(tmp_path):
         for split in ("train", "val", "test")
     }
     assert positions == {
-        "train": {"a": [n / 2 for n in range(8)], "c": [200 + n / 2 for n in range(8)]},
-        "val": {"a": [4, 4.5], "c": [204, 204.5], "d": [2]},
+        "train": {
+            "a": [n / 2 for n in range(10)],
+            "c": [200 + n / 2 for n in range(10)],
+            "d": [2],
+        },
+        "val": {},  # A part of the others is kept for it where they are prepared.
         "test": {"b": [100 + n / 2 for n in range(10)]},
     }
 

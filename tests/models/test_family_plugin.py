@@ -10,6 +10,7 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.__main__ import main
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.forecasting.forecaster import FORECASTERS, forecaster_of
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training import Recipe
@@ -46,7 +47,7 @@ def run(*command):
 
 def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
     config, rows = FORECASTERS["attention"].Config(), []
-    args = {"config": config, "recipe": RECIPE}
+    args = {"config": config, "recipe": RECIPE, "read": ReadOptions(allow=("seen",))}
     whole = nj.train(windows, windows, tmp_path / "whole", on_row=rows.append, **args)
     assert rows[-1]["val_ade"] < 0.5 * rows[0]["loss"]
     errors = [row["val_ade"] for row in rows if "val_ade" in row]
@@ -93,7 +94,7 @@ def test_what_has_nothing_to_learn_is_refused(windows, tmp_path):
     config = nj.models.ConstantVelocity.Config()
     assert forecaster_of(config).title.startswith("constant velocity")
     with pytest.raises(nj.InputError, match="constant velocity has nothing to train"):
-        nj.train(windows, windows, tmp_path, config=config)
+        nj.train(windows, windows, tmp_path, config=config, read=ReadOptions(allow=("seen",)))
     with pytest.raises(nj.InputError, match=r"does not fit attention, which takes \['attention'\]"):
         nj.train(
             windows,
@@ -101,4 +102,5 @@ def test_what_has_nothing_to_learn_is_refused(windows, tmp_path):
             tmp_path,
             config=FORECASTERS["attention"].Config(),
             recipe=nj.AnchorRecipe(),
+            read=ReadOptions(allow=("seen",)),
         )

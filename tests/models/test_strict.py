@@ -1,4 +1,6 @@
-"""JAX's strict modes, all at once, for forecasts and gradients of every family."""
+"""JAX's strict modes, all at once, for forecasts, gradients and training of every family."""
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +9,10 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax import GeneratorConfig
+from neurosym_jax.data import Windows
+from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
+from neurosym_jax.training.catalogue import recipes_of
 from tests.networks import random_model
 
 SIZES = {"obs_len": 4, "pred_len": 3}
@@ -67,6 +72,28 @@ def test_initialisation_forecast_and_gradients(name):
 
     gradients = jax.eval_shape(jax.grad(total, argnums=(0, 1)), params, observed)
     assert gradients[1].shape == observed.shape
+
+
+@pytest.mark.parametrize("name", ["SGAN", "NeuroSyM, soft", "anchors", "anchor table"])
+@pytest.mark.parametrize("schedule", ["cosine", "constant"])
+def test_a_training_step(name, schedule):
+    """Losses, gradients, clipping, Adam and the average; the adversarial ones too."""
+    forecaster = forecaster_of(CONFIGS[name])
+    recipe = dataclasses.replace(
+        next(iter(recipes_of(type(forecaster)).values())),
+        schedule=schedule, ema=0.9, batch_scenes=2, scale=0.1, jitter=0.01, steps=9,
+    )  # fmt: skip
+    if hasattr(recipe, "adversarial_weight"):
+        recipe = dataclasses.replace(recipe, adversarial_weight=1.0, best_k=2)
+    position = np.concatenate([WALKS, WALKS[:, :3] + 1], axis=1).astype(np.float64)
+    windows = Windows(position, np.arange(3), np.array([0, 3]), np.zeros((1, 2), np.uint32), 4)
+    advance = forecaster.rounds(windows, recipe, jax.random.key(1))
+    state = jax.eval_shape(lambda: forecaster.init_state(recipe, jax.random.key(0)))
+    after, metrics = jax.eval_shape(lambda state: advance(state, 0, 2), state)
+    assert jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), after) == jax.tree.map(
+        lambda leaf: (leaf.shape, leaf.dtype), state
+    )
+    assert {values.shape for values in metrics.values()} == {(2,)}
 
 
 @pytest.mark.parametrize("name", ["NeuroSyM", "anchors"])

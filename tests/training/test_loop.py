@@ -78,7 +78,7 @@ def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, monkeypatch, s
         stop_at(patched, SceneStream, "steps", 50)
         with pytest.raises(KeyboardInterrupt):
             train_run(run, tmp_path)
-    assert not (tmp_path / "model").exists()
+    assert not (tmp_path / "run.json").exists()
     # What a kill may leave: rows beyond the saved state, half a line.
     with (tmp_path / "metrics.jsonl").open("a") as file:
         file.write('{"step": 75, "g_loss": 1.0}\n{"step": 10')
@@ -88,9 +88,11 @@ def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, monkeypatch, s
 
 def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path, final):
     shutil.copytree(done, tmp_path / "run")
-    for lost in ((), ("run.json", "curves.png")):
-        shutil.rmtree(tmp_path / "run" / "model")
+    for lost in ("run.json",), ("run.json", "curves.png", "model"):
         for name in lost:
+            if name == "model":
+                shutil.rmtree(tmp_path / "run" / name)
+                continue
             (tmp_path / "run" / name).unlink()
         train_run(run, tmp_path / "run", resume=True)
         assert final(tmp_path / "run") == final(done)
@@ -101,15 +103,16 @@ def test_runs_that_cannot_be_resumed_or_written_are_refused(run, with_recipe, do
     other = dataclasses.replace(run, config=dataclasses.replace(run.config, mlp_dim=4))
     for changed, resume, message in (
         (run, False, "holds a run at step 75; resume=True continues it"),
-        (with_recipe(seed=5), True, "holds another run: its training differs"),
-        (other, True, "holds another run: its network differs"),
-        (dataclasses.replace(run, validation=run.training), True, "its data differs"),
+        (with_recipe(seed=5), True, r"holds another run: training.seed 0 \(now 5\)$"),
+        (with_recipe(steps=50), True, r"another run: training.steps 50, and 75 are done"),
+        (other, True, r"another run: config.mlp_dim 8 \(now 4\)$"),
+        (dataclasses.replace(run, validation=run.training), True, "run: data.validation "),
     ):
         with pytest.raises(InputError, match=message):
             train_run(changed, done, resume=resume)
     assert (done / "metrics.jsonl").read_bytes() == before
     (tmp_path / "model").mkdir()
-    with pytest.raises(InputError, match="holds a finished model"):
+    with pytest.raises(InputError, match="holds a model and no state to go on from"):
         train_run(run, tmp_path, resume=True)
     (tmp_path / "file").touch()
     for folder in ("file", "file/run", "n" * 300):
@@ -127,7 +130,7 @@ def test_another_environment_is_told(run, done, capsys, monkeypatch):
     record["environment"]["threads"] = 77
     monkeypatch.setattr(loop, "record_of", lambda run: record)
     train_run(run, done, resume=True)
-    assert f"began with threads {before} and goes on with 77" in capsys.readouterr().err
+    assert f"the run goes on with threads {before} (now 77): other bits" in capsys.readouterr().err
 
 
 def test_a_loss_that_is_not_finite_stops_the_run(run, done, tmp_path, monkeypatch, final):
@@ -156,7 +159,7 @@ def test_validations_come_when_due_and_the_best_state_is_kept(
 ):
     scores, rows = iter([3.0, 1.0, 2.0]), []
     of = {"val_ade": 1.0, "val_fde": 1.0}
-    monkeypatch.setattr(loop, "_validate", lambda *_: of | {"val_score": next(scores)})
+    monkeypatch.setattr(loop, "validate", lambda *_: of | {"val_score": next(scores)})
     run = with_recipe(steps=65, validate_every=30, ema=0.0)
     model = train_run(run, tmp_path, on_row=rows.append)
     steps = [(row["step"], "val_ade" in row) for row in rows]

@@ -5,13 +5,16 @@ import struct
 import subprocess
 import sys
 import time
+import types
 
 import numpy as np
 import pytest
 
 from neurosym_jax.commands import train
-from neurosym_jax.commands.train import Options, make_run
+from neurosym_jax.commands.train import Options, closing_line, make_run
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.forecasting.model_folder import load_model
 from tests.repository import ROOT
 
 LENGTHS = {"obs_len": 4, "pred_len": 4}
@@ -39,7 +42,8 @@ def test_a_kill_changes_nothing(files, tmp_path, final):
         time.sleep(0.002)
     killed.kill()
     killed.communicate()
-    assert not (tmp_path / "run" / "model").exists()
+    assert load_model(tmp_path / "run").step
+    assert not (tmp_path / "run" / "run.json").exists()
     # The other run begins here, so that it finds the killed one's compiled programs.
     alone = begin(files, tmp_path / "alone")
     for process in (alone, begin(files, tmp_path / "run", "--resume")):
@@ -75,7 +79,8 @@ def test_tensorboard_has_the_rows(files, tmp_path, monkeypatch):
         data=files, train_on=("walk",), validate_on=("check",), out=tmp_path, log="tensorboard"
     )
     monkeypatch.setattr(train, "_print_errors", lambda *_: None)
-    monkeypatch.setattr(train, "train_run", lambda *_, on_row, **__: [*map(on_row, rows)])
+    model = types.SimpleNamespace(step=50)
+    monkeypatch.setattr(train, "train_run", lambda *_, on_row, **__: [*map(on_row, rows)] and model)
     train.run(options)
     wanted = [(row["step"], name, row[name]) for row in rows for name in row if name != "step"]
     assert events(tmp_path) == wanted
@@ -84,7 +89,7 @@ def test_tensorboard_has_the_rows(files, tmp_path, monkeypatch):
 def test_a_model_knows_its_rate(files):
     names = {"train_on": ("walk",), "validate_on": ("check",), **LENGTHS}
     for period in (0.4, 0.2):
-        run = make_run(Options(data=files, period=period, **names))
+        run, _ = make_run(Options(data=files, period=period, **names))
         assert run.config.period == run.training.period == run.validation.period == period
     assert run.training.scenes > 100
 
@@ -92,10 +97,10 @@ def test_a_model_knows_its_rate(files):
 def test_one_recording_of_thor_left_out(shared):
     name = "CLiFF-LHMP_thor3_exp-3-run-2"
     with pytest.warns(InputWarning, match="goals_positions"):
-        run = make_run(Options(model="neurosym", data=shared / "data/thor", dataset=name))
+        run, _ = make_run(Options(model="neurosym", data=shared / "data/thor", dataset=name))
     assert run.dataset == name
     counts = [(part.scenes, part.agents) for part in (run.training, run.validation)]
-    assert counts == [(2237, 7656), (496, 1699)]
+    assert counts == [(2093, 7177), (564, 1959)]
 
 
 def test_further_recordings_are_learned_and_test_sets_never(files, tmp_path):
@@ -103,14 +108,14 @@ def test_further_recordings_are_learned_and_test_sets_never(files, tmp_path):
     (more := tmp_path / "more").mkdir()
     rows = np.loadtxt(files / "walk.txt")
     np.savetxt(more / "other.txt", rows[:, [0, 1, 3, 2]], fmt="%g")
-    alone = make_run(Options(data=files, dataset="check", **LENGTHS))
-    run = make_run(Options(data=files, dataset="check", train_also=(more,), **LENGTHS))
+    alone, _ = make_run(Options(data=files, dataset="check", **LENGTHS))
+    run, _ = make_run(Options(data=files, dataset="check", train_also=(more,), **LENGTHS))
     besides = {"train_on": (str(more / "other.txt"),), "validate_on": ("check",)}
-    whole = make_run(Options(data=files, **besides, **LENGTHS))
+    whole, _ = make_run(Options(data=files, **besides, **LENGTHS))
     assert run.training.scenes == alone.training.scenes + whole.training.scenes
     assert run.validation.scenes == alone.validation.scenes
     assert run.data == (files.name, "more")
-    general = make_run(Options(data=files, dataset="general", **LENGTHS))
+    general, _ = make_run(Options(data=files, dataset="general", **LENGTHS))
     assert general.dataset == "general"
     assert general.training.scenes > alone.training.scenes
     (renamed := tmp_path / "part.txt").write_text(
@@ -124,3 +129,63 @@ def test_further_recordings_are_learned_and_test_sets_never(files, tmp_path):
     ):
         with pytest.raises(InputError, match=message):
             make_run(Options(**options, **LENGTHS))
+
+
+def last_line(tmp_path, **options):
+    options = Options(**options, **LENGTHS)
+    return closing_line(options, *make_run(options), tmp_path / "run")
+
+
+def test_the_last_line_tests_on_what_was_not_seen(files, tmp_path):
+    """Point 2: it tested on training data after general, and on simulations after --train-on."""
+    walk, check = str(files / "walk.txt"), str(files / "check.txt")
+    begin = f"test it: neurosym evaluate --checkpoint {tmp_path / 'run'}"
+    nothing = "nothing is left to test on: test on a new recording: neurosym evaluate "
+    for options, line in (
+        ({}, begin),
+        ({"dataset": "cross-path"}, begin),
+        ({"data": files, "dataset": "check"}, f"{begin} --data {files}"),
+        (
+            {"data": files, "dataset": "check", "period": 0.2, "read": ReadOptions(max_gap=2.0)},
+            f"{begin} --data {files} --max-gap 2.0 --period 0.2",
+        ),
+        ({"data": files, "dataset": "general"}, nothing),
+        ({"data": files / "walk.txt"}, nothing),
+        ({"data": files, "train_on": ("walk",)}, f"{begin} --data {files} --test-on check"),
+        ({"data": files, "train_on": ("walk",), "validate_on": ("check",)}, nothing),
+        ({"train_on": (walk,), "validate_on": (check,)}, nothing),
+    ):
+        said = last_line(tmp_path, **options)
+        assert said.startswith(line) if line == nothing else said == line, options
+
+
+def test_folders_of_ones_own(files, tmp_path):
+    """Point 5: train, val and test were no recordings, and --train-on took no folder."""
+    rows = np.loadtxt(files / "walk.txt")
+    for folder, turn in (("train", (1, 1)), ("validation", (-1, 1)), ("test", (1, -1))):
+        (tmp_path / folder).mkdir()
+        turned = rows * [1, 1, *turn]
+        np.savetxt(tmp_path / folder / f"{folder}1.txt", turned, fmt="%g")
+    run, source = make_run(Options(data=tmp_path, **LENGTHS))
+    names = [part.reading[0].recording for part in (run.training, run.validation)]
+    assert (names, source.scenes, run.dataset) == (["train1", "validation1"], ("test1",), None)
+    assert last_line(tmp_path, data=tmp_path).endswith(f"--data {tmp_path}")
+    places = {
+        "train_on": (str(tmp_path / "train"),),
+        "validate_on": (str(tmp_path / "validation"),),
+    }
+    other, _ = make_run(Options(**places, **LENGTHS))
+    assert other.training.scenes == run.training.scenes
+    (tmp_path / "test/test1.txt").write_bytes((tmp_path / "train/train1.txt").read_bytes())
+    with pytest.raises(InputError, match="that is what the model is tested on"):
+        make_run(Options(data=tmp_path, **LENGTHS))
+
+
+def test_a_single_recording_needs_no_name_and_is_named(files, capsys, monkeypatch, tmp_path):
+    """Point 6, and the first lines of point 5."""
+    monkeypatch.setattr(train, "_print_errors", lambda *_: None)
+    monkeypatch.setattr(train, "train_run", lambda *_, **__: types.SimpleNamespace(step=3))
+    train.run(Options(data=files / "walk.txt", out=tmp_path, **LENGTHS))
+    said = capsys.readouterr().out
+    assert "windows to learn from / to validate on:\n  walk: 27 / 11\n" in said
+    assert "nothing is left to test on" in said

@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 import tyro
+import yaml
 
 from neurosym_jax.commands import sweep, train
 from neurosym_jax.commands._options import options_text, with_file
@@ -18,7 +19,8 @@ from neurosym_jax.evaluation.intervals import ErrorsByScene
 from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.forecasting.forecaster import forecaster_of
-from neurosym_jax.training.sweep import compare_sweep, unfinished, write_errors
+from neurosym_jax.training.sweep import unfinished
+from neurosym_jax.training.sweep_report import compare_sweep, write_errors
 from tests.rows import result_row
 
 CHOSEN = sweep.Options(weighting=("cnd", "ones"), dataset=("cross-path",), seed=(0, 1))
@@ -40,12 +42,29 @@ def test_a_run_is_what_its_file_trains(monkeypatch, tmp_path):
         read = load_plugins(with_file(train.Options, arguments))
         options = tyro.cli(train.Options, args=read)
         assert (command, options.out, options.resume) == ("train", one.folder, True)
-        network, recipe = train.configured(options)
+        network, recipe, _ = train.configured(options)
         place = f"{options.dataset}_8_{network.pred_len}_seed{recipe.seed}"
         assert one.folder.name == f"{forecaster_of(network).variant}_{place}"
         assert (network.period, network.encoder_h_dim, recipe.batch_scenes) == (0.2, 16, 4)
         assert options_text(dataclasses.replace(options, resume=False)) == one.options
     assert plugins == ["mine.py"] * len(runs)
+
+
+def test_lists_of_values_are_a_run_each(tmp_path):
+    """Point 1: the last of two values was trained alone; a list within brackets is one value."""
+    changes = {"set": ("learning_rate=0.01,0.001", "rotate=0", "label_real=[0.7,1.2]")}
+    changes |= {"network": ("mlp_dim=8,16", "pooling=social,grid_size=9"), "model": ("sgan",)}
+    changes |= {"weighting": (), "seed": (0,), "fold": (), "out": tmp_path}
+    _, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
+    seen = set()
+    for one in runs:
+        options = yaml.safe_load(one.options)
+        assert options["set"][1:] == ["rotate=0", "label_real=[0.7,1.2]"]
+        assert options["network"][1] == "pooling=social,grid_size=9"
+        assert one.label == f"{options['set'][0]}, {options['network'][0]}"
+        assert options["set"][0] in one.folder.name
+        seen.add(one.label)
+    assert len(seen) == len(runs) == 4
 
 
 @pytest.mark.slow
@@ -89,9 +108,10 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(files, tmp_path, monke
     run(dataclasses.replace(only, dry_run=True, seed=(1, 2)))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == ["finished", "left"]
-    for changes in ({"steps": 50}, {"period": 0.5}):
-        with pytest.raises(InputError, match="the run had other options: choose another out"):
+    for changes, said in (({"steps": 50}, r"steps 25 \(now 50\)"), ({"period": 0.5}, "period ")):
+        with pytest.raises(InputError, match=f"had other options: {said}.*: choose another out"):
             run(dataclasses.replace(only, **changes))
+    run(dataclasses.replace(only, log="tensorboard", quiet=True, dry_run=True))
 
 
 METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")

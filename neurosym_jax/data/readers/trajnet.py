@@ -57,7 +57,8 @@ class Trajnet(Format):
         ids = table.ids(1)
         frame = table.whole_numbers(0)
         step = usual_frames(table, frame, ids, any_step=True)
-        stamp = frame / options.fps if options.fps else step / (rates or [FPS])[-1]
+        rate = options.fps_of(path.stem)
+        stamp = frame / rate if rate else step / (rates or [FPS])[-1]
         return table.tracks(stamp, ids, table.numbers(2, 3), clock=0)
 
 

@@ -81,9 +81,10 @@ def anchor_loss(
     def of_crowds(values: Array) -> Array:
         return jax.ops.segment_sum(values, crowd, len(valid))
 
-    people = of_crowds(valid.sum(1))
-    n = jnp.maximum(people, 1)
     samples, log_probability, points = forecast
+    sizes = valid.sum(1, dtype=samples.dtype)
+    people = of_crowds(sizes)
+    n = jnp.maximum(people, 1)
     square = jnp.square(samples - future[:, None]).sum(-1)
     # Smooth at 0, where a sample meets the truth.
     distance = jnp.where(valid[:, None, :, None], jnp.sqrt(square + 1e-9), 0)
@@ -94,7 +95,7 @@ def anchor_loss(
     total += recipe.marginal_weight * error.min(1).sum()
     total += recipe.mean_weight * ade.mean(1).sum()
 
-    log_probability = of_crowds(log_probability * valid.sum(1)[:, None]) / n[:, None]
+    log_probability = of_crowds(log_probability * sizes[:, None]) / n[:, None]
     target = jax.lax.stop_gradient(jax.nn.softmax(-joint / n[:, None] / recipe.temperature))
     total -= recipe.probability_weight * ((target * log_probability).sum(1) * people).sum()
     likely = log_probability.argmax(1)[:, None]
@@ -103,7 +104,7 @@ def anchor_loss(
         total += recipe.collision_weight * overlap(samples, valid).mean(1).sum()
     if points.shape[1]:
         total += points_loss(points, future, valid, recipe)
-    return total / valid.sum()
+    return total / sizes.sum()
 
 
 def points_loss(points: Array, future: Array, valid: Array, recipe: AnchorRecipe) -> Array:
@@ -122,7 +123,7 @@ def personal_energy(points: Array, future: Array) -> Array:
     That of `evaluation.formulas.energy_score`, of a scene with nobody else. `future` is [N, T, 2].
     """
     steps = points.shape[2]
-    offset = (points - future).swapaxes(0, 1).reshape(len(future), len(points), -1)
+    offset = (points - future[None]).swapaxes(0, 1).reshape(len(future), len(points), -1)
     product = jnp.einsum("npd,nqd->npq", offset, offset)
     square = jnp.diagonal(product, axis1=1, axis2=2)
     square_gap = square[:, :, None] + square[:, None] - 2 * product
@@ -146,8 +147,9 @@ def overlap(forecast: Array, valid: Array) -> Array:
     """[B, k, N] how far within `PERSONAL` metres others of the scene are, 0 to 1, summed over them
     and the mean over time; `forecast [B, k, N, T, 2]` metres, `valid [B, N]`."""
     square_distance = jnp.square(forecast[:, :, :, None] - forecast[:, :, None]).sum(-1)
-    others = valid[:, :, None] & valid[:, None] & ~jnp.eye(valid.shape[1], dtype=bool)
-    near = jnp.maximum(1 - square_distance / PERSONAL**2, 0) * others[:, None, ..., None]
+    others = valid[:, :, None] & valid[:, None] & ~jnp.eye(valid.shape[1], dtype=bool)[None]
+    near = jnp.maximum(1 - square_distance / PERSONAL**2, 0)
+    near = jnp.where(others[:, None, ..., None], near, 0)
     return near.mean(-1).sum(-1)
 
 

@@ -2,7 +2,15 @@
 
 import dataclasses
 
-from neurosym_jax.configuration import AtLeastOne, BelowOne, Count, NotNegative, Positive, Share
+from neurosym_jax.configuration import (
+    AtLeastOne,
+    BelowOne,
+    Count,
+    NotNegative,
+    Positive,
+    Share,
+    Whole,
+)
 from neurosym_jax.training.recipe import Recipe
 
 __all__ = ["AnchorRecipe"]
@@ -12,7 +20,7 @@ __all__ = ["AnchorRecipe"]
 class AnchorRecipe(Recipe):
     """A recipe of anchors and anchor tables; a batch has scenes of one size class."""
 
-    steps: Count = 2500
+    steps: Whole = 2500
     batch_scenes: Count = 128
     min_agents: Count = 1
     learning_rate: Positive = 4e-3

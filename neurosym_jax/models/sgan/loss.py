@@ -125,8 +125,11 @@ def squared_displacement_errors(forecast: AnyArray, truth: AnyArray, valid: AnyA
     The squared error of the displacements `forecast` [k, N, pred_len, 2] from `truth` [N, pred_len,
     2], summed over agents, steps and coordinates, by the number of `valid` [N] agents and steps.
     """
-    squared = jnp.where(valid[:, None, None], (forecast - truth) ** 2, 0).sum(axis=(1, 2, 3))
-    return (squared / (jnp.maximum(valid.sum(), 1) * truth.shape[1]))[None]
+    squared = jnp.where(valid[None, :, None, None], (forecast - truth[None]) ** 2, 0).sum(
+        axis=(1, 2, 3)
+    )
+    agents = jnp.maximum(valid.sum(dtype=squared.dtype), 1)
+    return (squared / (agents * truth.shape[1]))[None]
 
 
 def distance_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Array:
@@ -134,8 +137,8 @@ def distance_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Arr
 
     `forecast` [k, N, pred_len, 2] and `truth` [N, pred_len, 2] are positions.
     """
-    distance = jnp.where(valid[:, None], safe_norm(forecast - truth), 0)
-    agents = jnp.maximum(valid.sum(), 1)
+    distance = jnp.where(valid[None, :, None], safe_norm(forecast - truth[None]), 0)
+    agents = jnp.maximum(valid.sum(dtype=distance.dtype), 1)
     ade = distance.mean(axis=-1).sum(axis=-1) / agents
     return jnp.stack([ade, distance[..., -1].sum(axis=-1) / agents])
 
@@ -182,9 +185,10 @@ def variety_loss(recipe: GeneratorRecipe, groups: Groups, futures: Sequence[Arra
         if recipe.criterion == "distance":
             total += ((best[:, 0] + recipe.fde_weight * best[:, 1]) * people).sum()
         else:
-            total += (best[:, 0] * (people > 0)).sum()
+            total += jnp.where(people > 0, best[:, 0], 0).sum()
     if recipe.criterion == "distance":
-        total /= jnp.concatenate([scene.valid.sum(axis=1) for scene in groups]).sum()
+        sizes = [scene.valid.sum(axis=1) for scene in groups]
+        total /= jnp.concatenate(sizes).sum(dtype=total.dtype)
     return total
 
 
@@ -194,7 +198,7 @@ def adversarial_loss(scores: Array, label: Array | float, valid: AnyArray) -> Ar
     The stable form `max(s, 0) - s y + log(1 + exp(-|s|))`.
     """
     loss = jnp.maximum(scores, 0) - scores * label + jnp.log1p(jnp.exp(-jnp.abs(scores)))
-    return jnp.where(valid, loss, 0).sum() / valid.sum()
+    return jnp.where(valid, loss, 0).sum() / valid.sum(dtype=loss.dtype)
 
 
 def warn_if_no_gradient(gradient: Any, by: str) -> None:

@@ -29,7 +29,7 @@ from neurosym_jax.models.sgan.loss import (
 )
 from neurosym_jax.models.sgan.network import Discriminator
 from neurosym_jax.models.sgan.recipe import GeneratorRecipe
-from neurosym_jax.training.state import TrainState, new_state, update
+from neurosym_jax.training.state import TrainState, new_state, optimizer_step, update
 from neurosym_jax.training.stream import Groups, SceneStream, augment
 
 __all__ = ["Adversary", "generator_rounds", "init_adversary", "init_gentle_pooling"]
@@ -198,7 +198,8 @@ def learn_discriminator(
         label_real=label_real,
         label_fake=label_fake,
     )
-    moves, optimizer = optax.adam(recipe.d_learning_rate).update(grads, optimizer, params)
+    adam = optax.adam(recipe.d_learning_rate)
+    moves, optimizer = optimizer_step(adam, grads, optimizer, params)
     adversary = Adversary(optax.apply_updates(params, moves), optimizer)
     return state._replace(extra=adversary), metrics, grads
 

@@ -1,0 +1,154 @@
+"""When does it pay to fine-tune `recommended` on the first minutes of a place? `docs/training.md`.
+
+NPROC=1 python -m studies.fine_tuning DATA MORE THOR docs/fine_tuning.csv   # trains and tests
+python -m studies.fine_tuning docs/fine_tuning.csv                          # the table
+
+DATA is ETH/UCY as SGAN arranges it, MORE what `studies.more_data` writes, THOR a folder with THÖR
+and THÖR-MAGNI. Of six places that the model has not learned, the first 10, 25 or 50 % of the
+recording are learned from (`prepare` keeps a part of them for validation) and the last 40 % are
+tested on: from nothing, from the model, and the model as it is. A seed is one training of each.
+The CSV grows row by row, and what it has is not done again.
+"""
+
+import contextlib
+import csv
+import dataclasses
+import itertools
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from neurosym_jax.data.formats import recordings_in
+from neurosym_jax.data.sources import windows_from
+from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.windows import Windows, make_batches
+from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.evaluation.intervals import student_half
+from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.runtime import enable_compilation_cache, tune
+from neurosym_jax.training.loop import train_run
+from neurosym_jax.training.preparation import prepare
+from neurosym_jax.training.run import Run
+
+PLACES = {
+    "eth": "{data}/all/biwi_eth.txt",
+    "hotel": "{data}/all/biwi_hotel.txt",
+    "THÖR": "{thor}/CLiFF-LHMP_thor3_exp-3-run-2.csv",
+    "MAGNI": "{thor}/THOR-MAGNI_Scenario_5.csv",
+    "coupa": "{more}/tests/coupa_3.txt",
+    "nexus": "{more}/tests/nexus_9.txt",
+}
+"""A recording of each; for eth and hotel `recommended` is the model that has not learned them."""
+SHARES, TESTED = (0.1, 0.25, 0.5), 0.6
+"""Shares of a recording that are learned from, and the share from which on it is tested."""
+SEEDS = range(5)
+METRICS = ("energy_score", "joint_ade")
+NOTHING = AnchorRecipe(steps=1000, validate_every=100)
+FROM_MODEL = AnchorRecipe(steps=300, validate_every=50, learning_rate=1e-3)
+HEAD = ("place", "share", "arm", "seed", "people", *METRICS)
+TOO_SHORT = "too short"
+"""The arm where a part has too few windows to learn from and to validate on."""
+
+
+def split(tracks: Tracks, share: float) -> tuple[Tracks, Tracks]:
+    """The first `share` of a recording's time, and what is tested on."""
+    place = (tracks.stamp - tracks.stamp.min()) / np.ptp(tracks.stamp)
+    return tracks.take(place < share), tracks.take(place >= TESTED)
+
+
+def errors(model: Model, windows: Windows, seed: int) -> list[float]:
+    """The metrics of a model, with the noise of a seed."""
+    batches = make_batches(windows)
+    result = score_forecaster(
+        model.forecaster, model.params, batches, samples=20, seed=seed, metrics=METRICS
+    )
+    return [result.mean(metric) for metric in METRICS]
+
+
+def rows_of(
+    tracks: Tracks, model: Model, share: float, seed: int
+) -> Iterator[tuple[str, int, list[float]]]:
+    """Arm, people learned from, and metrics, of one part of a recording and one seed."""
+    part, rest = split(tracks, share)
+    lengths = model.config.obs_len, model.config.pred_len
+    test = windows_from(rest, *lengths)
+    yield "as it is", 0, errors(model, test, seed)
+    try:
+        learned, validated = prepare(model.config, NOTHING, part)
+    except InputError:
+        yield TOO_SHORT, 0, [np.nan, np.nan]
+        return
+    for arm, recipe, init in (("from nothing", NOTHING, None), ("fine-tuned", FROM_MODEL, model)):
+        recipe = dataclasses.replace(recipe, seed=seed)
+        run = Run(model.config, recipe, learned, validated, init=init)
+        with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(None):
+            trained = train_run(run, Path(folder), quiet=True)
+        yield arm, learned.agents, errors(trained, test, seed)
+
+
+def run_all(folders: dict[str, str], table: Path) -> None:
+    """Do what `table` lacks, all places and shares of a seed before the next seed."""
+    if not table.exists():
+        table.write_text(",".join(HEAD) + "\n")
+    with table.open() as file:
+        finished = {(row["place"], row["share"], row["seed"]) for row in csv.DictReader(file)}
+    for seed, place, share in itertools.product(SEEDS, PLACES, SHARES):
+        if (place, str(share), str(seed)) in finished:
+            continue
+        (tracks,) = recordings_in(PLACES[place].format(**folders))
+        model = load_model("recommended", dataset=place)
+        lines = [
+            (place, share, arm, seed, people, *(f"{value:.6f}" for value in values))
+            for arm, people, values in rows_of(tracks, model, share, seed)
+        ]
+        # All rows of a part at once: a table never holds some of them.
+        with table.open("a", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(lines)
+        print(*lines, sep="\n", flush=True)
+
+
+def report(rows: pl.DataFrame) -> str:
+    """By share: the change against the model as it is, per cent, mean over places."""
+    lines = []
+    for share in SHARES:
+        part = rows.filter(share=share)
+        cells: list[Any] = [f"first {100 * share:.0f} %"]
+        for metric, arm in itertools.product(METRICS, ("from nothing", "fine-tuned")):
+            changes = []
+            for place in PLACES:
+                means = {
+                    name: part.filter(place=place, arm=name)[metric].mean()
+                    for name in ("as it is", arm)
+                }
+                if None not in means.values():
+                    changes.append(100 * (means[arm] / means["as it is"] - 1))
+            text = f"{np.mean(changes):+.1f} ± {student_half(changes):.1f}" if changes else "-"
+            cells.append(text.replace("-", "−") if changes else text)
+        counts = part.filter(arm="fine-tuned").group_by("place").agg(pl.col("people").first())
+        sizes = counts["people"].sort().to_list()
+        cells.append(f"{len(sizes)}, {sizes[0]} to {sizes[-1]}" if sizes else "0")
+        lines.append(cells)
+    head = [f"{metric}, {arm}" for metric in ("energy", "joint ADE") for arm in ("anew", "tuned")]
+    seeds = rows["seed"].n_unique()
+    table = markdown_table(["learned from", *head, "places, people"], lines, right=5)
+    return f"{table}\n\n{seeds} seeds."
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 2:
+        print(report(pl.read_csv(sys.argv[1])))
+    else:
+        warnings.simplefilter("ignore", InputWarning)
+        enable_compilation_cache()
+        tune()
+        run_all(dict(zip(("data", "more", "thor"), sys.argv[1:4])), Path(sys.argv[4]))
