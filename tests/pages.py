@@ -39,7 +39,7 @@ LACK = re.compile(
 """Words of commands that need data, a bag, a robot or a clone, or that take half a minute."""
 SKIPPED = {
     "from_pretrained": "needs the Hub",
-    "import wandb": "needs wandb, and trains a whole recipe",
+    "nj.train(": "trains a whole recipe",
     "nj.interop.compare": "needs torch's module",
     "InferenceSession": "run by tests/interop/test_onnx.py",
     "jax.export": "run by tests/interop/test_export.py",

@@ -84,8 +84,7 @@ class Options:
     """Data set to test on (eth, hotel, ..., or a file's name); default: the one that was held out
     of a model's training, else all."""
     test_on: tuple[str, ...] = ()
-    """Recordings to test on, by file name, as one test set; models are not checked for having been
-    trained on them."""
+    """Recordings to test on, by file name, as one test set, whatever models were trained on."""
     read: Reading = AS_IT_SAYS
     """How files are read."""
     obs_len: int | None = None
@@ -127,8 +126,7 @@ class Options:
     style: Literal["paper", "talk"] = "paper"
     """Look of the figures; a talk's have larger letters and lines."""
     save_forecasts: Path | None = None
-    """Also write all forecasts, as .npz, .nc (xarray) or .ndjson (TrajNet++), a file for each
-    model."""
+    """Also write all forecasts: .npz, .nc (xarray) or .ndjson (TrajNet++), a file a model."""
     cluster: str | None = None
     """Address of a Dask scheduler whose workers evaluate test sets in parallel."""
 

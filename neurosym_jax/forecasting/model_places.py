@@ -43,15 +43,19 @@ def find_model(path: Path | str, dataset: str | None = None, pred_len: int | Non
     shipped = _shipped_folder() / name
     # os.path, unlike Path, takes a name that is too long for one that does not exist.
     if not name.name or not os.path.isdir(shipped):
-        place = find(path if os.path.exists(path) else name)
-        is_run = not os.path.exists(place / "config.json") and os.path.isdir(place / "model")
-        return place / "model" if is_run else place
+        return _model_of_run(find(path if os.path.exists(path) else name))
     if not _holds_models(path):
         return shipped
     if not os.path.samefile(path, shipped):
         line = f"{path}: the one in this folder, not the model of this name that ships"
         warnings.warn(line, InputWarning, stacklevel=2)
-    return path
+    return _model_of_run(path)
+
+
+def _model_of_run(path: Path) -> Path:
+    """The model in the folder of a training; another path unchanged."""
+    is_run = not os.path.exists(path / "config.json") and os.path.isdir(path / "model")
+    return path / "model" if is_run else path
 
 
 def state_of_run(path: str, step: int) -> str:

@@ -186,9 +186,9 @@ def test_after_an_interruption_the_best_state_is_the_model(table, tmp_path):
     assert model.step == min(rows, key=lambda row: row["val_score"])["step"]
     assert not (tmp_path / "run.json").exists()
     assert f"Validation chose step {model.step}" in (tmp_path / "model/README.md").read_text()
-    said = f"{tmp_path / 'model'}: the state after {model.step} steps of its training"
+    said = f"{tmp_path}: the state after {model.step} steps of its training"
     (path,) = find_checkpoints([tmp_path])
-    assert state_of_run(path, model.step) == (f"{said}, which is not finished")
+    assert state_of_run(path, model.step) == f"{said}, which is not finished"
     train_run(with_recipe(table, steps=8), tmp_path, resume=True)
     assert "not finished" not in state_of_run(path, model.step)
 

@@ -61,7 +61,7 @@ def test_a_recording_has_frames_of_its_own(tmp_path):
         seconds = np.ptp(learned.stamp[own])
         assert seconds == pytest.approx(40 * 0.8 - 3 * WINDOW, abs=3)
     for wrong in ("ten=0", "ten=fast", -1.0, "nan"):
-        with pytest.raises(InputError, match="--fps must be positive"):
+        with pytest.raises(InputError, match="fps must be positive"):
             ReadOptions(fps=wrong)
 
 
