@@ -1,51 +1,54 @@
-"""How much of the package one evaluation needs."""
+"""How many files of the package run for an evaluation, and for a pair's weight in pooling."""
 
 import json
 
+import numpy as np
 import pytest
 
+import neurosym_jax as nj
+from neurosym_jax.models import Generator
+from neurosym_jax.scene import make_scene
+from neurosym_jax.symbolic.weightings import make_weighting
+from tests.following import followed
 from tests.repository import ROOT, run_python
 
-MOST = 56
-"""Files whose code runs for one evaluation."""
+EVALUATION_FILES, POOLING_FILES = 50, 11
+"""What docs/architecture.md draws."""
 EVALUATION = """
 import json
 import sys
-import threading
 from pathlib import Path
 
 import neurosym_jax as nj
+from tests.following import followed
 
-root, ran = str(Path(nj.__file__).parent), set()
-
-
-def called(frame, event, _):
-    file = frame.f_code.co_filename
-    if event == "call" and file.startswith(root) and file not in ran:
-        while frame is not None and frame.f_code.co_name != "<module>":
-            frame = frame.f_back
-        if frame is None or not frame.f_code.co_filename.startswith(root):
-            ran.add(file)
-
-
-threading.setprofile(called)
-sys.setprofile(called)
-nj.evaluate(nj.load_model("sgan_zara1_8"), nj.data.read_any(Path("walk.txt")), samples=2)
-sys.setprofile(None)
-print(json.dumps([sorted(file[len(root) + 1 :] for file in ran), sorted(sys.modules)]))
+with followed() as files:
+    nj.evaluate(nj.load_model("sgan_zara1_8"), nj.data.read_any(Path("walk.txt")), samples=2)
+print(json.dumps([sorted(files), sorted(sys.modules)]))
 """
 
 
 @pytest.mark.slow
 def test_an_evaluation_runs_code_of_few_files(tmp_path):
-    """A reader has this many files to follow; code that runs while importing is not counted."""
     rows = [f"{10 * t} {who} {0.4 * t} {who}" for t in range(20) for who in (0, 1)]
     (tmp_path / "walk.txt").write_text("\n".join(rows))
     done = run_python("-c", EVALUATION, cwd=tmp_path, PYTHONPATH=str(ROOT))
     files, modules = json.loads(done.stdout.splitlines()[-1])
-    assert len(files) <= MOST, files
+    assert len(files) <= EVALUATION_FILES, files
     # An installed package's plugin is imported to ask whether it knows the file, and nothing else.
     robot = {name for name in modules if name.startswith("neurosym_robot.")}
     assert robot <= {f"neurosym_robot.{name}" for name in ("plugin", "ros", "ros.definitions")}
     others = ("neurosym_jax.simulation", "rosbags", "rclpy", "rospy")
     assert not [name for name in modules if name.startswith(others)]
+
+
+def test_a_pair_is_weighted_and_pooled_by_few_files():
+    model = nj.load_model("neurosym_simulations_8")
+    observed = np.arange(48.0).reshape(3, 8, 2) / 9
+    hidden = np.zeros((3, model.config.encoder_h_dim), np.float32)
+    with followed() as files:
+        scene = make_scene(observed)
+        alpha = make_weighting(model.config.weighting)(scene.observed)
+        Generator(model.config).apply(model.params, hidden, scene, alpha, method="pool")
+    assert "symbolic/qtc.py" in files
+    assert len(files) <= POOLING_FILES, files

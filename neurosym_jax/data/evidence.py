@@ -12,7 +12,7 @@ from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import GAP, PERIOD, Tracks
 from neurosym_jax.errors import option
 
-__all__ = ["APART", "DOUBTED", "REFUSED", "apart_of", "judge", "pace_of", "steps_of"]
+__all__ = ["APART", "DOUBTED", "REFUSED", "apart_of", "judge", "pace_of", "roughness", "steps_of"]
 
 REFUSED, DOUBTED = (0.9, 4.5), (1.05, 2.5)
 """Outside these paces, m/s, a recording is refused or doubted. Those of ETH/UCY and THÖR are 1.22
@@ -76,6 +76,23 @@ def _moments(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
     moment = np.rint(tracks.stamp / min(0.1, np.median(np.append(steps_of(tracks)[0], 0.1))))
     new = np.append(True, (np.diff(moment) != 0) | (np.diff(tracks.id) != 0))
     return moment[new], tracks.position[new]
+
+
+def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """[C] typical second difference of each of the `columns` [R, C] along tracks, in spreads.
+
+    It is infinite where the reading repeats a person at one moment, or has few tracks of three
+    rows; uneven steps in time add to it.
+    """
+    order = np.lexsort((time, ids))
+    step, same = np.diff(time[order]), np.diff(ids[order]) == 0
+    triple = same[1:] & same[:-1]
+    if (same & (step == 0)).any() or triple.sum() < 0.3 * len(time):
+        return np.full(columns.shape[1], np.inf)
+    bend = np.median(np.abs(np.diff(columns[order], 2, axis=0))[triple], axis=0)
+    spread = np.ptp(np.quantile(columns, (0.05, 0.95), axis=0), axis=0)
+    uneven = np.mean(step[1:][triple] != step[:-1][triple])
+    return bend / np.maximum(spread, 1e-12) + 0.05 * uneven
 
 
 def _every_period(tracks: Tracks) -> Tracks:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from neurosym_jax.data.evidence import roughness
 from neurosym_jax.data.table import Table
 
-__all__ = ["propose", "roughness"]
+__all__ = ["propose"]
 
 
 def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
@@ -58,23 +59,6 @@ def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
     occupied = {*places, *(("time", "frame") if clock is not None else ())}
     occupied |= {"x", "y"} if "left" in places else set()
     return {role: at for role, at in best.items() if role not in occupied}
-
-
-def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """[C] typical second difference of each of the `columns` [R, C] along tracks, in spreads.
-
-    It is infinite where the reading repeats a person at one moment, or has few tracks of three
-    rows; uneven steps in time add to it.
-    """
-    order = np.lexsort((time, ids))
-    step, same = np.diff(time[order]), np.diff(ids[order]) == 0
-    triple = same[1:] & same[:-1]
-    if (same & (step == 0)).any() or triple.sum() < 0.3 * len(time):
-        return np.full(columns.shape[1], np.inf)
-    bend = np.median(np.abs(np.diff(columns[order], 2, axis=0))[triple], axis=0)
-    spread = np.ptp(np.quantile(columns, (0.05, 0.95), axis=0), axis=0)
-    uneven = np.mean(step[1:][triple] != step[:-1][triple])
-    return bend / np.maximum(spread, 1e-12) + 0.05 * uneven
 
 
 def _numbers(table: Table, at: int) -> Any:

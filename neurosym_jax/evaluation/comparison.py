@@ -89,7 +89,7 @@ def evaluate(
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     loaded, functions = _apart(models)
-    files = read_named(forecasts)
+    files = read_named(forecasts) if forecasts else {}
     lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
     for name, value in lengths.items():
         for model in loaded.values():
@@ -123,7 +123,8 @@ def evaluate(
             )
             for (seen, ahead, step), entries in tested.items()
         ]
-    tests = add_forecasts(tests, files, functions, partial=partial)
+    if files or functions:
+        tests = add_forecasts(tests, files, functions, partial=partial)
     labels = {name: name for name in loaded} | {
         str(file.path): name for name, file in files.items()
     }

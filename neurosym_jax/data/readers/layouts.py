@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from neurosym_jax.data.proposals import roughness
+from neurosym_jax.data.evidence import roughness
 from neurosym_jax.data.readers.columns import Layout
 from neurosym_jax.data.reading import Head
 from neurosym_jax.data.table import Table

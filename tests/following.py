@@ -1,0 +1,37 @@
+"""Which files of the package run for what a user does: those that a reader has to follow."""
+
+import contextlib
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import neurosym_jax
+
+FOLDER = str(Path(neurosym_jax.__file__).parent)
+
+
+@contextlib.contextmanager
+def followed() -> Iterator[set[str]]:
+    """Fill a set with the files whose code runs in the context; what imports run is not counted."""
+    files: set[str] = set()
+    passed: set[str] = set()
+
+    def called(frame: Any, event: str, _: Any) -> None:
+        file = frame.f_code.co_filename
+        if event != "call" or not file.startswith(FOLDER) or file in passed:
+            return
+        while frame is not None and frame.f_code.co_name != "<module>":
+            frame = frame.f_back
+        if frame is None or not frame.f_code.co_filename.startswith(FOLDER):
+            passed.add(file)
+            files.add(file[len(FOLDER) + 1 :])
+
+    threading.setprofile(called)
+    sys.setprofile(called)
+    try:
+        yield files
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
