@@ -54,7 +54,7 @@ def golden(shared):
 
 
 ROUNDING = {"pred_rel": 2e-6, "pred_abs": TOLERANCE}
-"""Metres, by output: of a step 1e-6, of positions after twelve steps 8e-6, as compiled for users."""
+"""Metres, by output: of a step 1e-6, of positions after twelve steps 8e-6, compiled for users."""
 
 
 @pytest.mark.rounding

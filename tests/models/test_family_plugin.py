@@ -14,9 +14,12 @@ from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.forecasting.forecaster import FORECASTERS, forecaster_of
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training import Recipe
+from tests.following import followed
 
 PLUGIN = str(Path(__file__).with_name("family_plugin.py"))
 RECIPE = Recipe(steps=60, batch_scenes=8, validate_every=20, learning_rate=0.01)
+FILES = 34
+"""Most that run for a training, beside the plugin's own, as docs/architecture.md draws."""
 TRAIN = ("--dataset", "cross-path", "--set", "batch_scenes=4", "validate_every=2")
 
 
@@ -48,7 +51,9 @@ def run(*command):
 def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
     config, rows = FORECASTERS["attention"].Config(), []
     args = {"config": config, "recipe": RECIPE, "read": ReadOptions(allow=("seen",))}
-    whole = nj.train(windows, windows, tmp_path / "whole", on_row=rows.append, **args)
+    with followed() as files:
+        whole = nj.train(windows, windows, tmp_path / "whole", on_row=rows.append, **args)
+    assert len(files) <= FILES, files
     assert rows[-1]["val_ade"] < 0.5 * rows[0]["loss"]
     errors = [row["val_ade"] for row in rows if "val_ade" in row]
     assert errors[-1] < errors[0]
