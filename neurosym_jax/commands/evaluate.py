@@ -74,7 +74,7 @@ class Options:
     partial: bool = False
     """Test on the windows that all files of --forecasts have, and leave out what does not match."""
     label: tuple[str, ...] = ()
-    """Names for tables, NAME=PATH, of models and files of forecasts."""
+    """Names for tables, NAME=PATH, of models or forecasts."""
     all: bool = False
     """Evaluate every shipped model that matches the data set and horizon."""
     data: Path | None = None
@@ -128,7 +128,7 @@ class Options:
     save_forecasts: Path | None = None
     """Also write all forecasts: .npz, .nc (xarray) or .ndjson (TrajNet++), a file a model."""
     cluster: str | None = None
-    """Address of a Dask scheduler whose workers evaluate test sets in parallel."""
+    """Address of a Dask scheduler whose workers evaluate sets."""
 
 
 def run(options: Options) -> list[Row]:

@@ -254,12 +254,15 @@ def score_scenes(
 def _traced(metrics: Metrics, samples: Any, moves: Any, scenes: Scene, probability: Any) -> Any:
     """(total [B] or [B, T], count [B]) of each of `metrics` by name, see `score_scenes`."""
 
-    def score_one_scene(*scene: Any) -> dict[str, Any]:
-        computed = {name: _computed(name, metric, *scene) for name, metric in metrics}
+    def score_one_scene(*arguments: Any) -> dict[str, Any]:
+        computed = {name: _computed(name, metric, *arguments) for name, metric in metrics}
         return jax.tree.map(jnp.asarray, computed)
 
     parts = jax.vmap(score_one_scene, in_axes=(1, 1, 0, 1))(samples, moves, scenes, probability)
-    return {name: _summed(name, *part, scenes, jnp) for name, part in parts.items()}
+    return {
+        name: _summed(name, values, weights, scenes, jnp)
+        for name, (values, weights) in parts.items()
+    }
 
 
 def _computed(

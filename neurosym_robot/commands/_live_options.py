@@ -56,7 +56,7 @@ class LiveOptions:
     period: float | None = None
     """Seconds between steps; by default those of the models' training data."""
     max_people: int = 64
-    """Maximum number of people in a forecast: those nearest to the robot (--robot-frame) or to the
+    """Maximum number of people in a forecast; those nearest to the robot (--robot-frame) or to the
     centre of all people."""
     samples: int = 20
     """Number of samples of each model."""
@@ -79,10 +79,10 @@ class LiveOptions:
     """Frame into which coordinates are transformed by /tf; by default that of the first message,
     and messages in other frames are left out."""
     robot_frame: str = ""
-    """The robot's own frame, such as base_link: /tf locates the robot for the page, and the people
+    """The robot's own frame, such as base_link; /tf locates the robot for the page, and the people
     nearest to it are forecast first."""
     reach: float = REACH
-    """Distance in metres beyond which people are left out: from the sensor (the origin of
+    """Distance in metres beyond which people are left out; from the sensor (the origin of
     coordinates that --fixed-frame transforms) or from the robot (--robot-frame)."""
     dashboard: bool = False
     """Serve a live web page of people and forecasts."""
