@@ -35,14 +35,14 @@ QUIET = (
 
 def accepted(flags: dict[str, str]) -> str:
     """Those of `flags` that XLA accepts in a process of their own: it would end this one."""
-    given = [f"--{name}={value}" for name, value in flags.items()]
+    words = [f"--{name}={value}" for name, value in flags.items()]
 
     def ends_well(*chosen: str) -> bool:
         command = [sys.executable, "-c", "import jax; jax.devices()"]
         environment = {**os.environ, "XLA_FLAGS": " ".join(chosen)}
         return not subprocess.run(command, env=environment, capture_output=True).returncode
 
-    return " ".join(given if ends_well(*given) else filter(ends_well, given))
+    return " ".join(words if ends_well(*words) else filter(ends_well, words))
 
 
 if "XLA_FLAGS" not in os.environ:

@@ -47,13 +47,13 @@ def imports(path: Path) -> list[tuple[str, bool]]:
         or (isinstance(function, ast.If) and "TYPE_CHECKING" in ast.unparse(function.test))
         for node in ast.walk(function)
     }
-    found = []
+    names = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            found += [(alias.name, id(node) not in later) for alias in node.names]
+            names += [(alias.name, id(node) not in later) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            found.append((node.module or "", id(node) not in later))
-    return found
+            names.append((node.module or "", id(node) not in later))
+    return names
 
 
 FILES = {path.relative_to(PACKAGE).as_posix(): imports(path) for path in PACKAGE.rglob("*.py")}
@@ -86,7 +86,7 @@ def test_heavy_and_optional_libraries_are_imported_on_demand():
 
 
 def test_packages_import_what_is_left_of_them():
-    later = {each: PACKAGES[place + 1 :] for place, each in enumerate(PACKAGES)} | {
+    later = {package: PACKAGES[place + 1 :] for place, package in enumerate(PACKAGES)} | {
         "runtime": PACKAGES
     }
     wrong = {

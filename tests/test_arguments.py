@@ -166,7 +166,9 @@ def outcome(function, arguments, folder):
 
 def names(function):
     parameters = inspect.signature(function).parameters.values()
-    return {each.name for each in parameters if each.kind is not each.VAR_KEYWORD}
+    return {
+        parameter.name for parameter in parameters if parameter.kind is not parameter.VAR_KEYWORD
+    }
 
 
 def test_every_public_function_and_every_argument_has_a_row():

@@ -36,11 +36,11 @@ def test_a_benchmark_and_its_page(tmp_path):
 @pytest.mark.exhaustive
 def test_no_count_of_programs_flops_or_bytes_has_grown():
     printed = run_python("-m", "benchmarks.counts").stdout
-    found = json.loads(printed[printed.rindex("{") :])
+    report = json.loads(printed[printed.rindex("{") :])
     baseline = json.loads((ROOT / "benchmarks/baseline.json").read_text())
-    assert found.keys() == baseline.keys()
+    assert report.keys() == baseline.keys()
     # A hundredth, because versions of jax write the same arithmetic a little differently.
-    grown = {name: found[name] for name in found if found[name] > 1.01 * baseline[name]}
+    grown = {name: report[name] for name in report if report[name] > 1.01 * baseline[name]}
     assert not grown, f"was {baseline}; if it must be: python -m benchmarks.counts --write"
 
 
@@ -56,21 +56,21 @@ def test_torch_has_the_numbers_of_anchors(monkeypatch):
     network, recipe = AnchorConfig(), AnchorRecipe()
     params = AnchorsForecaster(network).init(jax.random.key(0))
     scenes, crowd = batch = AnchorStream(windows, recipe).batch(2)
-    more = company(scenes.valid, crowd)
+    crowded = company(scenes.valid, crowd)
 
     def loss(params):
         apply = functools.partial(apply_anchors, network, params)
-        forecast = jax.vmap(apply)(scenes.replace(future=None), more)
+        forecast = jax.vmap(apply)(scenes.replace(future=None), crowded)
         return anchor_loss(forecast, scenes.future, scenes.valid, crowd, recipe)
 
     value, gradient = jax.value_and_grad(loss)(params)
-    theirs = TorchAnchors(network, recipe, params, batch)
-    total = theirs.loss()
+    peer = TorchAnchors(network, recipe, params, batch)
+    total = peer.loss()
     total.backward()
     np.testing.assert_allclose(total.item(), value, rtol=1e-6)
-    ours: Any = flatten_dict(gradient["params"], sep="")
-    assert set(ours) == set(theirs.weight)
-    for name, array in ours.items():
-        found = torch.atleast_1d(theirs.weight[name].grad).numpy()
+    gradients: Any = flatten_dict(gradient["params"], sep="")
+    assert set(gradients) == set(peer.weight)
+    for name, array in gradients.items():
+        found = torch.atleast_1d(peer.weight[name].grad).numpy()
         found = found.T if name.endswith("kernel") else found
         np.testing.assert_allclose(found, array, atol=1e-4 * np.abs(array).max())

@@ -48,8 +48,8 @@ def scenes_of(table, least, length, skip=1):
     return sum(len(set.intersection(*span)) >= least for span in spans)
 
 
-def evaluated(model, table, **how):
-    return nj.evaluate(model, table, baselines=(), **how).row(0, named=True)
+def evaluated(model, table, **options):
+    return nj.evaluate(model, table, baselines=(), **options).row(0, named=True)
 
 
 def test_an_evaluation_leaves_out_scenes_of_fewer_people():
@@ -114,8 +114,8 @@ def test_a_gap_of_many_steps_is_no_fast_step():
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")  # also of a text that was said before
             nj.data.read_any(moved)
-        said = [str(warning.message) for warning in caught]
-        assert any("faster than 10 m/s" in text for text in said) == doubted, said
+        messages = [str(warning.message) for warning in caught]
+        assert any("faster than 10 m/s" in text for text in messages) == doubted, messages
 
 
 def test_validation_is_of_the_validation_windows(tmp_path):
@@ -153,7 +153,7 @@ def test_additional_recordings_have_the_steps_of_the_run(tmp_path):
     training = train_command.make_run(options)[0].training
     moves = np.diff(training.position[..., 0], axis=1)
     np.testing.assert_allclose(moves, 0.4, atol=1e-6)
-    assert len({how.recording for how in training.reading}) == 2
+    assert len({reading.recording for reading in training.reading}) == 2
 
 
 SWEPT = ("joint_ade", "joint_fde")

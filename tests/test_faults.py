@@ -73,8 +73,8 @@ def test_a_report_is_the_old_or_the_new_one(tmp_path, capsys):
     path, (old, new) = tmp_path / "rows.json", ([{"model": number}] * 100 for number in (1, 2))
 
     def check(done):
-        found = json.loads(path.read_text())["rows"]
-        assert found == new if done else found in (old, new)
+        rows = json.loads(path.read_text())["rows"]
+        assert rows == new if done else rows in (old, new)
         assert list(tmp_path.iterdir()) == [path]
         write_report(path, old, {})
 
@@ -86,7 +86,7 @@ def test_a_model_is_there_whole_or_not_at_all(tmp_path):
     model, folder = random_model(NETWORK), tmp_path / "model"
 
     def check(done):
-        assert {each.name for each in tmp_path.iterdir()} <= {"model"}
+        assert {entry.name for entry in tmp_path.iterdir()} <= {"model"}
         if done or folder.exists():
             assert load_model(folder).config == NETWORK
             shutil.rmtree(folder)

@@ -34,13 +34,13 @@ def bounded(read, *arguments):
     """Read, or be refused in one line, with few resources."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     since = time.process_time()
-    said = ""
+    message = ""
     try:
         read(*arguments)
     except nj.InputError as error:
-        said = str(error)
-    assert "\n" not in said
-    assert len(said) < 1000
+        message = str(error)
+    assert "\n" not in message
+    assert len(message) < 1000
     assert time.process_time() - since < 2
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak < 500_000
 

@@ -37,10 +37,10 @@ def forecasts(name, observed):
 @pytest.mark.parametrize("name", [*map(exhaustive, RANDOM), *SHIPPED])
 def test_forecasts_are_those_that_are_stored(name):
     with np.load(STORED) as stored:
-        wanted = UNIT * stored[name]
-        found = forecasts(name, stored["observed"])
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-4)
-    assert np.linalg.norm(np.diff(found, axis=0), axis=-1).max() > 0.1
+        expected = UNIT * stored[name]
+        forecast = forecasts(name, stored["observed"])
+    np.testing.assert_allclose(forecast, expected, rtol=0, atol=1e-4)
+    assert np.linalg.norm(np.diff(forecast, axis=0), axis=-1).max() > 0.1
 
 
 def write():
@@ -52,9 +52,9 @@ def write():
     steps[np.cumsum(SIZES)[1:] - 1] = 0
     observed = draw.uniform(-2, 2, (sum(SIZES), 1, 2)) + np.cumsum(steps, axis=1)
     observed = observed.round(3)
-    found = {name: forecasts(name, observed) / UNIT for name in (*RANDOM, *SHIPPED)}
-    whole = {name: values.round().astype(np.int32) for name, values in found.items()}
-    np.savez_compressed(STORED, observed=observed, **whole)
+    units = {name: forecasts(name, observed) / UNIT for name in (*RANDOM, *SHIPPED)}
+    rounded = {name: values.round().astype(np.int32) for name, values in units.items()}
+    np.savez_compressed(STORED, observed=observed, **rounded)
 
 
 if __name__ == "__main__":

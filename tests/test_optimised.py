@@ -20,11 +20,11 @@ FILES = [
 @pytest.mark.slow
 @pytest.mark.skipif(not os.environ.get("XLA_FLAGS"), reason="every test runs in this way")
 def test_as_users_have_it():
-    how = ("-m", "pytest", "-n0", "-p", "no:cacheprovider", "-m", "rounding")
-    run_python(*how, *FILES, XLA_FLAGS="")
+    words = ("-m", "pytest", "-n0", "-p", "no:cacheprovider", "-m", "rounding")
+    run_python(*words, *FILES, XLA_FLAGS="")
 
 
 @pytest.mark.slow
 def test_flags_that_xla_refuses_are_left_out():
-    known = {"xla_backend_optimization_level": "0", "xla_no_such_flag": "true"}
-    assert accepted(known) == "--xla_backend_optimization_level=0"
+    flags = {"xla_backend_optimization_level": "0", "xla_no_such_flag": "true"}
+    assert accepted(flags) == "--xla_backend_optimization_level=0"

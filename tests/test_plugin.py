@@ -39,11 +39,11 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
     needs = "; it was trained with --plugin near.py"
     assert refusal("evaluate", "--checkpoint", "model").endswith(needs)
     assert refusal("symbols", "--model", "model").endswith(needs)
-    asked = ("--weighting", "nearness")
+    words = ("--weighting", "nearness")
     for line in (
-        refusal("train", "--model", "neurosym", *asked),
+        refusal("train", "--model", "neurosym", *words),
         refusal("sweep", "--model", "neurosym", "--weighting", "nearness"),
-        refusal("symbols", *asked),
+        refusal("symbols", *words),
     ):
         assert "(--plugin FILE adds one)" in line
 

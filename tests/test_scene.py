@@ -32,10 +32,12 @@ def test_centred_on_the_last_observed_positions():
 
 @pytest.mark.parametrize("offset", [[4e5, 5e6], [-3e3, 4e3], [1e7, -1e7]])
 def test_the_same_numbers_anywhere_on_the_map(offset):
-    here, there = (make_scene(WORLD + shift, FUTURE + shift) for shift in (0.0, np.array(offset)))
+    at_origin, shifted = (
+        make_scene(WORLD + shift, FUTURE + shift) for shift in (0.0, np.array(offset))
+    )
     for name in ("observed", "displacement", "future"):
-        assert_array_equal(getattr(here, name), getattr(there, name))
-    assert_allclose(there.origin - here.origin, offset, atol=1e-8)
+        assert_array_equal(getattr(at_origin, name), getattr(shifted, name))
+    assert_allclose(shifted.origin - at_origin.origin, offset, atol=1e-8)
     standing = np.broadcast_to([[[0.1, 0.7]]], (1, 8, 2)) + offset
     assert not make_scene(standing).displacement.any()
 
@@ -113,11 +115,11 @@ def test_made_inside_a_transformation():
         scene = make_scene(observed, FUTURE, recording="walk", extras={"group": [1, 1, 2]})
         return (scene.displacement**2).sum() + scene.observed.sum(), scene
 
-    here = make_scene(WORLD, FUTURE, recording="walk", extras={"group": [1, 1, 2]})
+    walk = make_scene(WORLD, FUTURE, recording="walk", extras={"group": [1, 1, 2]})
     (_, traced), gradient = jax.jit(jax.value_and_grad(total, has_aux=True))(np.float32(WORLD))
     for name in ("observed", "displacement", "future", "origin", "valid", "identity"):
-        assert_allclose(getattr(traced, name), getattr(here, name), atol=2e-6, err_msg=name)
+        assert_allclose(getattr(traced, name), getattr(walk, name), atol=2e-6, err_msg=name)
     assert_array_equal(traced.extras["group"], [1, 1, 2])
     assert np.abs(gradient).min(axis=(0, 2)).all()
     batch = jax.vmap(lambda observed: make_scene(observed))(np.float32([WORLD, WORLD + 1]))
-    assert_allclose(batch.observed[1], here.observed, atol=2e-6)
+    assert_allclose(batch.observed[1], walk.observed, atol=2e-6)

@@ -32,8 +32,8 @@ the 16 people that a training scene is cropped to, and SGAN's pooling is a maxim
 def test_a_model_names_its_data_and_their_licences(name):
     model, place = MODELS[name], next(path for path in shipped_models() if path.name == name)
     assert name.endswith(f"_{model.dataset}_{model.config.pred_len}")
-    said = ", ".join(f"{data} ({licence})" for data, licence in model.data.items())
-    assert f"| learned from | {said} |" in (place / "README.md").read_text(encoding="utf-8")
+    licences = ", ".join(f"{data} ({licence})" for data, licence in model.data.items())
+    assert f"| learned from | {licences} |" in (place / "README.md").read_text(encoding="utf-8")
     # None forbids a use, so any of them may be a default.
     assert {*model.data.values()} <= {"unstated", "MIT"}
 
@@ -48,13 +48,13 @@ def test_the_anchor_table_sees_no_neighbours_and_says_so():
 
 
 @functools.cache
-def batches_of(dataset, obs_len, pred_len, every, folder=None):
+def batches_of(dataset, obs_len, pred_len, stride, folder=None):
     """Every so many windows of a data set's test; those of all simulations without a folder."""
     source = open_source(folder)
     scenes = [dataset] if folder else source.scenes
     recordings = [tracks for scene in scenes for tracks in source.recordings(scene, "test")]
     windows = cut_windows(recordings, obs_len, pred_len)
-    return make_batches(windows.take(slice(None, None, every)))
+    return make_batches(windows.take(slice(None, None, stride)))
 
 
 def forecasts(model, batches):
@@ -76,8 +76,8 @@ def exchanged(scene):
     It takes the place of the first agent there: the others are moved along.
     """
     donor = np.arange(len(scene.valid))
-    there = np.flatnonzero(scene.valid[:, 0])
-    donor[there] = np.roll(there, len(there) // 2)
+    present = np.flatnonzero(scene.valid[:, 0])
+    donor[present] = np.roll(present, len(present) // 2)
     observed, displacement = scene.observed[donor].copy(), scene.displacement[donor].copy()
     observed += (scene.observed[:, 0, -1] - observed[:, 0, -1])[:, None, None]
     observed[:, 0], displacement[:, 0] = scene.observed[:, 0], scene.displacement[:, 0]
@@ -90,15 +90,15 @@ def first_of(scene, values):
     return values[:, start[scene.valid[:, 0]]]
 
 
-def furthest(one, other):
-    return np.linalg.norm(one - other, axis=-1).max(axis=(0, 2))
+def furthest(first, other):
+    return np.linalg.norm(first - other, axis=-1).max(axis=(0, 2))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SEEING)
 def test_near_neighbours_change_the_forecast(name):
     removed, strange, model = [], [], MODELS[name]
-    batches = batches_of("simulations", model.config.obs_len, model.config.pred_len, every=4)
+    batches = batches_of("simulations", model.config.obs_len, model.config.pred_len, stride=4)
     for scene, forecast, company, alone in forecasts(model, batches):
         last = scene.observed[scene.valid[:, 0], :, -1]
         distance = np.linalg.norm(last[:, 1:] - last[:, :1], axis=-1)
@@ -119,11 +119,11 @@ def test_neighbours_do_not_raise_the_error(name, request):
     folder, dataset = None, str(model.dataset)
     if dataset != "simulations":
         folder = request.getfixturevalue("shared") / "data/eth_ucy"
-    every = {"univ": 16, "zara2": 8, "zara1": 4}.get(dataset, 2)
-    batches = batches_of(dataset, model.config.obs_len, model.config.pred_len, every, folder)
-    for scene, _, *both in forecasts(model, batches):
-        places = (unpacked(futures, scene.valid) for futures in both)
-        scores = (score_scenes(chosen(["joint_ade"]), each, scene) for each in places)
+    stride = {"univ": 16, "zara2": 8, "zara1": 4}.get(dataset, 2)
+    batches = batches_of(dataset, model.config.obs_len, model.config.pred_len, stride, folder)
+    for scene, _, *both_places in forecasts(model, batches):
+        places = (unpacked(futures, scene.valid) for futures in both_places)
+        scores = (score_scenes(chosen(["joint_ade"]), place, scene) for place in places)
         errors.append([score["joint_ade"].total.sum() for score in scores])
     company, alone = np.sum(errors, axis=0)
     assert company <= WORSE.get(name, 1) * alone

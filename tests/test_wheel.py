@@ -68,16 +68,16 @@ def test_everything_works_outside_a_clone(installed, tmp_path):
         "models": [neurosym, "models", "--all"],
         "python": [sys.executable, "-c", python],
     }
-    how = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    how |= {"cwd": tmp_path, "env": environment}
-    running = {name: subprocess.Popen(command, **how) for name, command in commands.items()}
-    said = {name: process.communicate(timeout=300)[0] for name, process in running.items()}
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    options |= {"cwd": tmp_path, "env": environment}
+    running = {name: subprocess.Popen(command, **options) for name, command in commands.items()}
+    outputs = {name: process.communicate(timeout=300)[0] for name, process in running.items()}
     for name, process in running.items():
-        assert process.returncode == 0, said[name]
-    assert f"{installed}/neurosym_jax/__init__.py SGAN" in said["python"]
-    assert "evaluate" in said["help"]
-    assert "neurosym_simulations_8" in said["models"]
-    assert f"{installed}/neurosym_jax/checkpoints" in said["models"]
+        assert process.returncode == 0, outputs[name]
+    assert f"{installed}/neurosym_jax/__init__.py SGAN" in outputs["python"]
+    assert "evaluate" in outputs["help"]
+    assert "neurosym_simulations_8" in outputs["models"]
+    assert f"{installed}/neurosym_jax/checkpoints" in outputs["models"]
     assert (tmp_path / "run" / "model" / "params.safetensors").is_file()
     assert (installed / "neurosym_jax" / "py.typed").is_file()
-    assert "NeuroSyM" in said["replay"]
+    assert "NeuroSyM" in outputs["replay"]

@@ -34,10 +34,10 @@ def test_no_example_is_forgotten():
 
 @pytest.mark.slow
 def test_the_gradient_finds_the_pair_that_matters(capsys):
-    foretold, found = example("which_pair_matters").main()
+    foretold, largest = example("which_pair_matters").main()
     most = abs(foretold).argmax()
     assert abs(foretold[most]) > 1e-5
-    np.testing.assert_allclose(foretold[most], found[most], rtol=0.2)
+    np.testing.assert_allclose(foretold[most], largest[most], rtol=0.2)
     assert capsys.readouterr().out.count("by the gradient") == 12
 
 
@@ -90,13 +90,13 @@ def test_a_script_of_ten_lines(name, arguments, prints, tracks, tmp_path, capsys
     body = ast.parse(path.read_text()).body[1:]
     lines = {node.lineno for part in body for node in ast.walk(part) if hasattr(node, "lineno")}
     assert len(lines) <= 14, "imports and ten lines"
-    given = [str(places.get(each, each)) for each in arguments]
-    monkeypatch.setattr("sys.argv", [str(path), *given])
+    words = [str(places.get(argument, argument)) for argument in arguments]
+    monkeypatch.setattr("sys.argv", [str(path), *words])
     runpy.run_path(str(path), run_name="__main__")
-    found = re.search(prints, text := capsys.readouterr().out)
-    assert found, text
+    match = re.search(prints, text := capsys.readouterr().out)
+    assert match, text
     if name == "evaluate_tracks":
-        assert 0 < float(found[1]) < float(found[2]) < 3
+        assert 0 < float(match[1]) < float(match[2]) < 3
     assert name != "forecast_frames" or text.count("\n") == 40 - 7
 
 
@@ -105,8 +105,8 @@ def test_a_metric_of_ones_own():
     forecast = np.zeros((2, 3, 4, 2))
     forecast[:, 1, :, 0], forecast[1, 1, 2, 0] = 3.0, 1.0
     scene = pad_scene(make_scene(np.zeros((2, 2, 2))), 3)
-    value, known = compute(forecast, scene)
-    assert (value[:2].tolist(), known[:2].tolist()) == ([2.0, 2.0], [True, True])
+    value, in_table = compute(forecast, scene)
+    assert (value[:2].tolist(), in_table[:2].tolist()) == ([2.0, 2.0], [True, True])
     alone = make_scene(np.zeros((1, 2, 2)))
     assert not compute(forecast[:, :1], alone)[1].any()
 

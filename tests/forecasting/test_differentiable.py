@@ -43,14 +43,14 @@ NOISE = draw_noise(NoiseSpec(8), 0, scene_identity("", 0)[None], 4, 1)[:, 0]
 @pytest.mark.parametrize("weighting", [None, Soft(learned=True)])
 def test_it_is_predict_and_padding_and_a_batch_change_nothing(weighting):
     model = model_of(weighting)
-    given = model.config, model.params
-    found = FORECAST(*given, OBSERVED, NOISE)
-    assert_allclose(found, predict(model, OBSERVED, samples=4), atol=1e-5)
+    network = model.config, model.params
+    forecast = FORECAST(*network, OBSERVED, NOISE)
+    assert_allclose(forecast, predict(model, OBSERVED, samples=4), atol=1e-5)
     padded, valid = np.concatenate([OBSERVED, np.zeros((2, 5, 2))]), np.arange(5) < 3
-    assert_allclose(FORECAST(*given, padded, NOISE, valid=valid)[:, :3], found, atol=1e-5)
-    both = np.stack([OBSERVED, OBSERVED + 2.0])
-    batch = jax.vmap(lambda observed: FORECAST(*given, observed, NOISE))(both)
-    assert_allclose(batch, np.stack([found, found + 2.0]), atol=1e-5)
+    assert_allclose(FORECAST(*network, padded, NOISE, valid=valid)[:, :3], forecast, atol=1e-5)
+    pair = np.stack([OBSERVED, OBSERVED + 2.0])
+    batch = jax.vmap(lambda observed: FORECAST(*network, observed, NOISE))(pair)
+    assert_allclose(batch, np.stack([forecast, forecast + 2.0]), atol=1e-5)
 
 
 def test_predict_in_a_trace_names_the_function_for_it(soft):

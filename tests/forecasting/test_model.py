@@ -77,34 +77,36 @@ def test_many_scenes_are_forecast_as_each_alone(name):
     scenes = [s for w in parts for s in np.split(w.position[:, :4], w.bounds[1:-1])]
     assert len({len(scene) for scene in scenes}) > 2
     frames = np.concatenate([windows.identity[:, 1].astype(int) for windows in parts])
-    found = predict_scenes(model, scenes, samples=K, seed=5, recording="crowd", frames=frames)
-    assert len(found) == len(scenes)
+    forecasts = predict_scenes(model, scenes, samples=K, seed=5, recording="crowd", frames=frames)
+    assert len(forecasts) == len(scenes)
     for number in (0, len(scenes) // 3, len(scenes) - 1):
-        how = {"samples": K, "seed": 5, "recording": "crowd", "frame": frames[number]}
-        alone, likely = predict_representatives(model, scenes[number], **how)
+        options = {"samples": K, "seed": 5, "recording": "crowd", "frame": frames[number]}
+        alone, likely = predict_representatives(model, scenes[number], **options)
         assert likely.tolist() == [1 / K] * K
         assert alone.dtype == np.float64
-        assert_allclose(found[number], alone, rtol=0, atol=1e-5)
-        assert_allclose(predict(model, scenes[number] - UTM, **how) + UTM, alone, rtol=0, atol=1e-5)
+        assert_allclose(forecasts[number], alone, rtol=0, atol=1e-5)
+        assert_allclose(
+            predict(model, scenes[number] - UTM, **options) + UTM, alone, rtol=0, atol=1e-5
+        )
     scene = make_scene(scenes[number], recording="crowd", frame=frames[number])
     forecaster = SceneForecaster(model.forecaster, model.params, samples=K, seed=5)
     np.testing.assert_array_equal(forecaster(scene), alone)
     for change in ({"seed": 1}, {"recording": "a"}, {"frame": 1}):
-        other = predict(model, scenes[-1], **{**how, **change})
+        other = predict(model, scenes[-1], **{**options, **change})
         assert np.abs(other - alone).max() > 1e-3
     assert np.abs(alone[0] - alone[1]).max() > 1e-3
     # By default they are those of the first frames.
-    found, alone = predict_scenes(model, scenes[:2], samples=K), scenes[1]
-    assert_allclose(found[1], predict(model, alone, samples=K, frame=1), atol=1e-5)
+    forecasts, alone = predict_scenes(model, scenes[:2], samples=K), scenes[1]
+    assert_allclose(forecasts[1], predict(model, alone, samples=K, frame=1), atol=1e-5)
     assert predict_scenes(model, []) == []
 
 
 def test_agents_are_decoded_in_parts(monkeypatch):
     model, scenes = model_of("pool_net"), [np.zeros((5, 4, 2)), np.ones((6, 4, 2))]
-    whole = predict_scenes(model, scenes, samples=K)
+    complete = predict_scenes(model, scenes, samples=K)
     monkeypatch.setattr(batched, "PART", 4)
-    for found, wanted in zip(predict_scenes(model, scenes, samples=K), whole):
-        assert_allclose(found, wanted, atol=1e-6)
+    for part_forecast, expected in zip(predict_scenes(model, scenes, samples=K), complete):
+        assert_allclose(part_forecast, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", [name for name in CONFIGS if name != "uniform noise"])

@@ -67,8 +67,8 @@ def test_round_trip(saved):
     assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
     # The digest can be checked without the package.
     command = "(tail -n +3 config.json; cat README.md params.safetensors) | sha256sum"
-    found = subprocess.run(command, shell=True, cwd=saved, capture_output=True, check=True).stdout
-    assert found.split()[0].decode() == json.loads((saved / "config.json").read_text())["sha256"]
+    output = subprocess.run(command, shell=True, cwd=saved, capture_output=True, check=True).stdout
+    assert output.split()[0].decode() == json.loads((saved / "config.json").read_text())["sha256"]
 
 
 def flipped(content, bit):
@@ -82,8 +82,8 @@ def test_every_flipped_bit_is_refused(copy, tmp_path):
     save_model(tmp_path / "short", Model(Lengths(), {}, "zara1", "constant_velocity"))
     rng = np.random.default_rng(0)
     config, params = tmp_path / "short" / "config.json", copy / "params.safetensors"
-    of_params = rng.choice(8 * params.stat().st_size, 200, replace=False)
-    for path, bits in ((config, range(8 * config.stat().st_size)), (params, of_params)):
+    flips = rng.choice(8 * params.stat().st_size, 200, replace=False)
+    for path, bits in ((config, range(8 * config.stat().st_size)), (params, flips)):
         content = path.read_bytes()
         for bit in bits:
             path.write_bytes(flipped(content, bit))

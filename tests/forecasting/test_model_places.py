@@ -57,10 +57,12 @@ def test_folders_of_several(downloads):
     (downloads / "sgan-p-models").mkdir(parents=True)
     for name in ("zara1_8_model.pt", "eth_12_model.pt", "notes.txt"):
         (downloads / "sgan-p-models" / name).write_text("")
-    both = [str(downloads / "sgan-p-models" / f"{name}_model.pt") for name in ("eth_12", "zara1_8")]
+    paths = [
+        str(downloads / "sgan-p-models" / f"{name}_model.pt") for name in ("eth_12", "zara1_8")
+    ]
     for name in ("sgan-20vp", "sgan-p-models", downloads / "sgan-p-models"):
-        assert find_checkpoints([name]) == both
-    assert find_checkpoints([NAME, "sgan-20vp"]) == [NAME, *both]
+        assert find_checkpoints([name]) == paths
+    assert find_checkpoints([NAME, "sgan-20vp"]) == [NAME, *paths]
     assert len(find_checkpoints([SHIPPED])) == len(shipped_models())
 
 

@@ -46,8 +46,8 @@ def own_errors(forecast, truth):
         x = np.array([[[path[frame] for frame in sorted(path)]] for path in paths])
         best = np.linalg.norm(x - future, axis=-1).mean(axis=(1, 2)).argmin()
         chosen = (x[:1], x[best : best + 1])
-        scored = [score(each, future, metrics=names) for each in chosen]
-        errors.append([one[name].total[0] for one in scored for name in names])
+        scored = [score(sample, future, metrics=names) for sample in chosen]
+        errors.append([scores[name].total[0] for scores in scored for name in names])
     return np.mean(errors, axis=0)
 
 
@@ -63,15 +63,19 @@ def test_its_evaluator_agrees_to_six_digits(peer, tmp_path, capsys, kind):
     assert read_scenes(forecast) == read_scenes(path)
     metrics, *_ = evaluator.eval(str(path), str(forecast), LENGTHS)
     assert metrics.N == SCENES
-    theirs = [metrics.average_l2, metrics.final_l2, metrics.topk_ade, metrics.topk_fde]
-    np.testing.assert_allclose(own_errors(forecast, truth), np.array(theirs) / SCENES, atol=5e-7)
+    peer_metrics = [metrics.average_l2, metrics.final_l2, metrics.topk_ade, metrics.topk_fde]
+    np.testing.assert_allclose(
+        own_errors(forecast, truth), np.array(peer_metrics) / SCENES, atol=5e-7
+    )
     # Every neighbour that it counts is forecast, so that it counts collisions (Col-I).
     assert "does not predict all neighbours" not in capsys.readouterr().out
     assert 0 <= metrics.pred_col <= SCENES
     # What happened is a file that it takes for the truth, too.
     again, *_ = evaluator.eval(str(truth), str(forecast), LENGTHS)
     assert vars_of(again) == pytest.approx(vars_of(metrics), abs=1e-3)
-    print(kind, *(f"{value / SCENES:.6f}" for value in theirs), metrics.pred_col, metrics.gt_col)
+    print(
+        kind, *(f"{value / SCENES:.6f}" for value in peer_metrics), metrics.pred_col, metrics.gt_col
+    )
 
 
 def vars_of(metrics):

@@ -34,14 +34,14 @@ def test_a_flipped_bit_anywhere_and_a_torn_entry_are_removed_and_told_once(cache
         flipped = bytearray(content)
         flipped[bit // 8] ^= 1 << bit % 8
         damaged.append(bytes(flipped))
-    for each in damaged:
-        file.write_bytes(each)
+    for program in damaged:
+        file.write_bytes(program)
         assert cache.get("a") is None
         assert not file.exists()
     cache.put("a", b"new")
     assert cache.get("a") == b"new"
-    said = f"warning: {cache._path}: damaged programs are compiled again\n"
-    assert capsys.readouterr().err == said
+    warning = f"warning: {cache._path}: damaged programs are compiled again\n"
+    assert capsys.readouterr().err == warning
 
 
 def test_an_entry_of_another_key_is_none_of_this_one(cache):

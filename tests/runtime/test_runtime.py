@@ -42,7 +42,7 @@ def test_a_file_is_replaced_whole(tmp_path):
     with pytest.raises(ValueError, match="JSON"):
         write_json(path, {"ade": float("nan")})
     assert path.read_text() == "other"
-    assert [each.name for each in path.parent.iterdir()] == ["rows.json"]
+    assert [entry.name for entry in path.parent.iterdir()] == ["rows.json"]
     umask = os.umask(0)
     os.umask(umask)
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
@@ -55,7 +55,7 @@ def test_unwritable_paths_are_refused_beforehand(tmp_path):
             with pytest.raises(InputError, match="cannot be written"):
                 refuse(path)
     refuse_unwritable(tmp_path / "new/rows.json")
-    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
 def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
@@ -75,13 +75,13 @@ def test_vectors_are_wide_unless_the_user_said_otherwise(monkeypatch, given):
     monkeypatch.setenv("MALLOC_ARENA_MAX", "2")  # Leaves this process's memory alone.
     monkeypatch.setenv("XLA_FLAGS", given)
     tune()
-    known = jax.__version_info__[:2] == (0, 10)
+    is_known = jax.__version_info__[:2] == (0, 10)
     assert os.environ["XLA_FLAGS"].startswith(given)
-    assert ("--xla_cpu_prefer_vector_width=512" in os.environ["XLA_FLAGS"]) == known
-    said = "--xla_cpu_prefer_vector_width=256"
-    monkeypatch.setenv("XLA_FLAGS", said)
+    assert ("--xla_cpu_prefer_vector_width=512" in os.environ["XLA_FLAGS"]) == is_known
+    flag = "--xla_cpu_prefer_vector_width=256"
+    monkeypatch.setenv("XLA_FLAGS", flag)
     tune()
-    assert os.environ["XLA_FLAGS"] == said
+    assert os.environ["XLA_FLAGS"] == flag
 
 
 def test_without_a_home_nothing_is_kept(monkeypatch, tmp_path):
@@ -148,8 +148,11 @@ def test_an_evaluation_of_too_many_samples_names_what_to_lower():
 @contextlib.contextmanager
 def dask_map():
     distributed = pytest.importorskip("distributed")
-    here = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
-    with distributed.LocalCluster(**here) as cluster, cluster_map(cluster.scheduler_address) as run:
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with (
+        distributed.LocalCluster(**options) as cluster,
+        cluster_map(cluster.scheduler_address) as run,
+    ):
         yield run
 
 
@@ -169,12 +172,12 @@ def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch, elsewhe
     tests = [make_test(Case(name, 4, 2), entries, [tracks]) for name in "ab"]
     settings = Settings(samples=2)
     with elsewhere() as run:
-        (one, process, cores), (other, *_) = run(double, [21, 4])
-        assert (one, other) == (42, 8)
+        (first, process, cores), (other, *_) = run(double, [21, 4])
+        assert (first, other) == (42, 8)
         assert process != os.getpid()
         assert elsewhere is dask_map or cores == 1
-        found = list(evaluate_tests(tests, settings, run))
-    assert [result.test_set.dataset for result in found] == ["a", "b"]
-    for result, other in zip(found, evaluate_tests(tests, settings), strict=True):
+        results = list(evaluate_tests(tests, settings, run))
+    assert [result.test_set.dataset for result in results] == ["a", "b"]
+    for result, other in zip(results, evaluate_tests(tests, settings), strict=True):
         for name in ("joint_ade", "joint_ade_low", "joint_ade_high"):
             assert result.row[name] == pytest.approx(other.row[name])

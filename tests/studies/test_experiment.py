@@ -25,14 +25,14 @@ def test_the_whole_experiment(tmp_path):
     images = sorted((out / "figures").glob("*.png"))
     assert len(images) == text.count("](figures/") == 6
     data = json.loads((out / "experiment.json").read_text())
-    recordings = {each["bag"]: each for each in data["recordings"]}
+    recordings = {recording["bag"]: recording for recording in data["recordings"]}
     assert recordings.keys() == {bag.name for bag in (out / "recordings").iterdir()}
-    for bag, each in recordings.items():
+    for bag, recording in recordings.items():
         assert len(list(read_people(out / "recordings" / bag))) > 150
-        raw, mended = each["idf1"]
+        raw, mended = recording["idf1"]
         assert raw <= mended
         for name in ("SGAN", "NeuroSyM"):
-            score, running = each["scores"][name], each["analytics"]["models"][name]
+            score, running = recording["scores"][name], recording["analytics"]["models"][name]
             assert 5 < score["sequences"] <= running["forecasts"]
             assert score["best_ade"] <= score["ade"] < 2
             assert score["sum_ade"] == pytest.approx(score["ade"] * 16)
@@ -52,9 +52,16 @@ def test_scores_by_hand():
     ids, seen = np.array([1, 2]), np.zeros(2, int)
     forecast = Forecast(0.0, 7, ids, walk[:, :8], models, {}, 1e-3, seen, future)
     lonely = dataclasses.replace(forecast, index=8, future=np.full_like(future, np.nan))
-    found = score([forecast, lonely], "m")
-    assert found.sequences == 1
-    errors = found.ade, found.fde, found.best_ade, found.best_fde, found.sum_ade, found.sum_fde
+    scores = score([forecast, lonely], "m")
+    assert scores.sequences == 1
+    errors = (
+        scores.ade,
+        scores.fde,
+        scores.best_ade,
+        scores.best_fde,
+        scores.sum_ade,
+        scores.sum_fde,
+    )
     assert errors == pytest.approx((2.0, 2.0, 1.0, 1.0, 32.0, 4.0))
     assert score([forecast], None).fde == pytest.approx(0.0, abs=1e-9)
     with pytest.raises(InputError, match="too short"):

@@ -55,8 +55,8 @@ def test_the_study_of_weighting_writes_its_page(tmp_path):
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.name)
 def test_mistakes(mistake, tmp_path):
-    found, said = tell(mistake, tmp_path)
-    assert (found, bool(re.search(mistake.says, said))) == (mistake.outcome, True), said
+    verdict, message = tell(mistake, tmp_path)
+    assert (verdict, bool(re.search(mistake.says, message))) == (mistake.outcome, True), message
 
 
 def test_links_of_people_who_were_hidden_from_a_robot_are_scored_by_outside_metrics():
@@ -73,7 +73,7 @@ def test_links_of_people_who_were_hidden_from_a_robot_are_scored_by_outside_metr
 def test_a_robot_goes_round_people_it_believes_in():
     people = np.full((301, 1, 2), [6.0, 7.5])  # in its way
     beliefs = [(np.full((1, n, STEPS, 2), [6.0, 7.5]), np.ones(1)) for n in (1, 0)]
-    (hit, least, way, _), (blind, *_, time) = (drive(people, [each] * 75) for each in beliefs)
+    (hit, least, way, _), (blind, *_, time) = (drive(people, [belief] * 75) for belief in beliefs)
     assert (hit, blind) == (0, 1)
     assert least > CONTACT
     assert 14.5 < way < 16
@@ -90,9 +90,9 @@ def test_data_kept_back_is_not_read_and_test_data_not_trained_on(tmp_path):
     for name in (*LEARNED, *TESTED, "boa-300-050-070"):
         np.savetxt(opentraj / HERMES / f"{name}.txt", walk)
     write(opentraj, out)
-    found = {folder.name: {path.stem for path in folder.iterdir()} for folder in out.iterdir()}
+    files = {folder.name: {path.stem for path in folder.iterdir()} for folder in out.iterdir()}
     tests = {*TESTED, *STANFORD_TESTED}
-    assert found == {"stanford": {"gates_0"}, "hermes": set(LEARNED), "tests": tests}
+    assert files == {"stanford": {"gates_0"}, "hermes": set(LEARNED), "tests": tests}
     # 16 frames of 10 cm a second are 0.64 m in 0.4 s.
     walked = read_any(out / "hermes" / f"{LEARNED[0]}.txt")[0].position
     np.testing.assert_allclose(np.diff(walked[:, 0]), 0.64, atol=1e-4)
@@ -126,13 +126,13 @@ def test_a_notebook_runs_and_shows_what_is_kept_in_it(name, request, tmp_path, m
     plt.switch_backend("Agg")
     cells = json.loads((FOLDER / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     kinds, names = {"stream": "text", "display_data": "image"}, {"__name__": "__main__"}
-    kept = [
-        ("".join(cell["source"]), [kinds.get(one["output_type"]) for one in cell["outputs"]])
+    outputs_by_code = [
+        ("".join(cell["source"]), [kinds.get(output["output_type"]) for output in cell["outputs"]])
         for cell in cells
         if cell["cell_type"] == "code"
     ]
-    assert ["image"] in [outputs for _, outputs in kept]
+    assert ["image"] in [outputs for _, outputs in outputs_by_code]
     with mock.patch.dict(WEIGHTINGS):
-        for code, outputs in kept:
+        for code, outputs in outputs_by_code:
             # A last line's value is shown by a notebook alone.
             assert shown(code, names) == list(filter(None, outputs))

@@ -54,8 +54,8 @@ def test_straight_walkers_are_known_to_constant_velocity(cases):
     assert (cases.states == answer.states.argmax(axis=2).T).mean() > 0.999
     np.testing.assert_array_equal(answer.events, cases.after)
     prior = {q: np.full(c.shape[1], 1 / c.shape[1]) for q, c, _ in questions(cases, answer)}
-    found = score_answer(cases, answer, prior, dict.fromkeys(prior, 1.0))
-    means = dict(zip(found.scores, found.mean))
+    scores = score_answer(cases, answer, prior, dict.fromkeys(prior, 1.0))
+    means = dict(zip(scores.scores, scores.mean))
     # One sample, and the weight of another that is spread over 81 states.
     p = (1 + 1 / 81) / 2
     assert means["log state 2"] == pytest.approx(-np.log(p), abs=0.01)
@@ -71,19 +71,24 @@ def test_a_chain_is_of_probabilities(cases):
     np.testing.assert_allclose(table[1], table[0] @ table[0])
     seen = np.bincount(cases.start, minlength=81)
     state = seen.argmax()
-    there = cases.start == state
-    stayed = (cases.states[there, 0] == state).mean()
-    assert table[0][state, state] == pytest.approx(stayed, abs=2 / there.sum())
-    happened = cases.after[:, there].mean(axis=1)
-    np.testing.assert_allclose(events[:, state], happened, atol=1 / there.sum())
+    in_state = cases.start == state
+    stayed = (cases.states[in_state, 0] == state).mean()
+    assert table[0][state, state] == pytest.approx(stayed, abs=2 / in_state.sum())
+    happened = cases.after[:, in_state].mean(axis=1)
+    np.testing.assert_allclose(events[:, state], happened, atol=1 / in_state.sum())
 
 
 def test_all_models_are_scored_on_the_same_questions(cases):
     models = {"straight on": baseline("constant_velocity", 8, 4)}
-    found = evaluate_symbols(cases, cases, cases, models, samples=1, seed=0)
+    evaluations = evaluate_symbols(cases, cases, cases, models, samples=1, seed=0)
     metric = Question("state", 4).metric("log")
-    losses = {name: dict(zip(each.scores, each.mean))[metric] for name, each in found.items()}
+    losses = {
+        name: dict(zip(evaluation.scores, evaluation.mean))[metric]
+        for name, evaluation in evaluations.items()
+    }
     assert min(losses, key=losses.get) == "straight on"
     assert losses["Markov chain"] < losses["frequencies"]
-    counts = {name: each.scores[metric].count.sum() for name, each in found.items()}
+    counts = {
+        name: evaluation.scores[metric].count.sum() for name, evaluation in evaluations.items()
+    }
     assert set(counts.values()) == {len(cases.rows)}

@@ -64,8 +64,8 @@ def test_events_are_those_of_the_future():
 
     def groups(observed):
         scene = pad_scene(make_scene(path[:, :observed], path[:, observed:]), 6)
-        found = groups_of(jax.tree.map(lambda leaf: leaf[None], scene))
-        return {name: valid[0].tolist() for name, valid in found.items()}
+        members = groups_of(jax.tree.map(lambda leaf: leaf[None], scene))
+        return {name: valid[0].tolist() for name, valid in members.items()}
 
     none = [False] * 6
     assert groups(2)["passing"] == [False, False, True, True, False, False]
@@ -86,20 +86,20 @@ def test_events_are_those_of_the_future():
 )
 def test_answers(tmp_path, mean, spread, says):
     runs = runs_with(tmp_path, mean, spread, dead=1)
-    found = runs.compare("zara2", "new", "old")
+    comparison = runs.compare("zara2", "new", "old")
     assert runs.dead.rows() == [("zara2", "new", 1, 12)]
-    assert found.seeds == 11
-    assert found.percent == pytest.approx(100 * (mean / 0.5 - 1), abs=300 * spread)
-    assert answer(adjusted([found])[0]) == says
+    assert comparison.seeds == 11
+    assert comparison.percent == pytest.approx(100 * (mean / 0.5 - 1), abs=300 * spread)
+    assert answer(adjusted([comparison])[0]) == says
     assert runs.compare("zara2", "new", "absent") is None
 
 
 def test_an_arm_with_too_many_dead_networks_answers_nothing(tmp_path):
     runs = runs_with(tmp_path, 0.45, 0.005, dead=2)
     assert runs.dead.rows() == [("zara2", "new", 2, 12)]
-    found = runs.compare("zara2", "new", "old")
-    assert found.seeds == 10
-    assert answer(adjusted([found])[0]) == "not answered"
+    comparison = runs.compare("zara2", "new", "old")
+    assert comparison.seeds == 10
+    assert answer(adjusted([comparison])[0]) == "not answered"
 
 
 def runs_with(tmp_path, mean, spread, dead):
