@@ -1,4 +1,4 @@
-"""Summarise a recording, or every recording in a folder, and draw it with a forecast."""
+"""Summarise recordings, and draw them with a forecast."""
 
 import shlex
 import warnings
