@@ -35,8 +35,8 @@ def run(
 ) -> int:
     """Summarise a recording, or every recording in a folder, and draw it with a forecast.
 
-    The figure has all tracks, and what `recommended` forecasts for the moment with the most people.
-    The last lines are commands to go on with, in which guessed columns and rates are spelled out.
+    The figure has all tracks, and what `recommended` forecasts for the moment with most
+    people. The last lines are commands to go on with, in which guesses are spelled out.
 
     Args:
         path: A file, or a folder, which is searched with its subfolders.

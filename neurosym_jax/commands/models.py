@@ -23,8 +23,8 @@ DOWNLOADS = {"sgan-models": "sgan-20v", "sgan-p-models": "sgan-20vp"}
 def run(all: bool = False) -> None:
     """Say which model to take, and list the models that --checkpoint and --model take by name.
 
-    `recommended` is the anchors model for the data set and horizon that are asked for. `sgan-20v`
-    and `sgan-20vp` name all of SGAN's published models, without and with pooling.
+    `recommended` is the anchors model for the data set and horizon asked for. `sgan-20v` and
+    `sgan-20vp` name all of SGAN's published models, without and with pooling.
 
     Args:
         all: List each model. The column neighbours has the share of people with somebody within
