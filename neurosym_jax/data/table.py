@@ -162,8 +162,8 @@ class Table:
                 rate=rate,
                 columns=tuple(columns),
             )
-            columns = stamp[at], id[at], position[at], {key: extras[key][at] for key in extras}
-            recordings.append(make_tracks(name, *columns, reading=reading, row=row[at]))
+            points = stamp[at], id[at], position[at], {key: extras[key][at] for key in extras}
+            recordings.append(make_tracks(name, *points, reading=reading, row=row[at]))
         return recordings
 
 
