@@ -42,7 +42,7 @@ _forked: list[int] = []
 """This process, if it was forked once JAX ran in its parent, whose threads it lacks."""
 SURE = 50e6
 """Bytes that are free wherever JAX runs."""
-_PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy")
+_PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
 _INSTRUCTIONS = ("avx512f", "avx2", "avx", "sse4_2", "sve2", "sve", "asimd")
 
 

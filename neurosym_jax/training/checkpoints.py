@@ -1,12 +1,14 @@
 """The states of a training run on disk: whole or not at all, verified, the two newest.
 
-Each is a folder `step_00000120` of `state.safetensors` (arrays by number), `record.json` and
-`sha256`, the digest of the others, which is compared before they are parsed. One process at a time
-writes to a folder.
+Each is a folder `step_00000120` of `state/` (arrays, Orbax's), `record.json` and `sha256`, the
+digest of the others: Orbax restores some flipped bits without noticing, and a flipped bit in a
+shape asks for any amount of memory. One process at a time writes to a folder.
 """
 
 import contextlib
+import errno
 import json
+import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -21,7 +23,9 @@ from neurosym_jax.runtime.files import folder_digest, new_folder, refuse_unwrita
 
 __all__ = ["restore_state", "save_state", "sole_writer"]
 
-STATE, RECORD, DIGEST = "state.safetensors", "record.json", "sha256"
+STATE, RECORD, DIGEST = "state", "record.json", "sha256"
+SPARE = 2**20
+"""Bytes beyond the arrays that a state may need on the disk."""
 
 
 def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> None:
@@ -32,22 +36,30 @@ def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> N
     Raises:
         TrainingError: where it cannot be written.
     """
-    from safetensors.numpy import save
+    from orbax.checkpoint import v1 as ocp
 
     path = folder / f"step_{step:08d}"
-    leaves = enumerate(jax.tree.leaves(state))
-    content = save({f"{at:06d}": np.array(leaf, order="C") for at, leaf in leaves})
+    # By number, because Orbax or the file system may read a leaf's path otherwise.
+    leaves = {f"{at:06d}": np.asarray(leaf) for at, leaf in enumerate(jax.tree.leaves(state))}
+    context = ocp.Context()
+    # In the background, Orbax waits twenty minutes for a folder that cannot be made.
+    context.asynchronous.create_directories_asynchronously = False
     try:
         for left in folder.glob(".step_*"):  # By a process that was killed.
             shutil.rmtree(left)
         with new_folder(path) as new:
-            (new / STATE).write_bytes(content)
+            # Asked before, because Orbax prints thirty tracebacks on a full disk.
+            if shutil.disk_usage(new).free < sum(leaf.nbytes for leaf in leaves.values()) + SPARE:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            with context:
+                ocp.save(str((new / STATE).absolute()), leaves)
             (new / RECORD).write_text(json.dumps(record, allow_nan=False))
             (new / DIGEST).write_text(folder_digest(new))
         for old in _steps(folder)[:-2]:
             shutil.rmtree(old)
-    except (InputError, OSError) as error:
-        raise TrainingError(f"{error}; what was saved before is kept") from error
+    except Exception as error:  # Orbax and its storage raise many kinds.
+        text = str(error) if isinstance(error, InputError) else f"{path}: {_reason(error)}"
+        raise TrainingError(f"{text}; what was saved before is kept") from error
 
 
 def restore_state(
@@ -61,15 +73,15 @@ def restore_state(
     Raises:
         InputError: where a whole state has other arrays than `template`.
     """
-    from safetensors.numpy import load_file
+    from orbax.checkpoint import v1 as ocp
 
     for path in reversed(_steps(folder)):
         try:
             if folder_digest(path, DIGEST) != (path / DIGEST).read_text():
                 raise ValueError("its files do not match their digest")
             record = json.loads((path / RECORD).read_bytes())
-            arrays = load_file(path / STATE)
-        except (OSError, ValueError) as error:
+            arrays: Any = ocp.load(str((path / STATE).absolute()))
+        except Exception as error:  # Orbax and its storage raise many kinds for damaged files.
             print(f"warning: {path}: is damaged: {_reason(error)}", file=sys.stderr)
             aside = path.with_name(f"damaged_{path.name}")
             shutil.rmtree(aside, ignore_errors=True)

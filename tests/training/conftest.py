@@ -6,7 +6,7 @@ import json
 import jax
 import numpy as np
 import pytest
-from safetensors.numpy import load_file
+from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.sgan.config import GeneratorConfig
@@ -113,7 +113,7 @@ def final():
     """`final(folder)` of a run: the leaves of its last state, its model's digest, its metrics."""
 
     def read(folder):
-        state = load_file(max((folder / "checkpoints").glob("step_*")) / "state.safetensors")
+        state = ocp.load(str(max((folder / "checkpoints").glob("step_*")) / "state"))
         model = json.loads((folder / "model" / "config.json").read_text())
         leaves = {name: array.tobytes() for name, array in state.items()}
         return leaves, model["sha256"], (folder / "metrics.jsonl").read_bytes()
