@@ -63,7 +63,9 @@ ADE / FDE in metres at 8 + 12, steps of 0.4 s, best of 20, of models that learne
 the place that they are tested at. "Campus" is UCY's university with three recordings, "Zara" the
 street with three, "corridors" four runs of HERMES. Stanford (23 recordings), THÖR (two) and
 THÖR-MAGNI (one) are tested with the models that learned from ETH/UCY alone. Anchors: the mean of
-{seeds} seeds; all others: one training. Bold: the best of a column.
+{seeds} seeds; all others: one training. Bold: the best of a column. eth is read with SGAN's
+[wrong clock](data.md#the-eth-recording). Energy scores of anchors are of its 20 samples by their
+probabilities, not of the [distribution](recipe.md#the-distribution) that ships now.
 """
 TAIL = """## Paired by place
 

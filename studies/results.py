@@ -126,8 +126,10 @@ What it does not do:
 - At [places left out whole](left_out.md) its energy score is not significantly better than that of
   the anchor table, which has no network, and its central forecast is behind constant velocity on
   the campus and on Stanford's scenes.
-- Its forecasts are overconfident: on zara1 (8 + 8) the region that should hold 50 % of true
-  positions holds 33 %, that of 90 % holds 77 % ([calibration](glossary.md#metrics)).
+- Its 20 samples are no distribution: by their probabilities, on zara1 (8 + 8) the region that
+  should hold 50 % of true positions holds 33 %, that of 90 % holds 77 %. Energy scores here are of
+  these samples. `predict_distribution` draws from another output ([how it is
+  trained](recipe.md#the-distribution)), which is not on this page yet.
 - Forecast people collide more often than real ones. SGAN trained here is behind constant velocity
   on univ."""
 """Written by hand from the numbers but for `not_best`; check it when they change."""
