@@ -7,12 +7,11 @@ exp(-`REPULSION` x overlap) for each pair. Nothing is learned, and nobody's own 
 """
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-
-from neurosym_jax.models.anchors.frames import length
 
 __all__ = ["draw_samples", "draw_scenes", "separate"]
 
@@ -49,27 +48,23 @@ def draw_scenes(points: Array, valid: Array, key: Array, count: int) -> Array:
         return lots.argsort(axis=1).reshape(-1)[:count]
 
     chosen = jax.vmap(order, out_axes=1)(jnp.arange(len(valid)))
-    draws = jnp.take_along_axis(points, chosen[..., None, None], axis=0)
-    return separate(draws, valid, together)
+    chosen = separate(points, chosen, valid, together)
+    return jnp.take_along_axis(points, chosen[..., None, None], axis=0)
 
 
-def separate(draws: Array, valid: Array, key: Array) -> Array:
-    """`draws [n, N, T, 2]` with each person's trajectories exchanged between draws.
+def separate(points: Array, chosen: Array, valid: Array, key: Array) -> Array:
+    """`chosen [n, N]` of `points [P, N, T, 2]` with each person's choices exchanged between draws.
 
     People then overlap less in one draw. `valid [N]` is False for padding.
     """
-    count, agents = draws.shape[:2]
+    count, agents = chosen.shape
     if count < 2 or agents < 2:
-        return draws
-    # Step by step, because of a crowd all steps of all pairs would not fit into memory.
-    means = draws.mean(axis=0).swapaxes(0, 1)  # [T, N, 2]
-    gaps = [jnp.square(mean[:, None] - mean).sum(-1) for mean in means]
-    clearance = functools.reduce(jnp.minimum, gaps)
-    others = valid & ~jnp.eye(agents, dtype=bool)
-    nearest, near = jax.lax.top_k(jnp.where(others, -clearance, -jnp.inf), min(agents - 1, NEAREST))
-    present = jnp.isfinite(nearest)
+        return chosen
+    near, present = _nearest(points, valid)
+    table = jnp.where(present[..., None, None], _overlaps(points, near), 0)
+    slots = jnp.arange(near.shape[1])
 
-    def exchange(draws: Array, turn: tuple[Array, Array]) -> tuple[Array, None]:
+    def exchange(chosen: Array, turn: tuple[Array, Array]) -> tuple[Array, None]:
         sweep, agent = turn  # Not their number, which would change with padding.
         turn_key = jax.random.fold_in(jax.random.fold_in(key, sweep), agent)
         order_key, lot_key = jax.random.split(turn_key)
@@ -79,21 +74,45 @@ def separate(draws: Array, valid: Array, key: Array) -> Array:
             order[: count // 2 * 2].reshape(-1, 2)[:, ::-1].reshape(-1)
         )
         partner = jnp.zeros_like(order).at[order].set(ahead)
-        mine, others_draws = draws[:, agent], draws[:, near[agent]]
+        mine, theirs = chosen[:, agent], chosen[:, near[agent]]
 
-        def overlaps(mine: Array) -> Array:
-            offset = mine[:, None] - others_draws
-            halfway = (offset[..., 1:, :] + offset[..., :-1, :]) / 2
-            distance = length(jnp.concatenate([offset, halfway], -2)).min(-1)
-            return jnp.where(present[agent], jnp.maximum(1 - distance / DISTANCE, 0), 0).sum(-1)
+        def overlap(mine: Array) -> Array:
+            return table[agent, slots, mine[:, None], theirs].sum(-1)
 
-        increase = overlaps(mine[partner]) - overlaps(mine)
+        increase = overlap(mine[partner]) - overlap(mine)
         increase = increase + increase[partner]
         lot = jax.random.uniform(lot_key, (count,))
         lot = lot[jnp.minimum(jnp.arange(count), partner)]  # One for both partners.
         accepted = jnp.log(lot) < -REPULSION * increase
-        mine = jnp.where(accepted[:, None, None], mine[partner], mine)
-        return draws.at[:, agent].set(mine), None
+        return chosen.at[:, agent].set(jnp.where(accepted, mine[partner], mine)), None
 
     sweeps, people = jnp.divmod(jnp.arange(SWEEPS * agents), agents)
-    return jax.lax.scan(exchange, draws, (sweeps, people))[0]
+    return jax.lax.scan(exchange, chosen, (sweeps, people))[0]
+
+
+def _nearest(points: Array, valid: Array) -> tuple[Array, Array]:
+    """[N, M] the people who come nearest to each, and whether they are there."""
+    agents = len(valid)
+    means = points.mean(axis=0).swapaxes(0, 1)  # [T, N, 2]
+    # Step by step, because of a crowd all steps of all pairs would not fit into memory.
+    gaps = [jnp.square(mean[:, None] - mean).sum(-1) for mean in means]
+    clearance = functools.reduce(jnp.minimum, gaps)
+    others = valid & ~jnp.eye(agents, dtype=bool)
+    nearest, near = jax.lax.top_k(jnp.where(others, -clearance, -jnp.inf), min(agents - 1, NEAREST))
+    return near, jnp.isfinite(nearest)
+
+
+def _overlaps(points: Array, near: Array) -> Array:
+    """[N, M, P, P] how far each point of a person and of its neighbours `near [N, M]` overlap."""
+    steps = jnp.transpose(points, (2, 3, 1, 0))  # [T, 2, N, P]
+    least: Any = jnp.inf
+    before = None
+    for step in steps:
+        offset = [
+            place[:, None, :, None] - place[near][:, :, None, :] for place in (step[0], step[1])
+        ]
+        halfway = [(now + then) / 2 for now, then in zip(offset, before or offset)]
+        for east, north in (offset, halfway):
+            least = jnp.minimum(least, east * east + north * north)
+        before = offset
+    return jnp.maximum(1 - jnp.sqrt(jnp.maximum(least, 1e-12)) / DISTANCE, 0)

@@ -14,7 +14,7 @@ from neurosym_jax.evaluation.scoring import DRAWS, score, score_forecaster
 from neurosym_jax.forecasting.distribution import predict_distribution
 from neurosym_jax.forecasting.model import predict, predict_representatives
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.models.anchors.draws import draw_samples, draw_scenes, separate
+from neurosym_jax.models.anchors.draws import _overlaps, draw_samples, draw_scenes, separate
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.sgan.config import GeneratorConfig
 from tests.networks import random_model
@@ -66,10 +66,22 @@ def test_people_are_drawn_independently_but_do_not_overlap(points):
 
 def test_exchanges_are_of_whole_trajectories_of_one_person(points):
     lots = np.random.default_rng(1).integers(0, 20, (31, 5))
-    draws = jnp.take_along_axis(points, lots[..., None, None], axis=0)
-    chosen = names(jax.jit(separate)(draws, PEOPLE, KEY), points)
+    chosen = np.asarray(jax.jit(separate)(points, jnp.asarray(lots), PEOPLE, KEY))
     np.testing.assert_array_equal(np.sort(chosen, axis=0), np.sort(lots, axis=0))
     assert (chosen != lots).any(axis=0).all()
+
+
+def test_the_overlap_of_two_people_is_that_of_their_nearest_moment(points):
+    """Halfway between two steps, too: on a sum over loops."""
+    near = jnp.array([[1, 3], [0, 4], [3, 1], [2, 4], [0, 1]])
+    table = np.asarray(_overlaps(points, near))
+    places = np.asarray(points, np.float64)
+    between = np.concatenate([places, (places[:, :, 1:] + places[:, :, :-1]) / 2], axis=2)
+    for i, slot, a, b in ((0, 0, 3, 7), (2, 1, 19, 0), (4, 0, 5, 5), (3, 0, 8, 2), (1, 1, 0, 1)):
+        offset = between[a, i] - between[b, int(near[i, slot])]
+        expected = max(0, 1 - np.linalg.norm(offset, axis=-1).min() / 0.3)
+        assert table[i, slot, a, b] == pytest.approx(expected, abs=1e-5)
+    assert 0.02 < (table > 0).mean() < 0.9
 
 
 def test_padding_changes_no_draw(points):
