@@ -198,7 +198,7 @@ def inner(data):
             "neurosym_jax.plotting.use_style": None,
         },
         "symbols": {
-            f"{C}.symbols.predict": np.zeros((2, 5, 8, 2)),
+            f"{C}.symbols.predict_distribution": np.zeros((2, 5, 8, 2)),
             f"{C}.symbols.forecast_rows": [],
             **figure,
         },
