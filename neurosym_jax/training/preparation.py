@@ -263,7 +263,7 @@ def _refuse_seen(use: str, windows: Windows, training: Windows, seen: str) -> No
         raise InputError(
             f"the training data has {shared}{chance} of the {total} shapes of {where} {waived}"
         )
-    if before > 0.05 * looked + 1:
+    if before > max(0.05, chance_shapes(training)) * looked:
         raise InputError(
             f"the initial model learned from {before} of {looked} shapes of {where} {waived}"
         )

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 import neurosym_jax as nj
-from neurosym_jax.data.leakage import fingerprint, shared_shapes
+from neurosym_jax.data.leakage import fingerprint, seen_before, shared_shapes
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
@@ -102,6 +102,13 @@ def test_the_same_people_are_refused_for_both_unless_that_is_meant():
         prepare(CONFIG, RECIPE, tracks, walk("c", 60), tested=[tracks])
     with pytest.raises(InputError, match=r"the initial model learned from .* validated on"):
         prepare(CONFIG, RECIPE, walk("c", 60), tracks, seen=fingerprint(windows))
+    # Of long recordings a fingerprint keeps few shapes: one that is found is enough.
+    long = walk("a", 2000)
+    part = dataclasses.replace(long.take(long.stamp < 12), recording="d")
+    seen = fingerprint(nj.windows_from(long, 4, 4))
+    assert 1 <= seen_before(seen, nj.windows_from(part, 4, 4))[0] <= 6
+    with pytest.raises(InputError, match=r"the initial model learned from .* validated on"):
+        prepare(CONFIG, RECIPE, walk("c", 60), part, seen=seen)
 
 
 def test_what_is_alike_by_chance_is_no_leak():
