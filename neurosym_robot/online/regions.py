@@ -98,7 +98,7 @@ class Recalibration:
                 truth = self._window.resampled(watch.ids, [stamp])[:, 0]
                 is_known = np.isfinite(truth).all(axis=1)
                 if is_known.any():
-                    change[:, watch.steps] += self._compare(watch, truth, is_known)
+                    change[:, watch.steps] += self._compare(watch, truth, np.asarray(is_known))
                     seen[watch.steps] = True
                 watch.steps += 1
         while self._watched and self._watched[0].steps == steps:

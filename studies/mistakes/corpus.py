@@ -109,7 +109,7 @@ MISTAKES = [
     refused("t is milliseconds with fractions", "clock", table(t=1000.5 * CROWD.t)),
     refused("t is minutes", "clock", table(t=CROWD.t / 60)),
     refused("t is hours", "clock", table(t=CROWD.t / 3600)),
-    refused("t is nanoseconds since 1970", "time-unit", table(t=CROWD.t * 1e9 + 1.7e18)),
+    refused("t is nanoseconds since 1970", "time_unit", table(t=CROWD.t * 1e9 + 1.7e18)),
     read("t is called t_ms", table(t=None, t_ms=400 * CROWD.step)),
     refused("t rounded to whole seconds", "whole numbers", table(t=np.floor(CROWD.t))),
     refused(
@@ -228,7 +228,7 @@ MISTAKES = [
     ),
     refused(
         "ped before frame",
-        "columns=('id=1', 'frame=2', 'x=3', 'y=4')",
+        "say columns=.'id=1', 'frame=2', 'x=3', 'y=4'",
         text(CROWD.but(step=CROWD.id, id=CROWD.step), 1),
     ),
     refused("ids 1 and 01", "one number", changed("\t1\t", "\t01\t")),
