@@ -12,7 +12,7 @@ from neurosym_jax.symbolic.weightings import make_weighting
 from tests.following import followed
 from tests.repository import ROOT, run_python
 
-EVALUATION_FILES, POOLING_FILES = 50, 11
+EVALUATION_FILES, POOLING_FILES = 50, 12
 """What docs/architecture.md draws."""
 EVALUATION = """
 import json
