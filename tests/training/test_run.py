@@ -20,6 +20,12 @@ from tests.repository import ROOT
 LENGTHS = {"obs_len": 4, "pred_len": 4}
 
 
+@pytest.fixture(autouse=True)
+def _no_plugins(monkeypatch):
+    """Those that other tests of this process have loaded stand in the commands that are printed."""
+    monkeypatch.setattr("neurosym_jax.plugins._loaded", {})
+
+
 def begin(files, out, *more):
     """Start the training of a small model, on one thread."""
     data = ("--train-on", files / "walk.txt", "--validate-on", files / "check.txt", "--out", out)
