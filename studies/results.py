@@ -102,9 +102,9 @@ All numbers with half of their 95 % intervals are in [`results.csv`](results.csv
 <summary>How this was measured</summary>
 
 - Means over {seeds} seeds of the noise. Each row is of one training unless it says how many.
-- Intervals are over test windows, or over trainings where there are several. They were stored before
-  today's [Student's t over blocks](evaluate.md#read-the-table), by resampling blocks, and are too
-  narrow where blocks are few, as on eth. A mean over data sets takes them as independent.
+- Intervals are over test windows, or over trainings where there are several. They were stored
+  before today's [Student's t over blocks](evaluate.md#read-the-table), by resampling blocks, and
+  are too narrow where blocks are few, as on eth. A mean over data sets takes them as independent.
 - Scenes / people at 8 + 8: {sizes_8}. At 8 + 12: {sizes_12}.
 - "Windows of one person too" is the protocol of Joint Metrics Matter (Weng et al., ICCV 2023), with
   means over scenes. Numbers of AgentFormer are quoted second hand.
