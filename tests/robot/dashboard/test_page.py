@@ -75,6 +75,9 @@ def test_live(page, live, stream):
     assert re.match(r"3 people seen, 3 forecast. 9007199254740992 at ", before)
     page.wait_for_function("before => scene.ariaLabel !== before", arg=before)
     assert seconds(page) > clock
+    # Errors come with the truth, 3.2 s after the first forecast.
+    page.evaluate("analysis.open = true")
+    page.locator(ADE.format("SGAN")).wait_for()
     # Paused, time stands still, though what is live goes on.
     press(page, "Space")
     page.get_by_text("paused, live goes on").wait_for()
@@ -83,7 +86,6 @@ def test_live(page, live, stream):
     page.wait_for_function("limit => timeline.max > limit + 5", arg=limit)
     assert (seconds(page), places(page)) == (clock, before)
     # Age and errors are those of that moment.
-    page.evaluate("analysis.open = true")
     events = list(stream(clock + 0.2))
     now = events[round(10 * clock)][1]
     assert f"{now['age']:.1f} ms" in page.locator("#tiles").inner_text()
