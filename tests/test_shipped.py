@@ -38,6 +38,11 @@ def test_a_model_names_its_data_and_their_licences(name):
     assert {*model.data.values()} <= {"unstated", "MIT"}
 
 
+@pytest.mark.parametrize("name", [name for name in MODELS if name.startswith("anchors_")])
+def test_every_anchors_network_has_a_distribution(name):
+    assert MODELS[name].config.points == 32
+
+
 def test_the_anchor_table_sees_no_neighbours_and_says_so():
     tables = [name for name in MODELS if name.startswith("anchor_table")]
     assert {*MODELS} - {*SEEING} == {*tables}

@@ -28,7 +28,7 @@ from neurosym_jax.forecasting.model_places import (
     state_of_run,
 )
 from neurosym_jax.runtime.process import provenance
-from neurosym_jax.runtime.workers import cluster_map, process_map, worth_processes
+from neurosym_jax.runtime.workers import map_for
 
 __all__ = ["Options", "run"]
 
@@ -144,10 +144,9 @@ def run(options: Options) -> list[Row]:
         else:
             steps = [file.steps for file in files.values()]
             source, models, planned, least = _plan(options, steps)
-            if options.cluster:
-                run_tests = stack.enter_context(cluster_map(options.cluster))
-            elif len(planned) > 1 and worth_processes(len(models)):
-                run_tests = stack.enter_context(process_map())  # They start while we read.
+            tasks = len(models) if len(planned) > 1 else 1
+            # Processes start while we read.
+            run_tests = stack.enter_context(map_for(tasks, options.cluster))
             tests = plan.load_tests(source, planned, test_on=options.test_on, min_agents=least)
         tests = add_forecasts(tests, files, partial=options.partial)
         settings = Settings(

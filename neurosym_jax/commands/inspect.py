@@ -105,9 +105,7 @@ def _draw(
     scene = None
     if moment:
         past, future = np.split(moment.position, [moment.obs_len], axis=1)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", InputWarning)  # A jump is repaired, as in evaluations.
-            samples = predict(load_model(RECOMMENDED), past)
+        samples = predict(load_model(RECOMMENDED), past)
         scene = past, future, {RECOMMENDED: samples}
     print(f"wrote {save_figure(plot_tracks(recordings, floor, scene), figure)}")
 

@@ -17,6 +17,7 @@ FAMILIES = {
     "sgan-20v": "SGAN as published, without pooling (neurosym download sgan-checkpoints)",
     "sgan-20vp": "SGAN as published, with pooling (the same download)",
 }
+OTHERS = "others"
 DOWNLOADS = {"sgan-models": "sgan-20v", "sgan-p-models": "sgan-20vp"}
 
 
@@ -34,9 +35,11 @@ def run(all: bool = False) -> None:
     if not all:
         names = [DOWNLOADS.get(name.partition("/")[0], name) for name, _ in models_at_hand()]
         longest_first = sorted(FAMILIES, key=len, reverse=True)
-        counts = Counter(next(key for key in longest_first if n.startswith(key)) for n in names)
+        counts = Counter(next(filter(name.startswith, longest_first), OTHERS) for name in names)
         for family, meaning in FAMILIES.items():
             print(f"  {family:14} {counts[family]:2} models  {meaning}")
+        if counts[OTHERS]:
+            print(f"  {OTHERS:14} {counts[OTHERS]:2} models")
         print("\nneurosym models --all lists each, with its data and licence")
         return
     head = "name", "forecaster", "steps", "period", "neighbours", "test on", "learned from", "where"

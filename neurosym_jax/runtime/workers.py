@@ -8,8 +8,8 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
-from unittest import mock
 
 import jax
 
@@ -18,24 +18,37 @@ from neurosym_jax.plugins import load_entry_points, load_plugin, loaded
 from neurosym_jax.runtime.ending import SIGNALS, when_ended
 from neurosym_jax.runtime.process import cpu_cores, enable_compilation_cache, tune
 
-__all__ = ["Map", "cluster_map", "process_map", "worth_processes"]
+__all__ = ["Map", "cluster_map", "map_for", "process_map"]
 
 Map = Callable[..., Iterable[Any]]
 """`map` of one argument, whose calls may run at the same time elsewhere."""
+WORTH_PROCESSES = 8
+"""Tasks from which on it is worth to start processes for them."""
 
 
-def worth_processes(tasks: int) -> bool:
-    """Whether `tasks` of a second each are worth the start of `process_map`'s processes."""
-    return tasks >= 8 and cpu_cores() > 1 and "NPROC" not in os.environ
+def map_for(
+    tasks: int, cluster: str | None = None
+) -> contextlib.AbstractContextManager[Map | None]:
+    """A `map` for `tasks` of a second each, on a Dask `cluster` or in processes.
+
+    None where few tasks are not worth the start of processes: they are left to threads.
+    """
+    if cluster:
+        return cluster_map(cluster)
+    if tasks >= WORTH_PROCESSES and cpu_cores() > 1 and "NPROC" not in os.environ:
+        return process_map()
+    return contextlib.nullcontext()
 
 
 @contextlib.contextmanager
 def process_map() -> Iterator[Map]:
     """Yield a `map` whose calls are tasks of processes that start now, one for each core.
 
-    Each computes in one thread on a core of its own: two cores so do the work of two, which they
-    do not as threads of one process, and results have the bits of one core. The script that
-    calls this must be importable without effects (`if __name__ == "__main__":`).
+    Each computes in one thread on a core of its own, and results have the bits of one core. The
+    script that calls this must be importable without effects (`if __name__ == "__main__":`).
+
+    Raises:
+        InputError: where one of the processes was killed.
     """
     context = multiprocessing.get_context("spawn")
     cores = context.SimpleQueue()
@@ -50,11 +63,15 @@ def process_map() -> Iterator[Map]:
             process.kill()
 
     with pool, when_ended(stop):
-        with mock.patch.dict(os.environ, NPROC="1"):  # Inherited; XLA reads it once.
-            for _ in range(cpu_cores()):
-                # A process starts with a task that none is free for, and JAX with its backend.
-                pool.submit(jax.device_count)
-        yield pool.map
+        for _ in range(cpu_cores()):
+            # A process starts with a task that none is free for, and JAX with its backend.
+            pool.submit(jax.device_count)
+        try:
+            yield pool.map
+        except BrokenProcessPool:
+            raise InputError(
+                "a process that evaluates was killed, by lack of memory perhaps: NPROC=1 uses one"
+            ) from None
 
 
 def _begin(cores: Any, plugins: Sequence[str]) -> None:
@@ -63,6 +80,7 @@ def _begin(cores: Any, plugins: Sequence[str]) -> None:
         signal.signal(number, signal.SIG_IGN)
     if not cores.empty():
         os.sched_setaffinity(0, {cores.get()})
+    os.environ["NPROC"] = "1"  # XLA reads it once, when its backend starts.
     tune()
     enable_compilation_cache()
     _load(plugins)

@@ -10,7 +10,7 @@ import tyro
 
 from neurosym_jax.commands import inspect, models
 from neurosym_jax.data import ReadOptions, read_any
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.model_places import RECOMMENDED, find_model
 from neurosym_jax.plotting import tracks as drawing
 from tests.data.test_schema import CROWD, PIXELS, TABLES, lines, read_as_told
@@ -72,6 +72,17 @@ def test_the_picture_has_the_forecast_of_the_busiest_moment(tmp_path, monkeypatc
     assert error < 0.5 * np.linalg.norm(past[:, -1:] - future, axis=-1).mean()
 
 
+def test_what_is_taken_for_a_tracking_error_is_said(tmp_path):
+    steps = np.arange(16.0)
+    rows = [(0.4 * t, 1, 0.5 * t, 9 * (t == 5)) for t in steps] + [
+        (0.4 * t, 2, 0.5 * t, 3) for t in steps
+    ]
+    path = tmp_path / "walk.csv"
+    path.write_text("time,id,x,y\n" + "\n".join(",".join(map(str, row)) for row in rows))
+    with pytest.warns(InputWarning, match="tracking error"):
+        inspect.run(path, tmp_path / "f.png", read=ReadOptions(allow=("fast",)))
+
+
 def test_what_cannot_be_forecast_is_said(tmp_path, capsys):
     (tmp_path / "walk.csv").write_text("when,x,y,id\n1,1000,0,1\n0,0,0,1\n2,2000,0,1\n")
     figure = tmp_path / "f/all.png"
@@ -122,3 +133,9 @@ def test_models_begin_with_the_one_to_take(capsys):
     assert sum(counts.values()) == len(names)
     assert counts["anchors"] == sum(re.match("anchors_", name) is not None for name in names) == 12
     assert find_model(RECOMMENDED).name in names
+
+
+def test_networks_of_another_family_are_counted(monkeypatch, capsys):
+    monkeypatch.setattr(models, "models_at_hand", lambda: [("transformer_eth_8", None)])
+    models.run()
+    assert "others          1 models" in capsys.readouterr().out

@@ -191,7 +191,7 @@ def inner(data):
         "sweep": {f"{C}.sweep.run_sweep": 0},
         "evaluate": {
             f"{C}.evaluate.evaluate_tests": lambda: iter(results),
-            f"{C}.evaluate.cluster_map": lambda: contextlib.nullcontext("cluster"),
+            f"{C}.evaluate.map_for": contextlib.nullcontext,
             f"{C}.evaluate.shipped_models": shipped,
             "neurosym_jax.evaluation.saved_forecasts.save_forecasts": [Path("f.npz")],
             "neurosym_jax.plotting.evaluation.draw_figures": [Path("f.png")],

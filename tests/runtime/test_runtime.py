@@ -181,3 +181,8 @@ def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch, elsewhe
     for result, other in zip(results, evaluate_tests(tests, settings), strict=True):
         for name in ("joint_ade", "joint_ade_low", "joint_ade_high"):
             assert result.row[name] == pytest.approx(other.row[name])
+
+
+def test_a_killed_process_ends_in_a_line():
+    with pytest.raises(InputError, match=r"was killed.*NPROC=1"), process_map() as run:
+        list(run(os._exit, [1]))
