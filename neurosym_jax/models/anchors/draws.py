@@ -62,32 +62,35 @@ def separate(points: Array, chosen: Array, valid: Array, key: Array) -> Array:
         return chosen
     near, present = _nearest(points, valid)
     table = jnp.where(present[..., None, None], _overlaps(points, near), 0)
-    slots = jnp.arange(near.shape[1])
+    table = jax.lax.stop_gradient(table)
+    slots, draws = jnp.arange(near.shape[1]), jnp.arange(count)
+    # Whoever can overlap with nobody has no turn.
+    crowded = table.any(axis=(1, 2, 3))
+    turns, number = jnp.argsort(~crowded), crowded.sum()
 
-    def exchange(chosen: Array, turn: tuple[Array, Array]) -> tuple[Array, None]:
-        sweep, agent = turn  # Not their number, which would change with padding.
-        turn_key = jax.random.fold_in(jax.random.fold_in(key, sweep), agent)
-        order_key, lot_key = jax.random.split(turn_key)
-        order = jax.random.uniform(order_key, (count,)).argsort()
-        # Neighbours in a random order are partners; of an odd number the last is its own.
-        ahead = order.at[: count // 2 * 2].set(
-            order[: count // 2 * 2].reshape(-1, 2)[:, ::-1].reshape(-1)
-        )
-        partner = jnp.zeros_like(order).at[order].set(ahead)
-        mine, theirs = chosen[:, agent], chosen[:, near[agent]]
+    def sweep(key: Array, chosen: Array) -> Array:
+        # By the person, so that padding changes nothing.
+        keys = jax.vmap(functools.partial(jax.random.fold_in, key))(jnp.arange(agents))
+        lots = jax.vmap(lambda key: jax.random.uniform(key, (count + 1,)))(keys)
 
-        def overlap(mine: Array) -> Array:
-            return table[agent, slots, mine[:, None], theirs].sum(-1)
+        def exchange(turn: Array, chosen: Array) -> Array:
+            agent = turns[turn]
+            lot, pivot = lots[agent, :-1], (lots[agent, -1] * count).astype(int)
+            # Draws are partners whose numbers have a sum drawn at random; some are their own.
+            partner = (pivot - draws) % count
+            mine, theirs = chosen[:, agent], chosen[:, near[agent]]
+            both = jnp.stack([mine, mine[partner]])
+            now, then = table[agent, slots, both[..., None], theirs].sum(-1)
+            increase = then - now
+            increase = increase + increase[partner]
+            # One lot for both partners.
+            accepted = jnp.log(lot[jnp.minimum(draws, partner)]) < -REPULSION * increase
+            return chosen.at[:, agent].set(both[accepted.astype(int), draws])
 
-        increase = overlap(mine[partner]) - overlap(mine)
-        increase = increase + increase[partner]
-        lot = jax.random.uniform(lot_key, (count,))
-        lot = lot[jnp.minimum(jnp.arange(count), partner)]  # One for both partners.
-        accepted = jnp.log(lot) < -REPULSION * increase
-        return chosen.at[:, agent].set(jnp.where(accepted, mine[partner], mine)), None
+        return jax.lax.fori_loop(0, number, exchange, chosen)
 
-    sweeps, people = jnp.divmod(jnp.arange(SWEEPS * agents), agents)
-    return jax.lax.scan(exchange, chosen, (sweeps, people))[0]
+    keys = jax.random.split(key, SWEEPS)
+    return jax.lax.fori_loop(0, SWEEPS, lambda round, chosen: sweep(keys[round], chosen), chosen)
 
 
 def _nearest(points: Array, valid: Array) -> tuple[Array, Array]:
