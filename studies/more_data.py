@@ -4,8 +4,8 @@ python -m studies.more_data OPENTRAJ OUT
 
 OPENTRAJ is the public repository crowdbotp/OpenTraj. We read its Stanford drone scenes, as
 the TrajNet challenge gives them (metres, every person for 20 steps), and HERMES's corridors, split
-as in `studies.weighting.data`. OUT gets a folder each for training, and `tests`. What is in
-`KEPT_BACK` is for later judgements: it is not read.
+as in `studies.weighting.data`. OUT gets a folder each for training, `tests`, and `kept_back`, which
+no choice was made on.
 """
 
 import shutil
@@ -20,7 +20,7 @@ from studies.weighting.data import LEARNED, TESTED, read_corridor
 STANFORD = Path("datasets/TrajNet/Train/stanford")
 HERMES = Path("datasets/HERMES/Corridor-2D")
 KEPT_BACK = ("bookstore_0", "bookstore_2", "deathCircle_0", "gates_1", "hyang_5")
-"""Stanford recordings kept for later judgements; HERMES's are in neither of its two lists."""
+"""Stanford recordings kept for a last judgement; HERMES's are in neither of its two lists."""
 STANFORD_TESTED = ("coupa_3", "hyang_6", "nexus_9")
 """Nothing of the place coupa is in training; of the other two, other recordings are."""
 
@@ -31,12 +31,13 @@ def write(opentraj: Path, out: Path) -> None:
     Raises:
         InputError: for a recording that is missing.
     """
-    stanford, hermes, tests = (out / name for name in ("stanford", "hermes", "tests"))
-    for folder in (stanford, hermes, tests):
+    folders = [out / name for name in ("stanford", "hermes", "tests", "kept_back")]
+    stanford, hermes, tests, kept_back = folders
+    for folder in folders:
         folder.mkdir(parents=True, exist_ok=True)
+    places = dict.fromkeys(STANFORD_TESTED, tests) | dict.fromkeys(KEPT_BACK, kept_back)
     for path in sorted((opentraj / STANFORD).glob("*.txt")):
-        if path.stem not in KEPT_BACK:
-            shutil.copy(path, tests if path.stem in STANFORD_TESTED else stanford)
+        shutil.copy(path, places.get(path.stem, stanford))
     for names, folder in ((LEARNED, hermes), (TESTED, tests)):
         for name in names:
             tracks = read_corridor(opentraj / HERMES / f"{name}.txt")
