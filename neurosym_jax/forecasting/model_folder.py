@@ -236,6 +236,7 @@ def _headed(card: str, data: Mapping[str, str]) -> str:
     licences = {HUB_LICENCES.get(licence, "unknown") for licence in data.values()} or {"unknown"}
     header = {
         "library_name": "neurosym_jax",
+        "pipeline_tag": "time-series-forecasting",
         "license": licences.pop() if len(licences) == 1 else "other",
         "datasets": [name.lower().replace("/", "-") for name in data],
         "dataset_licenses": dict(data),

@@ -77,6 +77,9 @@ def hub():
         server.shutdown()
 
 
+TASK = "time-series-forecasting"
+
+
 @pytest.mark.parametrize(
     ("data", "licence"),
     [
@@ -89,7 +92,7 @@ def hub():
 )
 def test_folders_have_the_header_of_the_hub(model, tmp_path, data, licence):
     for card, facts in (
-        (None, (licence, [name.lower().replace("/", "-") for name in data], "neurosym_jax")),
+        (None, (licence, [name.lower().replace("/", "-") for name in data], TASK)),
         ("---\nlicense: mit\n---\n\n# Mine\n", ("mit", None, None)),
     ):
         folder = tmp_path / str(facts[2])
@@ -97,7 +100,7 @@ def test_folders_have_the_header_of_the_hub(model, tmp_path, data, licence):
         text = (folder / "README.md").read_text()
         (head,) = re.findall(r"\A---\n(.*?)---\n\n# ", text, re.DOTALL)
         header = yaml.safe_load(head)
-        fields = tuple(header.get(name) for name in ("license", "datasets", "library_name"))
+        fields = tuple(header.get(name) for name in ("license", "datasets", "pipeline_tag"))
         assert fields == facts
         assert from_pretrained(folder).data == data
 
