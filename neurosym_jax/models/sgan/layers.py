@@ -45,6 +45,37 @@ def with_bias(x: Array, *biases: Array) -> Array:
     return x
 
 
+@jax.custom_jvp
+def tanh(x: Array) -> Array:
+    """`jnp.tanh(x)` by a rational function, in float32 as accurate as XLA's (2.8e-7) and faster.
+
+    It has the least relative error where |x| <= 8.2 and is constant beyond.
+    """
+    if x.dtype != jnp.float32:
+        return jnp.tanh(x)
+    x = jnp.clip(x, -8.2, 8.2)
+    square, numerator, denominator = x * x, 1.4903334e-08, 8.3964648e-07
+    for a, b in (
+        (2.1683279e-05, 3.3910569e-04),
+        (3.5595330e-03, 2.6119196e-02),
+        (1.3434543e-01, 4.6767871e-01),
+        (1.0, 1.0),
+    ):
+        numerator, denominator = numerator * square + a, denominator * square + b
+    return x * numerator / denominator
+
+
+@tanh.defjvp
+def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    y = tanh(*primals)
+    return y, (1 - y * y) * tangents[0]
+
+
+def sigmoid(x: Array) -> Array:
+    """`jax.nn.sigmoid(x)`; an exponential costs more than `tanh`."""
+    return 0.5 + 0.5 * tanh(0.5 * x)
+
+
 class Affine(nn.Module):
     """`x @ kernel + bias`; Kaiming-normal kernel, bias uniform within 1/sqrt(inputs)."""
 
@@ -130,8 +161,8 @@ class LSTM(Cell):
     def update(self, gates: Array, state: tuple[Array, ...]) -> tuple[Array, ...]:
         """`gates [..., 4 H]` are in the order input, forget, cell, output."""
         i, f, g, o = jnp.split(gates, 4, axis=-1)
-        cell = jax.nn.sigmoid(f) * state[1] + jax.nn.sigmoid(i) * jnp.tanh(g)
-        return jax.nn.sigmoid(o) * jnp.tanh(cell), cell
+        cell = sigmoid(f) * state[1] + sigmoid(i) * tanh(g)
+        return sigmoid(o) * tanh(cell), cell
 
 
 class LSTMNetwork(nn.Module):

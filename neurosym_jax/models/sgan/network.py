@@ -126,13 +126,14 @@ class Decoder(nn.Module):
 
         def step(carry, _):
             gates, state = carry
-            state = cell.update(gates, state)
+            # The bias is added here: were the sum carried, XLA would store it in a pass of its own.
+            state = cell.update(with_bias(gates, feedback_bias), state)
             # The displacement is computed here: were the hidden states the loop's output, XLA would
             # compute them twice, once to be stacked and once for the product.
-            gates = with_bias(state[0] @ feedback, feedback_bias)
-            return (gates, state), self.hidden2pos(state[0])
+            return (state[0] @ feedback, state), self.hidden2pos(state[0])
 
-        gates = with_bias(displacement @ kernel, bias) + hidden @ recurrent
+        # Each step adds the bias of a displacement that the output layer gave.
+        gates = with_bias(displacement, -self.hidden2pos.bias) @ kernel + hidden @ recurrent
         carry = gates, cell.start(hidden)
         _, displacements = jax.lax.scan(step, carry, length=self.config.pred_len)
         return jnp.moveaxis(displacements, 0, 1)

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorNetwork
+from neurosym_jax.models.sgan import layers
 from neurosym_jax.models.sgan.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.sgan.layers import CELLS, LSTM, Affine, Encoder, LSTMNetwork, Perceptron
 from neurosym_jax.models.sgan.network import pooling_network
@@ -179,6 +180,31 @@ def test_discriminator(kind):
     assert scores.min() > 0
     padded = [jnp.pad(part, [(0, 3)] + [(0, 0)] * (part.ndim - 1)) for part in trajectory]
     assert_allclose(apply(params, *padded)[:5], scores, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["tanh", "sigmoid"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_tanh_and_sigmoid(name, dtype):
+    """They and two derivatives, forward and backward, equal the exact functions up to rounding."""
+    x, function = np.linspace(-30, 30, 60_001), getattr(layers, name)
+    y = np.tanh(x) if name == "tanh" else sigmoid(x)
+    first, second = 1 - y * y, -2 * y * (1 - y * y)
+    if name == "sigmoid":
+        first, second = y * (1 - y), y * (1 - y) * (1 - 2 * y)
+    with jax.enable_x64(dtype is np.float64):
+        for atol, wanted, backward, forward in (
+            (3e-7, y, function, function),
+            (6e-7, first, jax.grad(function), jax.jacfwd(function)),
+            (12e-7, second, jax.grad(jax.grad(function)), jax.hessian(function)),
+        ):
+            for derivative in (backward, forward):
+                values = jax.jit(jax.vmap(derivative))(x.astype(dtype))
+                assert values.dtype == dtype
+                atol = 1e-14 if dtype is np.float64 else atol
+                assert_allclose(values, wanted, rtol=0, atol=atol)
+        with jax.debug_nans(False):
+            limits = function(jnp.asarray([-np.inf, np.inf, np.nan], dtype))
+        assert_allclose(limits, [y[0], y[-1], np.nan], atol=2e-7)
 
 
 def test_initialised_as_torch_does():
