@@ -9,8 +9,15 @@ import pytest
 
 from tests.repository import ROOT
 
-UNUSED = ("pykalman", "pysparkling", "joblib", "prettytable", "cv2")
+UNUSED = ("pykalman", "pysparkling", "joblib", "prettytable", "cv2", "glob2")
 """What peers import and the functions that we call do not use."""
+
+
+def unused(name: str) -> type:
+    """What a module of `UNUSED` has by any name, but those that Python asks of modules."""
+    if name.startswith("__"):
+        raise AttributeError(name)
+    return object
 
 
 @pytest.fixture
@@ -29,7 +36,7 @@ def peer(monkeypatch):
         for name in UNUSED:
             if name not in sys.modules:
                 module = types.ModuleType(name)
-                module.__getattr__ = lambda attribute: object  # pyright: ignore[reportAttributeAccessIssue]
+                module.__getattr__ = unused  # pyright: ignore[reportAttributeAccessIssue]
                 monkeypatch.setitem(sys.modules, name, module)
         return folder
 

@@ -9,6 +9,7 @@ import pytest
 import neurosym_jax as nj
 from neurosym_jax.data import cut_windows
 from neurosym_jax.data.formats import recordings_in
+from neurosym_jax.evaluation.forecasts import last_frames
 from neurosym_jax.forecasting.batched import predict_scenes
 from tests.repository import ROOT
 
@@ -18,6 +19,7 @@ LENGTHS = {"obs_len": 8, "pred_len": 12}
 
 @pytest.mark.parametrize("name", ["sgan_zara1_12", "anchors_zara1_12"])
 def test_its_evaluation_agrees_to_four_digits(peer, tmp_path, monkeypatch, capsys, name):
+    pytest.importorskip("torch")  # Before its code imports it.
     folder = peer("AgentFormer") / "AgentFormer"
     table = np.loadtxt(
         folder / f"datasets/eth_ucy/zara1/{SEQUENCE}.txt", usecols=(0, 1, 13, 15), dtype=float
@@ -25,11 +27,11 @@ def test_its_evaluation_agrees_to_four_digits(peer, tmp_path, monkeypatch, capsy
     recording = tmp_path / f"{SEQUENCE}.txt"
     np.savetxt(recording, table, fmt=["%d", "%d", "%.9f", "%.9f"])
     windows = cut_windows(recordings_in(recording), min_agents=1, **LENGTHS)
-    scenes = [windows.rows(np.array([number])) for number in range(0, windows.scenes, 20)]
+    numbers = range(0, windows.scenes, 20)
+    scenes = [windows.rows(np.array([number])) for number in numbers]
     forecasts = predict_scenes(nj.load_model(name), [windows.position[rows, :8] for rows in scenes])
-    for rows, forecast in zip(scenes, forecasts):
-        frame = windows.frame[rows[0]]
-        (moment := tmp_path / f"{SEQUENCE}/frame_{frame:06d}").mkdir(parents=True)
+    for rows, forecast, frame in zip(scenes, forecasts, last_frames(windows)[list(numbers)]):
+        (moment := tmp_path / f"{SEQUENCE}/frame_{int(frame):06d}").mkdir(parents=True)
         for number, sample in enumerate(forecast):
             lines = [
                 (frame + 1 + step, person, *xy)

@@ -28,16 +28,14 @@ def test_its_evaluation_agrees_to_six_digits(peer, shared, tmp_path, monkeypatch
     args = Arguments(checkpoint["args"] | {"loader_num_workers": 0})
     with folder_of([recording]) as folder:
         data, loader = script.data_loader(args, folder)
-    errors = script.evaluate(args, loader, script.get_generator(checkpoint), 20)
-    # A batch of the loader has several scenes, and is forecast k times.
-    batches = np.array_split(
-        np.arange(len(data)), range(args.batch_size, len(data), args.batch_size)
-    )
-    bounds, scenes = np.array(data.seq_start_end), []
-    for number, batch in enumerate(batches):
-        samples = np.stack([x.numpy() for x in drawn[20 * number : 20 * (number + 1)]])
-        sizes = np.diff(bounds[batch]).ravel()
-        scenes += np.split(samples.transpose(0, 2, 1, 3), sizes.cumsum()[:-1], axis=1)
+    # Its own loader shuffles. A batch has several scenes, and is forecast k times.
+    size, unite = args.batch_size, loader.collate_fn
+    ordered = torch.utils.data.DataLoader(data, size, collate_fn=unite)
+    errors = script.evaluate(args, ordered, script.get_generator(checkpoint), 20)
+    sizes, scenes = np.diff(np.array(data.seq_start_end)).ravel(), []
+    for batch in range(0, len(sizes), size):
+        samples = np.stack([drawn.pop(0).numpy() for _ in range(20)]).transpose(0, 2, 1, 3)
+        scenes += np.split(samples, sizes[batch : batch + size].cumsum()[:-1], axis=1)
     adapters = runpy.run_path(str(ROOT / "examples/peer_forecasts.py"))
     np.savez(tmp_path / "theirs.npz", **adapters["in_loader_order"](scenes, recording))
     (row,) = nj.evaluate((), recording, forecasts=tmp_path / "theirs.npz", baselines=[]).iter_rows(

@@ -74,7 +74,7 @@ def test_its_evaluator_agrees_to_six_digits(peer, tmp_path, capsys, kind):
     again, *_ = evaluator.eval(str(truth), str(forecast), LENGTHS)
     assert vars_of(again) == pytest.approx(vars_of(metrics), abs=1e-3)
     print(
-        kind, *(f"{value / SCENES:.6f}" for value in peer_metrics), metrics.pred_col, metrics.gt_col
+        kind, *(f"{value / SCENES:.6f}" for value in peer_metrics), own_errors(forecast, truth)
     )
 
 
