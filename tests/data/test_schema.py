@@ -10,6 +10,7 @@ import sqlite3
 import numpy as np
 import polars as pl
 import pytest
+import tyro
 
 from neurosym_jax.data import ReadOptions, read_any
 from neurosym_jax.errors import InputError, spoken_as_flags
@@ -133,6 +134,42 @@ def test_at_the_first_try_or_after_pasting(tmp_path, name):
     np.testing.assert_allclose(result, where(seconds, crowd.x, crowd.y), atol=1e-6)
     assert len(np.unique(tracks.id)) == len(np.unique(crowd.id))
     assert is_video == any("25 frames a second" in note for note in tracks.reading.notes)
+
+
+SCALE = 0.032  # that of the hint; the camera looks straight down
+ROLES = "--columns time=t id=id x=u_px y=v_px"
+FOLLOWED = {
+    # content, and the options of the messages that are followed
+    "every seventh frame": (lines("{f} {id} {x} {y}", f=7 * CROWD.step), ["--fps 25"]),
+    "pixels": (
+        lines("{t},{id},{u},{v}", head="t,id,u_px,v_px\n",
+              u=CROWD.x / SCALE, v=-CROWD.y / SCALE), [ROLES, "--unit 0.032"]),
+    "pixels and a homography": (
+        lines("{t},{id},{u},{v}", head="t,id,u_px,v_px\n",
+              u=CROWD.x / SCALE, v=-CROWD.y / SCALE), [ROLES, "--homography FILE"]),
+    "two clocks": (
+        lines("{f},{t},{id},{x},{y}", head="frame,time,id,x,y\n", f=CROWD.step % 7),
+        ["--columns frame=frame or time=time"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FOLLOWED)
+def test_what_a_refusal_proposes_reads_the_file(tmp_path, name):
+    content, hints = FOLLOWED[name]
+    (path := tmp_path / "mine.csv").write_text(content, encoding="utf-8")
+    np.savetxt(tmp_path / "h.txt", np.diag([SCALE, -SCALE, 1]))
+    words = []
+    for hint in hints:
+        with pytest.raises(InputError) as refused, spoken_as_flags():
+            read_any(path, tyro.cli(ReadOptions, args=words))
+        assert hint in str(refused.value)
+        hint = hint.replace("FILE", str(tmp_path / "h.txt")).replace("frame=frame or ", "")
+        words += shlex.split(hint)
+    (tracks,) = read_any(path, tyro.cli(ReadOptions, args=words))
+    seconds = 7 * CROWD.step / 25 if "seventh" in name else CROWD.t
+    np.testing.assert_allclose(
+        where(tracks.stamp, *tracks.position.T), where(seconds, CROWD.x, CROWD.y), atol=1e-6
+    )
 
 
 def test_a_row_with_numbers_where_others_have_them_is_data(shared):

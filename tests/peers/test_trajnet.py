@@ -73,9 +73,7 @@ def test_its_evaluator_agrees_to_six_digits(peer, tmp_path, capsys, kind):
     # What happened is a file that it takes for the truth, too.
     again, *_ = evaluator.eval(str(truth), str(forecast), LENGTHS)
     assert vars_of(again) == pytest.approx(vars_of(metrics), abs=1e-3)
-    print(
-        kind, *(f"{value / SCENES:.6f}" for value in peer_metrics), own_errors(forecast, truth)
-    )
+    print(kind, *(f"{value / SCENES:.6f}" for value in peer_metrics), own_errors(forecast, truth))
 
 
 def vars_of(metrics):
