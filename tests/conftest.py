@@ -57,11 +57,14 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 # They import jax, which reads the environment.
 import jax  # noqa: E402
 
+from neurosym_jax.forecasting.forecaster import Forecaster  # noqa: E402
 from neurosym_jax.forecasting.model import Model  # noqa: E402
 from neurosym_jax.models.sgan.config import GeneratorConfig  # noqa: E402
 from tests.networks import random_model  # noqa: E402
 
 jax.config.update("jax_debug_nans", True)
+# Loading a model checks it by tracing its network, which takes longer than most tests.
+Forecaster.shapes = functools.cache(Forecaster.shapes)
 
 
 def pytest_configure(config: pytest.Config) -> None:
