@@ -60,11 +60,13 @@ import jax  # noqa: E402
 from neurosym_jax.forecasting.forecaster import Forecaster  # noqa: E402
 from neurosym_jax.forecasting.model import Model  # noqa: E402
 from neurosym_jax.models.sgan.config import GeneratorConfig  # noqa: E402
+from neurosym_jax.simulation import scenarios  # noqa: E402
 from tests.networks import random_model  # noqa: E402
 
 jax.config.update("jax_debug_nans", True)
-# Loading a model checks it by tracing its network, which takes longer than most tests.
+# Loading a model traces its network, and commands simulate their default data: once here.
 Forecaster.shapes = functools.cache(Forecaster.shapes)
+scenarios.simulate = functools.cache(scenarios.simulate)
 
 
 def pytest_configure(config: pytest.Config) -> None:

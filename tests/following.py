@@ -20,7 +20,7 @@ def followed() -> Iterator[set[str]]:
 
     def called(frame: Any, event: str, _: Any) -> None:
         file = frame.f_code.co_filename
-        if event != "call" or not file.startswith(FOLDER) or file in passed:
+        if file in passed or not file.startswith(FOLDER):
             return
         while frame is not None and frame.f_code.co_name != "<module>":
             frame = frame.f_back
@@ -28,10 +28,11 @@ def followed() -> Iterator[set[str]]:
             passed.add(file)
             files.add(file[len(FOLDER) + 1 :])
 
-    threading.setprofile(called)
-    sys.setprofile(called)
+    # A tracer is called at calls alone, as it returns nothing; a profiler at returns, too.
+    threading.settrace(called)
+    sys.settrace(called)
     try:
         yield files
     finally:
-        sys.setprofile(None)
-        threading.setprofile(None)
+        sys.settrace(None)
+        threading.settrace(None)

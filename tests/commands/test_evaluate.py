@@ -16,7 +16,7 @@ from neurosym_jax.evaluation.metrics import METRICS, register_metric
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
-from tests.repository import SMALL
+from tests.repository import SMALL, exhaustive
 
 # Joint ADE and FDE of best-of-20 that the authors publish for their checkpoints.
 ZOO = {
@@ -168,7 +168,7 @@ def test_joint_metrics_matter_counts_these_windows(shared, options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ZOO)
+@pytest.mark.parametrize("name", [exhaustive("sgan-models/zara1_8"), "sgan-p-models/hotel_12"])
 def test_published_numbers(shared, options, name):
     checkpoint = (str(shared / f"checkpoints/{name}_model.pt"),)
     *_, row = run(options(checkpoint=checkpoint, data=shared / "data/eth_ucy", collisions=False))

@@ -176,7 +176,8 @@ def data(tmp_path_factory):
 def inner(data):
     """For each command: functions that are recorded and not run, with what they return."""
     source = open_source(data / "a" / "walk.txt")
-    results = list(evaluate_tests(load_tests(source, make_plan(source, [])), Settings(2)))
+    plan = make_plan(source, [], baselines=("constant_velocity", "constant_velocity_sampled"))
+    results = list(evaluate_tests(load_tests(source, plan), Settings(2)))
     figure = {
         "neurosym_jax.plotting.save_figure": Path("figure.png"),
         "neurosym_jax.plotting.use_style": None,

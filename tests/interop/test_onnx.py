@@ -13,7 +13,7 @@ from neurosym_jax.interop.export import export_onnx, program_of
 from neurosym_jax.interop.onnx import to_onnx
 from neurosym_jax.models.anchors.network import AnchorConfig
 from tests.networks import random_model
-from tests.repository import ROOT, SMALL, run_python
+from tests.repository import ROOT, SMALL, exhaustive, run_python
 
 onnxruntime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 pytest.importorskip("onnx", reason="onnx is not installed")
@@ -48,7 +48,7 @@ def assert_same_forecasts(model, peoples, samples=20):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["recommended", "neurosym_zara1_8"])
+@pytest.mark.parametrize("name", ["recommended", exhaustive("neurosym_zara1_8")])
 def test_shipped_models_for_1_2_7_and_64_people(name):
     assert_same_forecasts(load_model(name), (1, 2, 7, 64))
 
@@ -75,14 +75,16 @@ CONFIGS = {
 }
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize(
+    "name", [exhaustive(name) if name in ("no pooling", "learned") else name for name in CONFIGS]
+)
 def test_networks_that_do_not_ship(name):
     model = random_model(CONFIGS[name], std=0.3)
     assert_same_forecasts(model, (1, 5), 5)
 
 
 def test_operations_one_by_one():
-    """What a later network may use: each alone, beside jax, for two sizes of the free axis."""
+    """What a later network may use: an output of each, beside jax, for two sizes of an axis."""
     table = np.random.default_rng(1).normal(size=(9, 3)).astype(np.float32)
     functions = {
         "rows of a table": lambda x: jnp.asarray(table)[jnp.clip(x[:, 0].astype(int), 0, 8)],
@@ -111,13 +113,17 @@ def test_operations_one_by_one():
     people = jax.export.symbolic_shape("people, 4")
     argument = jax.ShapeDtypeStruct(people, jnp.float32)
     rng = np.random.default_rng(0)
-    for name, function in functions.items():
-        program = to_onnx(lambda x, f=function: (f(x),), {"x": argument}, ["y"], {})
-        session = session_of(program)
-        for count in (1, 6):
-            x = rng.normal(0, 2, (count, 4)).astype(np.float32)
-            result = session.run(None, {"x": x})[0]
-            expected = np.asarray(function(jnp.asarray(x)))
+
+    def program(x):
+        return tuple(function(x) for function in functions.values())
+
+    session, in_jax = (
+        session_of(to_onnx(program, {"x": argument}, [*functions], {})),
+        jax.jit(program),
+    )
+    for count in (1, 6):
+        x = rng.normal(0, 2, (count, 4)).astype(np.float32)
+        for name, result, expected in zip(functions, session.run(None, {"x": x}), in_jax(x)):
             assert result.shape == expected.shape, name
             np.testing.assert_allclose(result, expected, rtol=1e-5, atol=1e-5, err_msg=name)
 

@@ -1,6 +1,7 @@
 """One file of a plugin adds a family: it trains, resumes, sweeps, is evaluated, saved, exported."""
 
 import json
+import sys
 from pathlib import Path
 from unittest import mock
 
@@ -83,11 +84,24 @@ def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
 def test_commands_know_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run("train", "--model", "attention", *TRAIN, "--steps", "4", "--out", "run")
-    run("evaluate", "--checkpoint", "run/model", "--samples", "3", "--no-figures")
+    quick = ("--dataset", "cross-path", "--baselines", "constant_velocity", "--no-figures")
+    run("evaluate", "--checkpoint", "run/model", "--samples", "3", *quick)
     assert "Attention over neighbours" in capsys.readouterr().out
     config = json.loads((tmp_path / "run/model/config.json").read_text())
     assert config["forecaster"] == "attention"
     assert "family_plugin.py" in config["plugins"]
+
+    def train_here(sweep_run):
+        """Train in this process as if nothing were loaded: the run's file names the plugin."""
+        with monkeypatch.context() as patch:
+            patch.setattr("neurosym_jax.plugins._loaded", {})
+            patch.delitem(sys.modules, FORECASTERS["attention"].__module__)
+            patch.delitem(FORECASTERS, "attention")
+            with pytest.raises(SystemExit) as end:
+                main(sweep_run.command)
+        return end.value.code
+
+    monkeypatch.setattr("neurosym_jax.training.sweep._train", train_here)
     models = ("--model", "attention", "anchor_table")
     run("sweep", *models, *TRAIN, "--steps", "2", "--seed", "0", "--jobs", "1")
     names = {path.name for path in (tmp_path / "runs/sweep").iterdir() if path.is_dir()}

@@ -39,6 +39,7 @@ def test_a_pooling_and_a_cell_are_trained_saved_loaded_and_evaluated(tmp_path, m
     how = ("--steps", "1", "--set", "batch_scenes=2", "best_k=1", "max_agents=4")
     train = ("train", "--dataset", "cross-path", *network, *how, "--out", "run")
     evaluate = ("evaluate", "--checkpoint", "run/model", "--samples", "1", "--no-figures")
+    evaluate += ("--dataset", "cross-path", "--baselines", "constant_velocity")
     run(*train)
     model = load_model("run/model")
     kind = {"kind": "nearest", "bottleneck_dim": 8, "temperature": 0.5}

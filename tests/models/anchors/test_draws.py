@@ -18,6 +18,7 @@ from neurosym_jax.models.anchors.draws import _overlaps, draw_samples, draw_scen
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.sgan.config import GeneratorConfig
 from tests.networks import random_model
+from tests.repository import exhaustive
 
 KEY = jax.random.key(3)
 DRAW = jax.jit(draw_scenes, static_argnums=3)
@@ -39,7 +40,7 @@ def names(draws, points):
     return apart.argmin(1)
 
 
-@pytest.mark.parametrize("count", [1, 20, 60, 70])
+@pytest.mark.parametrize("count", [exhaustive(1), exhaustive(20), 60, 70])
 def test_every_point_of_a_person_is_drawn_equally_often(points, count):
     chosen = names(DRAW(points, PEOPLE, KEY, count), points)
     for person in chosen.T:
