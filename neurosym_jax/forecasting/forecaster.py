@@ -8,6 +8,7 @@ Equal forecasters are equal to `jax.jit`, so they share compiled programs.
 
 import abc
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar
 
@@ -109,9 +110,10 @@ class Forecaster(abc.ABC):
         """New parameters; consumes `key`. None if they are not known: nothing checks a model's."""
         return None
 
+    @functools.cache  # noqa: B019 (it holds configurations alone)
     def shapes(self) -> Any:
         """The parameters that `init` makes, as shapes without values."""
-        return jax.eval_shape(self.init, jax.random.key(0))
+        return jax.eval_shape(lambda: self.init(jax.random.key(0)))
 
     @abc.abstractmethod
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
