@@ -50,8 +50,9 @@ const complete = () => {
   document.querySelectorAll(".md-code__nav:not([aria-label])").forEach((nav) => {
     nav.setAttribute("aria-label", `Code ${nav.parentElement.id.replace(/\D/g, "")}`);
   });
-  document.querySelectorAll(".md-typeset__scrollwrap:not([tabindex])").forEach((table) => {
-    if (table.scrollWidth > table.clientWidth) table.tabIndex = 0;
+  const wide = ".md-typeset__scrollwrap:not([tabindex]), .jp-OutputArea-output pre:not([tabindex])";
+  document.querySelectorAll(wide).forEach((box) => {
+    if (box.scrollWidth > box.clientWidth) box.tabIndex = 0;
   });
 };
 complete();
