@@ -87,5 +87,6 @@ def draw_paths(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **
     """Draw a line for each agent of `lines` [N, T, 2], from the end of `past`."""
     if past is not None:
         lines = np.concatenate([past[:, -1:], lines], axis=1)
-    for line in lines:
-        axes.plot(*line.T, **look)
+    # One artist with gaps: with one a person, a figure takes twice as long.
+    gaps = np.pad(lines, [(0, 0), (0, 1), (0, 0)], constant_values=np.nan)
+    axes.plot(*gaps.reshape(-1, 2).T, **look)

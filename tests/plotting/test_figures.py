@@ -24,8 +24,14 @@ def walk(agents, steps=16, seed=0):
 
 
 def labelled(axes, label):
-    """[lines, T, 2] of the lines with this label."""
-    return [line.get_xydata() for line in axes.lines if line.get_label() == label]
+    """[lines, T, 2] of the lines with this label, which end at gaps."""
+    paths = []
+    for line in axes.lines:
+        if line.get_label() == label:
+            gap = np.isnan(points := line.get_xydata()).all(axis=1)
+            ends = np.flatnonzero(gap) - np.arange(gap.sum())
+            paths += [path for path in np.split(points[~gap], ends) if len(path)]
+    return paths
 
 
 def legend_texts(figure):
