@@ -57,6 +57,7 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 # They import jax, which reads the environment.
 import jax  # noqa: E402
 
+from neurosym_jax.data.windows import make_batches  # noqa: E402
 from neurosym_jax.forecasting.forecaster import Forecaster  # noqa: E402
 from neurosym_jax.forecasting.model import Model  # noqa: E402
 from neurosym_jax.models.sgan.config import GeneratorConfig  # noqa: E402
@@ -67,6 +68,7 @@ jax.config.update("jax_debug_nans", True)
 # Loading a model traces its network, and commands simulate their default data: once here.
 Forecaster.shapes = functools.cache(Forecaster.shapes)
 scenarios.simulate = functools.cache(scenarios.simulate)
+make_batches.__defaults__ = (128,)  # Slots, which most tests leave empty.
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -84,7 +86,13 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the tests that hang on rounding to `test_optimised.py`, where that is run."""
     if any(item.path.name == "test_optimised.py" for item in items) and os.environ["XLA_FLAGS"]:
-        left = [item for item in items if item.get_closest_marker("rounding")]
+        complete = "not exhaustive" not in config.option.markexpr
+        left = [
+            item
+            for item in items
+            if item.get_closest_marker("rounding")
+            and (complete or not item.get_closest_marker("slow"))
+        ]
         config.hook.pytest_deselected(items=left)
         items[:] = [item for item in items if item not in left]
 

@@ -76,6 +76,7 @@ def test_the_stored_cases_prove_something():
 
 
 @pytest.mark.rounding
+@pytest.mark.slow
 def test_released_code(golden):
     """The 40 outputs of SGAN, NeuroSyM, its symbols and a training step."""
     parity = run_parity(golden)

@@ -12,7 +12,7 @@ import pytest
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import refuse_unwritable
-from tests.repository import ROOT
+from tests.repository import ROOT, exhaustive
 
 COMMAND = """
 import concurrent.futures, pathlib, subprocess, sys, time
@@ -109,8 +109,8 @@ def start(tmp_path):
     ("action", "number"),
     [
         ("sleep", signal.SIGINT),
-        ("sleep", signal.SIGTERM),
-        ("sleep", signal.SIGHUP),
+        exhaustive("sleep", signal.SIGTERM),
+        exhaustive("sleep", signal.SIGHUP),
         ("translate", signal.SIGINT),
         ("return_early", signal.SIGTERM),
         ("swallow", signal.SIGTERM),

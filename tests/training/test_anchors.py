@@ -156,7 +156,8 @@ def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
 @pytest.mark.parametrize(
     ("network", "kind"),
     [
-        (AnchorConfig(4, 3, points=6, hidden=8), "anchors"),
+        (AnchorConfig(4, 3, hidden=8), "anchors"),
+        exhaustive(AnchorConfig(4, 3, points=6, hidden=8), "anchors"),
         exhaustive(AnchorTableConfig(4, 3), "anchor_table"),
     ],
 )

@@ -29,8 +29,8 @@ def _no_plugins(monkeypatch):
 def begin(files, out, *more):
     """Start the training of a small model, on one thread."""
     data = ("--train-on", files / "walk.txt", "--validate-on", files / "check.txt", "--out", out)
-    how = ("--obs-len", 4, "--pred-len", 4, "--steps", 300, "--model", "anchor_table")
-    changes = ("--set", "batch_scenes=4", "validate_every=50", "ema=0.9")
+    how = ("--obs-len", 4, "--pred-len", 4, "--steps", 100, "--model", "anchor_table")
+    changes = ("--set", "batch_scenes=4", "validate_every=25", "ema=0.9")
     return subprocess.Popen(
         [sys.executable, *map(str, (ROOT / "train.py", *data, *how, *changes, *more))],
         env={**os.environ, "NPROC": "1"},
@@ -59,7 +59,7 @@ def test_a_kill_changes_nothing(files, tmp_path, final):
     state, model, metrics = final(tmp_path / "run")
     assert (state, model, metrics) == final(tmp_path / "alone")
     assert state
-    assert len(metrics.splitlines()) == 12
+    assert len(metrics.splitlines()) == 4
 
 
 def events(folder):

@@ -32,6 +32,7 @@ from neurosym_robot.ros import messages
 from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS, TRUTH_TOPIC, seconds_of
 from neurosym_robot.tracking.following import Frame, frames_of_tracks
+from tests.repository import exhaustive
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -238,7 +239,7 @@ def test_the_rate_is_that_of_the_stamps():
     [
         (signal.SIGINT, 130, ["--dashboard", "--port", "0"]),
         (signal.SIGTERM, 143, ["--rate", "1", "--out", "part.mcap"]),
-        (signal.SIGHUP, 129, ["--rate", "1"]),
+        exhaustive(signal.SIGHUP, 129, ["--rate", "1"]),
     ],
 )
 def test_the_first_signal_ends_it_and_says_what_is_only_a_part(
