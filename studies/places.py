@@ -65,7 +65,7 @@ street with three, "corridors" four runs of HERMES. Stanford (23 recordings), TH
 THÖR-MAGNI (one) are tested with the models that learned from ETH/UCY alone. Anchors: the mean of
 {seeds} seeds; all others: one training. Bold: the best of a column. eth is read with SGAN's
 [wrong clock](data.md#the-eth-recording). Energy scores of anchors are of its 20 samples by their
-probabilities, not of the [distribution](recipe.md#the-distribution) that ships now.
+probabilities; [those of its distribution](results.md#the-distribution) are lower.
 """
 TAIL = """## Paired by place
 
