@@ -220,7 +220,7 @@ def _refusal(
     words = {"time": "time or frame"}
     lacking = [role for role in required if role not in guess]
     lacking = [role for role in lacking if role != "time" or "frame" not in guess]
-    columns += [f"{role}={'none' if role == 'id' else ''}" for role in lacking]
+    columns += [f"{role}={'none' if role == 'id' else 'NAME'}" for role in lacking]
     error = InputError(
         f"{table.path}: which column is {', '.join(words.get(role, role) for role in required)}? "
         f"There are {_shown(table)}: say {option('columns', tuple(columns))}"

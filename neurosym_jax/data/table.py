@@ -22,6 +22,8 @@ __all__ = ["STEPS", "Table", "absent", "read_table"]
 
 MOST = 1_000_000  # columns of a table
 BLANKS = ' "\t\r'  # around a field
+UNITS = {"", "m", "cm", "mm", "m/s", "s", "ms", "us", "ns", "deg", "rad", "px", "frame"}
+"""What a row below the header has, if it has the columns' units."""
 # Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second.
 STEPS = (1, 6, 10, 12)
 
@@ -169,7 +171,9 @@ class Table:
 
 def absent(texts: pl.Series) -> pl.Series:
     """[R] bool: fields that say that there is no value."""
-    return texts.str.to_lowercase().is_in(("", "nan", "null", "none", "n/a", "<na>", "nat"))
+    return texts.str.to_lowercase().is_in(
+        ("", "nan", "null", "none", "n/a", "na", "<na>", "nat", "?", "-")
+    )
 
 
 def read_table(
@@ -192,6 +196,8 @@ def read_table(
     is_row = ((lines != "") & ~is_comment).to_numpy()
     comments = lines.head(int(np.argmax(is_row))).filter(is_comment.head(int(np.argmax(is_row))))
     lines, row = lines.filter(is_row), 1 + np.flatnonzero(is_row)
+    if len(lines) and lines[0].startswith("<"):
+        raise InputError(f"{path}: XML is not read: write rows of time, id, x and y")
     starts = lines[:200].str.contains(f"^{header}").arg_true()
     if not len(starts):
         without = f", or no header {header!r}" * bool(header)
@@ -213,6 +219,16 @@ def read_table(
             has_header = bool(header) or header_in(rows)
         if has_header:
             lines, row = lines[1:], row[1:]
+            if (
+                len(rows) > 1
+                and (units := [field.lower() for field in rows[1]])
+                and (
+                    {"m", "cm", "mm"} & {*units} and {*units} <= UNITS and len(units) == len(names)
+                )
+            ):
+                names = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units)]
+                lines, row = lines[1:], row[1:]
+                notes += ("units below the header",)
         else:
             names = [str(place) for place in range(1, len(names) + 1)]
     if not len(lines):
@@ -223,12 +239,13 @@ def read_table(
     remarks = tuple(comments.str.strip_chars("# ").to_list())
     table = Table(path, names, fields, row, comments=remarks, notes=notes)
     widths = fields.list.len().to_numpy()
+    columns = option("columns", ("time=1", "id=2", "x=3", "y=4"))
+    hint = f"{option('format')}, or {columns}, says what they are"
+    if len(np.unique(widths)) > 2 or widths.max() < 3:
+        hint = "this is no table: write rows of time, id, x and y"
     table.refuse(
         widths != len(names),
-        lambda at: (
-            f"{widths[at]} columns, not {len(names)}: {lines[at][:60]!r} ({option('format')}, or "
-            f"{option('columns', ('time=1', 'id=2', 'x=3', 'y=4'))}, says what they are)"
-        ),
+        lambda at: f"{widths[at]} columns, not {len(names)}: {lines[at][:60]!r} ({hint})",
     )
     return table
 

@@ -119,7 +119,7 @@ REFUSALS = [
     ("text", "", "the file has no rows"),
     ("text", "0 1 2 3\n1 1 2\n", r"row 2: 3 columns, not 4: '1 1 2'"),
     ("text", "0 1 2\n1 1 2\n", r"row 1: 3 columns, not 4: '0 1 2' \(format, or columns=\('time=1'"),
-    ("text", "0,1,,3\n", "row 1: x is not a number: ''"),
+    ("text", "0,1,,3\n", "no row has a position"),
     ("text", "# a comment\n\n0 1 2 3\n1 1 2 x4\n", "row 4: y is not a number: 'x4'"),
     ("text", "0 1 2 3\n1 2 2 3\n0 1 5 5\n", "row 3: repeats agent 1 at 0 s"),
     ("text", "0 1 2 3\n0.5 1 2 3\n", "row 2: frame 0.5 is not a whole number"),

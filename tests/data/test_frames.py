@@ -27,7 +27,7 @@ CASES = {  # From "no ids" on they are refused.
     "no ids": (table(id=None), {}),
     "an id missing": (table(id=["" if n == 7 else n for n in CROWD.id]), {}),
     "a point twice": (table() + table().split("\n")[9] + "\n", {}),
-    "not a number": (table(x=np.where(CROWD.step == 9, "?", CROWD.x.astype(str))), {}),
+    "not a number": (table(x=np.where(CROWD.step == 9, "x4", CROWD.x.astype(str))), {}),
 }
 
 

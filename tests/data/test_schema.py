@@ -91,6 +91,10 @@ TABLES = {
     "id before frame, pasted": lines("{id} {step}0 {x} {y}"),
     "id before frame, and a height, pasted": lines("{id}\t{step}0\t{x}\t{y}\t1.7"),
     "time first, pasted": lines("{t},{id},{x},{y},ok"),
+    "units below the header": lines(
+        '{t},{id},"{id:05}",1,{x},{y},1.7',
+        head='"t","id","name","active","x","y","z"\n"s","","","","m","m","m"\n',
+    ),
     "positions first, pasted": lines("{x};{y};{id};{t};0"),
     "names in no language, pasted": lines("{t},{id},{x},{y}", head="aa,bb,cc,dd\n"),
     "half of the names, pasted": lines(
@@ -170,6 +174,37 @@ def test_what_a_refusal_proposes_reads_the_file(tmp_path, name):
     np.testing.assert_allclose(
         where(tracks.stamp, *tracks.position.T), where(seconds, CROWD.x, CROWD.y), atol=1e-6
     )
+
+
+def test_nothing_is_proposed_for_what_are_no_tracks(tmp_path):
+    """Boxes of one moment in seven cameras; XML; rows of unlike lengths."""
+    rng = np.random.default_rng(0)
+    box = {"xmin": 0, "ymin": 0, "xmax": 1, "ymax": 1}
+    people = [
+        {"personID": person, "views": [
+            {"viewNum": view, **{name: int(rng.integers(2000)) for name in box}}
+            for view in range(7)]}
+        for person in range(20)
+    ]  # fmt: skip
+    for content, says in (
+        (json.dumps(people), "which column is time or frame.*time=NAME"),
+        ("<result>\n<frame number='1'>\n</result>\n", "XML is not read"),
+        ("591\n116 2\n0 1 2 3\n4 5 6 7 8\n", "this is no table"),
+    ):
+        (path := tmp_path / "mine.json").write_text(content)
+        with pytest.raises(InputError, match=says):
+            read_any(path)
+
+
+def test_question_marks_are_people_who_are_not_seen(tmp_path):
+    """As in the tests of the TrajNet challenge, whose futures are withheld."""
+    part = CROWD.step % 20 < 8
+    text = lines("{step}0 {id}.0 {x} {y}").splitlines()
+    text = [row if seen else " ".join([*row.split()[:2], "? ?"]) for row, seen in zip(text, part)]
+    (path := tmp_path / "mine.txt").write_text("\n".join(text))
+    (tracks,) = read_any(path)
+    truth = where(*(values[part] for values in (CROWD.t, CROWD.x, CROWD.y)))
+    np.testing.assert_allclose(where(tracks.stamp, *tracks.position.T), truth, atol=1e-6)
 
 
 def test_a_row_with_numbers_where_others_have_them_is_data(shared):

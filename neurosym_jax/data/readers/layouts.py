@@ -32,8 +32,11 @@ class Text(Layout):
             InputError: with the columns that fit.
         """
         table.whole_numbers(1)
-        frame, ped, *position = table.numbers(0, 1, 2, 3).T
-        position = np.column_stack(position)
+        rows = np.column_stack([table.numbers(0, 1), table.numbers(2, 3, missing=True)])
+        rows = rows[~np.isnan(rows).any(axis=1)]
+        if not len(rows):
+            return
+        frame, ped, position = rows[:, 0], rows[:, 1], rows[:, 2:]
         usual, other = (roughness(*pair, position) for pair in ((frame, ped), (ped, frame)))
         if SMOOTHER * np.sum(other) < np.sum(usual):
             raise InputError(
