@@ -100,6 +100,8 @@ def stamps_of(
                 )
             warnings.append(f"allowed clock: {line}")
         if schema.clock == "frame":
+            if len(fps) == 1 and ratio is not None:
+                witness += f" alone, which may err by a twentieth: {option('fps')} corrects it"
             if witness not in stated:
                 notes.append(f"{rate:g} frames a second ({witness})")
             # In this order 10 frames at 25 a second are 0.4 s exactly.
