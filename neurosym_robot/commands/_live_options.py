@@ -75,6 +75,9 @@ class LiveOptions:
     id: str = ""
     """With --people: path from an entry to its id, such as track_id, or a field of the message with
     as many entries; by default each position continues the nearest expected one."""
+    only: str = ""
+    """Which entries are people: path and values, such as results.0.hypothesis.class_id=person;
+    by default all, of derived_object_msgs those of its class for pedestrians."""
     fixed_frame: str = ""
     """Frame into which coordinates are transformed by /tf; by default that of the first message,
     and messages in other frames are left out."""
@@ -99,6 +102,8 @@ class LiveOptions:
 
     def __post_init__(self):
         """Refuse what is no probability, and options without effect."""
+        if self.only and not all(self.only.partition("=")):
+            raise InputError(f"--only {self.only}: PATH=VALUE, such as label=person")
         if not 0 < self.at_least <= 1:
             raise InputError(f"--at-least is a probability in (0, 1], not {self.at_least:g}")
         fields = dataclasses.fields(self)
@@ -131,7 +136,7 @@ class LiveOptions:
         """The stream of people; `report` is called about messages that are left out."""
         form = Kind(self.people, self.position, self.id) if self.people else None
         frames = self.fixed_frame, report, self.robot_frame
-        return PeopleSource(*frames, self.reach, form, recorded=recorded)
+        return PeopleSource(*frames, self.reach, form, self.only, recorded=recorded)
 
     def stitcher(self) -> OnlineStitcher | None:
         """The stitcher of ids, if the options ask for it."""

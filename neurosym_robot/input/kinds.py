@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import itertools
 import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -26,6 +27,7 @@ class Kind:
     """From an entry to a number or name, `|` between alternatives; or a field of the message with
     as many entries as people. Empty: people have no ids."""
     occluded: str = ""  # from an entry to whether the tracker guesses the position, unseen
+    only: str = ""  # PATH=VALUE[,VALUE] of the entries that are people; empty: all are
 
 
 _TRACKS = Kind("tracks", "pose.pose.position", "track_id", "is_occluded")
@@ -40,6 +42,12 @@ KINDS = {
     # `id` since ROS 2 Humble, `tracking_id` before; on ROS 1 there is none.
     "vision_msgs/msg/Detection3DArray": Kind(
         "detections", "bbox.center.position", "id|tracking_id"
+    ),
+    "derived_object_msgs/msg/ObjectArray": Kind(
+        "objects",
+        "pose.position",
+        "id",
+        only="classification=4",  # CLASSIFICATION_PEDESTRIAN
     ),
     POSES: Kind("poses"),
     HRI: Kind("ids", ""),
@@ -92,8 +100,10 @@ def _ids(message: Any, entries: Sequence[Any], path: str) -> list[int]:
     return [UNNAMED] * len(entries)
 
 
-def see(kind: str | Kind, message: Any) -> Seen:
+def see(kind: str | Kind, message: Any, only: str = "") -> Seen:
     """What a message says, of a type in `KINDS` or with fields as a `Kind` says.
+
+    `only` takes the place of the kind's.
 
     Raises:
         AttributeError, LookupError, TypeError, ValueError: if the message has no such fields.
@@ -101,6 +111,10 @@ def see(kind: str | Kind, message: Any) -> Seen:
     form = KINDS[kind] if isinstance(kind, str) else kind
     entries = list(_follow(message, form.people))
     ids = _ids(message, entries, form.id) if form.position else [id_of_name(e) for e in entries]
+    if only := only or form.only:
+        path, _, values = only.partition("=")
+        is_person = [str(_follow(entry, path)) in values.split(",") for entry in entries]
+        ids, entries = (list(itertools.compress(each, is_person)) for each in (ids, entries))
     points = [_follow(entry, form.position) for entry in entries] if form.position else []
     occluded = [bool(form.occluded) and _follow(entry, form.occluded) for entry in entries]
     return Seen(

@@ -46,6 +46,7 @@ class PeopleSource:
         robot_frame: str = "",
         reach: float = REACH,
         form: Kind | None = None,
+        only: str = "",
         *,
         recorded: bool = False,
     ):
@@ -57,6 +58,7 @@ class PeopleSource:
         """
         self.fixed_frame, self._report, self.form = fixed_frame.strip("/"), report, form
         self.robot_frame, self.reach, self._recorded = robot_frame, reach, recorded
+        self._only = only
         self.frame_id: str | None = self.fixed_frame or None
         """Frame of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
@@ -111,7 +113,7 @@ class PeopleSource:
             InputError: in a recording, for coordinates that would be misread.
         """
         try:
-            seen = see(self.form or kind, message)
+            seen = see(self.form or kind, message, self._only)
         except (AttributeError, LookupError, TypeError, ValueError) as error:
             self._refuse("malformed", f"{kind}: people cannot be read", str(error))
             return self.release(received)

@@ -45,7 +45,7 @@ def live(base):
             base, "", {"--fixed-frame": "--fixed-frame map", "--robot-frame": "--robot-frame base"}
         ),
         **with_more(base, "--fixed-frame map", {"--reach": "--reach 3"}),
-        **with_more(base, "", {"--people": "--people tracks"}),
+        **with_more(base, "", {"--people": "--people tracks", "--only": "--only a.b=person"}),
         **with_more(base, "--people tracks", {"--position": "--position at", "--id": "--id key"}),
         "--dashboard": "--dashboard",
         **with_more(base, "--dashboard", PAGE),

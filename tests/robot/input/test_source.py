@@ -142,6 +142,7 @@ def test_every_kind_says_who_is_where():
         "PersonArray": Fields(id=4, pose=pose),
         "Agents": Fields(id=4, position=pose),
         "Detection3DArray": Fields(id="4", bbox=Fields(center=pose)),
+        "ObjectArray": Fields(id=4, pose=pose, classification=4),
         "PoseArray": pose,
     }
     for kind, form in KINDS.items():
@@ -165,6 +166,25 @@ def test_people_of_any_message_by_paths():
     assert source.take("any/msg/Type", message) == []
     assert source.refused == {"malformed": 1}
     assert "people cannot be read: people have no name" in notices[0]
+
+
+def test_only_entries_of_a_class_are_people():
+    header = Fields(stamp=stamp(1.0), frame_id="map")
+    labels = ("car", "person", "child", "car")
+    entries = [
+        Fields(p=point(n, 2), hypotheses=[Fields(label=label)]) for n, label in enumerate(labels)
+    ]
+    message = Fields(header=header, all=entries, ids=[10, 11, 12, 13])
+    form = Kind("all", "p", "ids")
+    for only, ids in (("", [10, 11, 12, 13]), ("hypotheses.0.label=person,child", [11, 12])):
+        source = PeopleSource(form=form, only=only)
+        (frame,) = source.take("any/msg/Type", message)
+        assert frame.ids.tolist() == ids
+        assert frame.xy[:, 0].tolist() == [n - 10 for n in ids]
+    cars = Fields(header=header, objects=[
+        Fields(id=n, pose=Fields(position=point(n, 2)), classification=kind)
+        for n, kind in enumerate((6, 4))])  # fmt: skip
+    assert see("derived_object_msgs/msg/ObjectArray", cars).ids.tolist() == [1]
 
 
 def test_names_are_numbers_only_as_numbers_are_written():
