@@ -126,7 +126,7 @@ AgentFormer 0.482 / 0.794, GFTD 0.505 / 0.873, anchors 0.455 / 0.755 (one traini
 
 ## By data set
 
-All numbers with half of their 95 % intervals are in [`results.csv`](results.csv).
+All numbers are in [`results.csv`](results.csv), of several trainings with half a 95 % interval.
 
 {{{{ table results.csv }}}}
 
@@ -134,9 +134,8 @@ All numbers with half of their 95 % intervals are in [`results.csv`](results.csv
 <summary>How this was measured</summary>
 
 - Means over {seeds} seeds of the noise. Each row is of one training unless it says how many.
-- Intervals are over test windows, or over trainings where there are several. They were stored
-  before today's [Student's t over blocks](evaluate.md#read-the-table), by resampling blocks, and
-  are too narrow where blocks are few, as on eth. A mean over data sets takes them as independent.
+- Intervals are Student's t over trainings; rows of one training have none. A mean over data sets
+  takes them as independent.
 - Scenes / people at 8 + 8: {sizes_8}. At 8 + 12: {sizes_12}.
 - "Windows of one person too" is the protocol of Joint Metrics Matter (Weng et al., ICCV 2023), with
   means over scenes. Numbers of AgentFormer are quoted second hand.
@@ -285,10 +284,10 @@ def _printed(cells: Mapping[str, Any]) -> list[str]:
 
 
 def _text(value: Value) -> str:
-    """Three digits, and half of the interval."""
+    """Three digits, and half of the interval over several trainings."""
     if value["mean"] is None:
         return ""
-    if value["low"] is None:
+    if value["low"] is None or value["trainings"] == 1:
         return f"{value['mean']:.3f}"
     return f"{value['mean']:.3f} ±{(value['high'] - value['low']) / 2:.3f}"
 
