@@ -22,6 +22,7 @@ from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.plugins import load_plugin
+from neurosym_jax.runtime import workers
 from neurosym_jax.runtime.files import new_folder, refuse_unwritable, write_json, write_text
 from neurosym_jax.runtime.process import (
     available_memory,
@@ -30,7 +31,7 @@ from neurosym_jax.runtime.process import (
     run_environment,
     tune,
 )
-from neurosym_jax.runtime.workers import cluster_map, process_map
+from neurosym_jax.runtime.workers import cluster_map, map_for, process_map
 from tests.repository import SMALL, exhaustive, run_python
 
 
@@ -186,3 +187,14 @@ def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch, elsewhe
 def test_a_killed_process_ends_in_a_line():
     with pytest.raises(InputError, match=r"was killed.*NPROC=1"), process_map() as run:
         list(run(os._exit, [1]))
+
+
+def test_processes_start_for_many_tasks_only(monkeypatch):
+    monkeypatch.delenv("NPROC", raising=False)
+    for name, value in (("cpu_cores", 2), ("process_map", "processes")):
+        monkeypatch.setattr(workers, name, lambda value=value: value)
+    assert map_for(8) == "processes"
+    with map_for(7) as few:
+        monkeypatch.setenv("NPROC", "1")
+        with map_for(99) as one_core:
+            assert few is one_core is None
