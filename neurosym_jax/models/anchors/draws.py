@@ -94,7 +94,7 @@ def separate(points: Array, chosen: Array, valid: Array, key: Array) -> Array:
 
 
 def _nearest(points: Array, valid: Array) -> tuple[Array, Array]:
-    """[N, M] the people who come nearest to each, and whether they are there."""
+    """[N, M] the people who come nearest to each, and whether both are there."""
     agents = len(valid)
     means = points.mean(axis=0).swapaxes(0, 1)  # [T, N, 2]
     # Step by step, because of a crowd all steps of all pairs would not fit into memory.
@@ -102,7 +102,7 @@ def _nearest(points: Array, valid: Array) -> tuple[Array, Array]:
     clearance = functools.reduce(jnp.minimum, gaps)
     others = valid & ~jnp.eye(agents, dtype=bool)
     nearest, near = jax.lax.top_k(jnp.where(others, -clearance, -jnp.inf), min(agents - 1, NEAREST))
-    return near, jnp.isfinite(nearest)
+    return near, jnp.isfinite(nearest) & valid[:, None]
 
 
 def _overlaps(points: Array, near: Array) -> Array:
