@@ -28,8 +28,8 @@ class NearestNetwork(nn.Module):
 
     @nn.compact
     def __call__(self, hidden, position, valid):
-        apart = jnp.square(position - position[:, None]).sum(axis=-1)
-        weight = jnp.exp(-apart / self.temperature) * valid * (1 - jnp.eye(len(valid)))
+        distance = jnp.square(position - position[:, None]).sum(axis=-1)
+        weight = jnp.exp(-distance / self.temperature) * valid * (1 - jnp.eye(len(valid)))
         return nn.Dense(self.width)(weight @ hidden)
 
 

@@ -53,7 +53,7 @@ def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
     config, rows = FORECASTERS["attention"].Config(), []
     args = {"config": config, "recipe": RECIPE, "read": ReadOptions(allow=("seen",))}
     with followed() as files:
-        whole = nj.train(windows, windows, tmp_path / "whole", on_row=rows.append, **args)
+        uninterrupted = nj.train(windows, windows, tmp_path / "whole", on_row=rows.append, **args)
     assert len(files) <= FILES, files
     assert rows[-1]["val_ade"] < 0.5 * rows[0]["loss"]
     errors = [row["val_ade"] for row in rows if "val_ade" in row]
@@ -66,7 +66,7 @@ def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         nj.train(windows, windows, tmp_path / "killed", on_row=kill, **args)
     resumed = nj.train(windows, windows, tmp_path / "killed", resume=True, **args)
-    jax.tree.map(np.testing.assert_array_equal, whole.params, resumed.params)
+    jax.tree.map(np.testing.assert_array_equal, uninterrupted.params, resumed.params)
 
     loaded = nj.load_model(tmp_path / "killed" / "model")
     assert (loaded.family, loaded.seed, loaded.config) == ("attention", 0, config)

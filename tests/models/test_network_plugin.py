@@ -36,8 +36,8 @@ def run(*command):
 def test_a_pooling_and_a_cell_are_trained_saved_loaded_and_evaluated(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     network = ("--network", "pooling=nearest", "pooling.temperature=0.5", "cell=rnn")
-    how = ("--steps", "1", "--set", "batch_scenes=2", "best_k=1", "max_agents=4")
-    train = ("train", "--dataset", "cross-path", *network, *how, "--out", "run")
+    sizes = ("--steps", "1", "--set", "batch_scenes=2", "best_k=1", "max_agents=4")
+    train = ("train", "--dataset", "cross-path", *network, *sizes, "--out", "run")
     evaluate = ("evaluate", "--checkpoint", "run/model", "--samples", "1", "--no-figures")
     evaluate += ("--dataset", "cross-path", "--baselines", "constant_velocity")
     run(*train)

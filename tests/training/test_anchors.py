@@ -44,9 +44,9 @@ def test_overlapping_people_cost_by_their_distance():
     forecast = jnp.stack([x, 0 * x], -1)[None, None, :, None].repeat(3, axis=3)
     valid = jnp.array([[True, True, True, False]])
     spreading = forecast.at[..., 1:, 0].add(x[:, None])
-    found = jax.jit(overlap)(spreading, valid)[0, 0]
+    cost = jax.jit(overlap)(spreading, valid)[0, 0]
     # At 0.2 m in the first of three steps, at 0.4 m in the others.
-    np.testing.assert_allclose(found, [0.25, 0.25, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(cost, [0.25, 0.25, 0, 0], atol=1e-6)
     target = jnp.zeros((1, 4, 3, 2))
     forecast = AnchorForecast(forecast, jnp.zeros((1, 1)), forecast[:, :0])
 
@@ -69,15 +69,15 @@ def test_scenes_of_a_crowd_share_their_best_sample():
     def loss(crowd, **weights):
         weights = {f"{name}_weight": value for name, value in {**none, **weights}.items()}
         options = AnchorRecipe(**weights, fde_weight=0.0)
-        found = LOSS(forecast, future, valid, jnp.array(crowd), options)
-        return float(found) / np.sqrt(2)
+        value = LOSS(forecast, future, valid, jnp.array(crowd), options)
+        return float(value) / np.sqrt(2)
 
-    apart, merged = [0, 1], [0, 0]
-    assert loss(apart, joint=1.0) == pytest.approx(0.1, abs=1e-3)
+    separate, merged = [0, 1], [0, 0]
+    assert loss(separate, joint=1.0) == pytest.approx(0.1, abs=1e-3)
     assert loss(merged, joint=1.0) == pytest.approx(0.5, abs=1e-3)
     assert loss(merged, marginal=1.0) == pytest.approx(0.1, abs=1e-3)
-    assert loss(apart, likely=1.0) == pytest.approx(1.0, abs=1e-3)
-    assert loss(apart, probability=1.0) > loss(merged, probability=1.0) > 0
+    assert loss(separate, likely=1.0) == pytest.approx(1.0, abs=1e-3)
+    assert loss(separate, probability=1.0) > loss(merged, probability=1.0) > 0
     np.testing.assert_array_equal(company(valid, jnp.array([1, 1])), [1, 1])
     np.testing.assert_array_equal(company(valid, jnp.array([0, 1])), [0, 0])
 
@@ -88,8 +88,8 @@ def test_points_are_scored_by_the_energy_score_of_each_person():
     points, future = rng.normal(size=(6, 3, 5, 2)), rng.normal(size=(3, 5, 2))
     energy = jax.jit(personal_energy)(points, future)
     for person in range(3):
-        one = slice(person, person + 1)
-        metric = score(points[:, one], future[one], metrics=["energy_score"])["energy_score"]
+        row = slice(person, person + 1)
+        metric = score(points[:, row], future[row], metrics=["energy_score"])["energy_score"]
         assert energy[person] == pytest.approx(metric.mean, rel=1e-3)
     exact = jax.jit(personal_energy)(jnp.repeat(jnp.asarray(future)[None], 4, axis=0), future)
     np.testing.assert_allclose(exact, 0, atol=1e-3)
@@ -100,8 +100,8 @@ def test_points_are_scored_by_the_energy_score_of_each_person():
         recipe = AnchorRecipe(energy_weight=weight)
         return LOSS(forecast, jnp.asarray(future)[None], valid, jnp.zeros(1, int), recipe)
 
-    wanted = 3 * (energy[0] + energy[2]) / 2
-    assert float(loss(3.0) - loss(0.0)) == pytest.approx(float(wanted), rel=1e-4)
+    expected = 3 * (energy[0] + energy[2]) / 2
+    assert float(loss(3.0) - loss(0.0)) == pytest.approx(float(expected), rel=1e-4)
 
 
 def test_positions_at_single_steps_are_scored_by_themselves():
@@ -110,13 +110,13 @@ def test_positions_at_single_steps_are_scored_by_themselves():
     points, future = rng.normal(size=(6, 3, 5, 2)), rng.normal(size=(3, 5, 2))
     energy = jax.jit(step_energy)(points, future)
     for person in range(3):
-        one = slice(person, person + 1)
+        row = slice(person, person + 1)
         single = [
-            score(points[:, one, [n]], future[one, [n]], metrics=["energy_score"]) for n in (1, 4)
+            score(points[:, row, [n]], future[row, [n]], metrics=["energy_score"]) for n in (1, 4)
         ]
-        wanted = np.mean([float(each["energy_score"].mean) for each in single])
-        assert energy[person] == pytest.approx(wanted, rel=1e-3)
-    batch, valid = (jnp.asarray(each)[None] for each in (points, future)), jnp.ones((1, 3), bool)
+        expected = np.mean([float(scores["energy_score"].mean) for scores in single])
+        assert energy[person] == pytest.approx(expected, rel=1e-3)
+    batch, valid = (jnp.asarray(array)[None] for array in (points, future)), jnp.ones((1, 3), bool)
     recipe = AnchorRecipe(energy_weight=0.0, step_weight=2.0)
     total = points_loss(*batch, valid, recipe)
     assert float(total) == pytest.approx(2 * float(energy.sum()), rel=1e-4)
@@ -141,14 +141,14 @@ def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
     scenes = AnchorStream(run.training, dataclasses.replace(RECIPE, batch_people=720)).batch(0)[0]
     (moved,) = augment((scenes,), jax.random.key(0), RECIPE)
 
-    def by(of):
-        after, before = (np.linalg.norm(getattr(each, of), axis=-1) for each in (moved, scenes))
+    def stretch(field):
+        after, before = (np.linalg.norm(getattr(part, field), axis=-1) for part in (moved, scenes))
         return np.where(before > 0, after / np.maximum(before, 1e-9), np.nan)
 
-    ratio = np.nanmean(by("future"), axis=(1, 2))
+    ratio = np.nanmean(stretch("future"), axis=(1, 2))
     assert 1 / 1.6 <= ratio.min() < 0.8
     assert 1.25 < ratio.max() <= 1.601
-    straight = by("observed")
+    straight = stretch("observed")
     clean = np.nanmax(np.abs(straight - ratio[:, None, None]), axis=(1, 2)) < 1e-4
     assert 0.35 < clean.mean() < 0.65
 

@@ -31,9 +31,11 @@ def state_of(seed):
     }
 
 
-def assert_same(one, two):
-    assert jax.tree.structure(one) == jax.tree.structure(two)
-    for a, b in zip(*(map(np.asarray, jax.tree.leaves(tree)) for tree in (one, two)), strict=True):
+def assert_same(state, other):
+    assert jax.tree.structure(state) == jax.tree.structure(other)
+    for a, b in zip(
+        *(map(np.asarray, jax.tree.leaves(tree)) for tree in (state, other)), strict=True
+    ):
         assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
 
 
@@ -156,12 +158,12 @@ def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
             time.sleep(rng.uniform(0.0, longest))
             os.kill(pid, signal.SIGKILL)
             assert process.stdout.readline() == "dead\n"
-            found = restore_state(folder, {"w": np.zeros((64, 8), np.float32)})
-            if found is None:
+            restored = restore_state(folder, {"w": np.zeros((64, 8), np.float32)})
+            if restored is None:
                 assert step == 0
                 longest *= 2  # A busy machine saves nothing for long.
                 continue
-            state, step = found[0], found[1]["at"]
+            state, step = restored[0], restored[1]["at"]
             assert_same(state, {"w": np.full((64, 8), step, np.float32)})
             # The number itself is not written whole or not at all.
             if saved.exists() and (acknowledged := saved.read_text()):

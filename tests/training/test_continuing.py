@@ -48,8 +48,8 @@ def with_recipe(run, **changes):
     return dataclasses.replace(run, recipe=dataclasses.replace(run.recipe, **changes))
 
 
-def equal(one, other):
-    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+def equal(tree, other):
+    pairs = zip(jax.tree.leaves(tree), jax.tree.leaves(other), strict=True)
     return [a.tobytes() == b.tobytes() for a, b in pairs if a.size]
 
 
@@ -87,10 +87,10 @@ def test_no_steps_give_the_same_forecasts_to_the_bit(tmp_path):
     recipe = AnchorRecipe(steps=0)
     tuned = nj.train(windows, others, tmp_path, init="recommended", recipe=recipe, data=("mine",))
     observed = walks.position[:5, :1] + np.linspace(0, 3, 8)[:, None]
-    for one in (tuned, load_model(tmp_path)):
-        assert nj.predict(one, observed).tobytes() == nj.predict(model, observed).tobytes()
-        assert (one.step, {*one.data}) == (0, {"ETH/UCY", "HERMES", "mine"})
-        assert is_fingerprint(one.seen)
+    for tuned_model in (tuned, load_model(tmp_path)):
+        assert nj.predict(tuned_model, observed).tobytes() == nj.predict(model, observed).tobytes()
+        assert (tuned_model.step, {*tuned_model.data}) == (0, {"ETH/UCY", "HERMES", "mine"})
+        assert is_fingerprint(tuned_model.seen)
     assert steps_of(tmp_path) == [0]
 
 
@@ -100,8 +100,8 @@ def test_a_model_that_began_from_another_has_seen_what_both_learned(table, done,
     )
     model = train_run(other, tmp_path)
     for windows in (table.training, other.training):
-        found, looked = seen_before(model.seen, windows)
-        assert found == looked > 0
+        known_count, looked = seen_before(model.seen, windows)
+        assert known_count == looked > 0
     assert not equal(model.params, load_model(done).params)[0]
     # packnet-sfm 69: the model that one begins from is not written over.
     assert load_model(done).seen != model.seen
@@ -162,8 +162,8 @@ def test_a_schedule_that_ended_goes_on_and_says_so(table, tmp_path, capsys):
     short = train_run(cosine, tmp_path)
     capsys.readouterr()
     longer = train_run(with_recipe(cosine, steps=8), tmp_path, resume=True)
-    said = "was scheduled for 4 steps, and from step 4 on follows the schedule of 8: other bits"
-    assert said in capsys.readouterr().err
+    warning = "was scheduled for 4 steps, and from step 4 on follows the schedule of 8: other bits"
+    assert warning in capsys.readouterr().err
     assert steps_of(tmp_path) == [2, 4, 6, 8]
     assert longer.step == short.step or not equal(short.params, longer.params)[0]
 
@@ -187,9 +187,9 @@ def test_after_an_interruption_the_best_state_is_the_model(table, tmp_path):
     assert model.step == min(rows, key=lambda row: row["val_score"])["step"]
     assert not (tmp_path / "run.json").exists()
     assert f"Validation chose step {model.step}" in (tmp_path / "model/README.md").read_text()
-    said = f"{tmp_path}: the state after {model.step} steps of its training"
+    message = f"{tmp_path}: the state after {model.step} steps of its training"
     (path,) = find_checkpoints([tmp_path])
-    assert state_of_run(path, model.step) == f"{said}, which is not finished"
+    assert state_of_run(path, model.step) == f"{message}, which is not finished"
     train_run(with_recipe(table, steps=8), tmp_path, resume=True)
     assert "not finished" not in state_of_run(path, model.step)
 
@@ -215,8 +215,10 @@ def test_numbers_that_are_not_finite_are_tried_again_with_smaller_steps(
         scripted(monkeypatch, [3.0, 2.0, 1.0], fails_once(begin))
         train_run(table, tmp_path / str(begin))
         assert rates
-        said = f"after step {begin} numbers are not finite: loss nan; it goes on from step {back}"
-        assert f"{said} at learning_rate 0.0004" in capsys.readouterr().err
+        message = (
+            f"after step {begin} numbers are not finite: loss nan; it goes on from step {back}"
+        )
+        assert f"{message} at learning_rate 0.0004" in capsys.readouterr().err
         assert steps_of(tmp_path / str(begin)) == [2, 4]
 
     scripted(monkeypatch, [3.0], lambda done, count: np.full(count, np.nan if done else 1.0))
@@ -273,10 +275,10 @@ def test_patience_counts_from_the_best_and_survives_resumption(table, tmp_path, 
 def test_advice_is_given_once(table, tmp_path, monkeypatch, capsys):
     scripted(monkeypatch, [1.0] + [2.0] * 9)
     train_run(with_recipe(table, steps=20), tmp_path)
-    said = capsys.readouterr().err
-    assert said.count("advice: no validation is better than that of step 2 since") == 1
-    assert said.count("advice: validation has 10 people in windows: below 100") == 1
-    assert said.count("compiling the training step (program 1 of 2)") == 1
+    advice = capsys.readouterr().err
+    assert advice.count("advice: no validation is better than that of step 2 since") == 1
+    assert advice.count("advice: validation has 10 people in windows: below 100") == 1
+    assert advice.count("compiling the training step (program 1 of 2)") == 1
     scripted(monkeypatch, [1.0] + [2.0] * 9)
     train_run(with_recipe(table, steps=20), tmp_path / "quiet", quiet=True)
     assert "compil" not in capsys.readouterr().err

@@ -59,8 +59,8 @@ def test_files_and_card_of_a_run(run, done, tmp_path):
 
     text = (done / "model" / "README.md").read_text()
     assert "# SGAN, trained on walks without zara1\n" in text
-    known = "seed", "jax", "threads", "code", facts["data"]["training"][:16]
-    assert all(name in text for name in (f"{best['val_ade']:.3f}", *known))
+    facts_of_card = "seed", "jax", "threads", "code", facts["data"]["training"][:16]
+    assert all(name in text for name in (f"{best['val_ade']:.3f}", *facts_of_card))
     metrics = {"joint_ade": 0.25, "collision_rate": 0.031, "of_a_plugin": 1.5}
     rows = [
         result_row("SGAN", "zara1", metrics, "here", half=None),
@@ -158,8 +158,8 @@ def test_validations_come_when_due_and_the_best_state_is_kept(
     learns_nothing, with_recipe, tmp_path, monkeypatch
 ):
     scores, rows = iter([3.0, 1.0, 2.0]), []
-    of = {"val_ade": 1.0, "val_fde": 1.0}
-    monkeypatch.setattr(loop, "validate", lambda *_: of | {"val_score": next(scores)})
+    errors = {"val_ade": 1.0, "val_fde": 1.0}
+    monkeypatch.setattr(loop, "validate", lambda *_: errors | {"val_score": next(scores)})
     run = with_recipe(steps=65, validate_every=30, ema=0.0)
     model = train_run(run, tmp_path, on_row=rows.append)
     steps = [(row["step"], "val_ade" in row) for row in rows]

@@ -56,8 +56,8 @@ def test_a_recording_has_frames_of_its_own(tmp_path):
         pl.DataFrame(table | {"y": tracks.position[:, 1]}).write_csv(tmp_path / f"{name}.csv")
     read = ReadOptions(fps="ten=10,quad=25")
     learned, _ = prepare(CONFIG, RECIPE, tmp_path, read=read)
-    for how in learned.reading:
-        own = learned.identity[:, 0] == scene_identity(how.recording, 0)[0]
+    for reading in learned.reading:
+        own = learned.identity[:, 0] == scene_identity(reading.recording, 0)[0]
         seconds = np.ptp(learned.stamp[own])
         assert seconds == pytest.approx(40 * 0.8 - 3 * WINDOW, abs=3)
     for wrong in ("ten=0", "ten=fast", -1.0, "nan"):
@@ -114,8 +114,10 @@ def test_the_same_people_are_refused_for_both_unless_that_is_meant():
 def test_what_is_alike_by_chance_is_no_leak():
     """Point 4: positions rounded to 10 cm are alike by chance, and a copy of them is found."""
     learned, other = (walk(name, 100, people=40, decimals=1, noise=0.08) for name in "ab")
-    found, total = shared_shapes(*(nj.windows_from(tracks, 4, 4) for tracks in (other, learned)))
-    assert 0.02 * total < found < 0.3 * total
+    shared_count, total = shared_shapes(
+        *(nj.windows_from(tracks, 4, 4) for tracks in (other, learned))
+    )
+    assert 0.02 * total < shared_count < 0.3 * total
     prepare(CONFIG, RECIPE, learned, other)
     copy = dataclasses.replace(learned.take(learned.stamp < 50), recording="copy")
     with pytest.raises(InputError, match=r"has \d+, \d+ by chance, of the \d+ shapes"):
@@ -139,8 +141,8 @@ def test_short_recordings_are_divided_whole_and_one_by_time():
     """Point 5: what is shorter than five windows gave no validation and lost its end."""
     short = [walk(f"r{at}", 4 * WINDOW) for at in range(6)]
     learned, validated = prepare(CONFIG, RECIPE, short)
-    assert [how.recording for how in validated.reading] == ["r4"]
-    assert [how.recording for how in learned.reading] == ["r0", "r1", "r2", "r3", "r5"]
+    assert [reading.recording for reading in validated.reading] == ["r4"]
+    assert [reading.recording for reading in learned.reading] == ["r0", "r1", "r2", "r3", "r5"]
     assert learned.scenes == 5 * validated.scenes == 5 * 25
     learned, validated = prepare(CONFIG, RECIPE, short[:2])
     assert (learned.scenes, validated.scenes) == (25, 25)
@@ -153,37 +155,37 @@ def test_short_recordings_are_divided_whole_and_one_by_time():
 
 def test_a_long_recording_beside_short_ones_validates():
     learned, validated = prepare(CONFIG, RECIPE, [walk("short", 2 * WINDOW), walk("long", 200)])
-    assert {how.recording for how in validated.reading} == {"long"}
-    assert {how.recording for how in learned.reading} == {"short", "long"}
+    assert {reading.recording for reading in validated.reading} == {"long"}
+    assert {reading.recording for reading in learned.reading} == {"short", "long"}
 
 
 def test_folds_cover_all_once_and_never_what_is_learned():
     """Point 6: one's own k folds, of recordings or of time."""
     many = [walk(f"r{at}", 30) for at in range(6)]
-    kept = []
+    folds = []
     for number in range(1, 4):
         learned, validated = prepare(CONFIG, RECIPE, many, fold=f"{number}/3")
-        names = [how.recording for how in validated.reading]
-        assert not {*names} & {how.recording for how in learned.reading}
-        kept += names
-    assert sorted(kept) == [f"r{at}" for at in range(6)]
+        names = [reading.recording for reading in validated.reading]
+        assert not {*names} & {reading.recording for reading in learned.reading}
+        folds += names
+    assert sorted(folds) == [f"r{at}" for at in range(6)]
 
-    one, begins = walk("one", 100), []
+    recording, begins = walk("one", 100), []
     for number in range(1, 5):
-        learned, validated = prepare(CONFIG, RECIPE, one, fold=f"{number}/4")
+        learned, validated = prepare(CONFIG, RECIPE, recording, fold=f"{number}/4")
         begins += [*times(validated)[0]]
-        apart = times(learned)[0][:, None] - times(validated)[1]
+        after = times(learned)[0][:, None] - times(validated)[1]
         before = times(validated)[0] - times(learned)[1][:, None]
-        assert np.maximum(apart, before).min() > WINDOW - 1e-6
+        assert np.maximum(after, before).min() > WINDOW - 1e-6
         assert learned.scenes > 2 * validated.scenes
-    assert np.sort(begins) == pytest.approx(np.sort(times(nj.windows_from(one, 4, 4))[0]))
+    assert np.sort(begins) == pytest.approx(np.sort(times(nj.windows_from(recording, 4, 4))[0]))
     for fold in ("0/3", "4/3", "1", "a/b", "1/1"):
         with pytest.raises(InputError, match=r"fold: K/N, such as 1/5"):
-            prepare(CONFIG, RECIPE, one, fold=fold)
+            prepare(CONFIG, RECIPE, recording, fold=fold)
     with pytest.raises(InputError, match="has no effect where validation is given"):
-        prepare(CONFIG, RECIPE, one, walk("two", 100), fold="1/3")
+        prepare(CONFIG, RECIPE, recording, walk("two", 100), fold="1/3")
     with pytest.raises(InputError, match="windows cannot be divided"):
-        prepare(CONFIG, RECIPE, nj.windows_from(one, 4, 4))
+        prepare(CONFIG, RECIPE, nj.windows_from(recording, 4, 4))
 
 
 def test_one_person_is_enough_where_the_network_allows_it():

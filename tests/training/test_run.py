@@ -26,13 +26,13 @@ def _no_plugins(monkeypatch):
     monkeypatch.setattr("neurosym_jax.plugins._loaded", {})
 
 
-def begin(files, out, *more):
+def begin(files, out, *options):
     """Start the training of a small model, on one thread."""
     data = ("--train-on", files / "walk.txt", "--validate-on", files / "check.txt", "--out", out)
-    how = ("--obs-len", 4, "--pred-len", 4, "--steps", 100, "--model", "anchor_table")
+    training = ("--obs-len", 4, "--pred-len", 4, "--steps", 100, "--model", "anchor_table")
     changes = ("--set", "batch_scenes=4", "validate_every=25", "ema=0.9")
     return subprocess.Popen(
-        [sys.executable, *map(str, (ROOT / "train.py", *data, *how, *changes, *more))],
+        [sys.executable, *map(str, (ROOT / "train.py", *data, *training, *changes, *options))],
         env={**os.environ, "NPROC": "1"},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -66,15 +66,17 @@ def events(folder):
     """(step, name, value) of all scalars in the event files of a folder, the first file first."""
     from tensorboardX.proto import event_pb2  # pyright: ignore[reportMissingImports]
 
-    found = []
+    scalars = []
     for path in sorted(folder.glob("events.*")):
         content = path.read_bytes()
         while content:
             (size,) = struct.unpack("<Q", content[:8])  # Then 4 bytes of checksum, twice.
             event = event_pb2.Event.FromString(content[12 : 12 + size])
-            found += [(event.step, each.tag, each.simple_value) for each in event.summary.value]
+            scalars += [
+                (event.step, value.tag, value.simple_value) for value in event.summary.value
+            ]
             content = content[16 + size :]
-    return found
+    return scalars
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -88,8 +90,8 @@ def test_tensorboard_has_the_rows(files, tmp_path, monkeypatch):
     model = types.SimpleNamespace(step=50)
     monkeypatch.setattr(train, "train_run", lambda *_, on_row, **__: [*map(on_row, rows)] and model)
     train.run(options)
-    wanted = [(row["step"], name, row[name]) for row in rows for name in row if name != "step"]
-    assert events(tmp_path) == wanted
+    expected = [(row["step"], name, row[name]) for row in rows for name in row if name != "step"]
+    assert events(tmp_path) == expected
 
 
 def test_a_model_knows_its_rate(files):
@@ -111,14 +113,14 @@ def test_one_recording_of_thor_left_out(shared):
 
 def test_further_recordings_are_learned_and_test_sets_never(files, tmp_path):
     """Whatever its file is called."""
-    (more := tmp_path / "more").mkdir()
+    (folder := tmp_path / "more").mkdir()
     rows = np.loadtxt(files / "walk.txt")
-    np.savetxt(more / "other.txt", rows[:, [0, 1, 3, 2]], fmt="%g")
+    np.savetxt(folder / "other.txt", rows[:, [0, 1, 3, 2]], fmt="%g")
     alone, _ = make_run(Options(data=files, dataset="check", **LENGTHS))
-    run, _ = make_run(Options(data=files, dataset="check", train_also=(more,), **LENGTHS))
-    besides = {"train_on": (str(more / "other.txt"),), "validate_on": ("check",)}
-    whole, _ = make_run(Options(data=files, **besides, **LENGTHS))
-    assert run.training.scenes == alone.training.scenes + whole.training.scenes
+    run, _ = make_run(Options(data=files, dataset="check", train_also=(folder,), **LENGTHS))
+    besides = {"train_on": (str(folder / "other.txt"),), "validate_on": ("check",)}
+    with_other, _ = make_run(Options(data=files, **besides, **LENGTHS))
+    assert run.training.scenes == alone.training.scenes + with_other.training.scenes
     assert run.validation.scenes == alone.validation.scenes
     assert run.data == (files.name, "more")
     general, _ = make_run(Options(data=files, dataset="general", **LENGTHS))
@@ -161,8 +163,8 @@ def test_the_last_line_tests_on_what_was_not_seen(files, tmp_path):
         ({"data": files, "train_on": ("walk",), "validate_on": ("check",)}, nothing),
         ({"train_on": (walk,), "validate_on": (check,)}, nothing),
     ):
-        said = last_line(tmp_path, **options)
-        assert said.startswith(line) if line == nothing else said == line, options
+        text = last_line(tmp_path, **options)
+        assert text.startswith(line) if line == nothing else text == line, options
 
 
 def test_folders_of_ones_own(files, tmp_path):
@@ -192,6 +194,6 @@ def test_a_single_recording_needs_no_name_and_is_named(files, capsys, monkeypatc
     monkeypatch.setattr(train, "_print_errors", lambda *_: None)
     monkeypatch.setattr(train, "train_run", lambda *_, **__: types.SimpleNamespace(step=3))
     train.run(Options(data=files / "walk.txt", out=tmp_path, **LENGTHS))
-    said = capsys.readouterr().out
-    assert "windows to learn from / to validate on:\n  walk: 27 / 11\n" in said
-    assert "nothing is left to test on" in said
+    output = capsys.readouterr().out
+    assert "windows to learn from / to validate on:\n  walk: 27 / 11\n" in output
+    assert "nothing is left to test on" in output

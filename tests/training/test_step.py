@@ -65,9 +65,9 @@ def start(run, groups, **changes) -> tuple[Any, TrainState, list[jax.Array]]:
 def test_adversarial_loss_is_binary_cross_entropy():
     scores, label = np.array([-3.0, 0.0, 0.5, 40.0]), 0.9
     probability = 1 / (1 + np.exp(-scores[:3]))
-    wanted = -(label * np.log(probability) + (1 - label) * np.log(1 - probability))
+    expected = -(label * np.log(probability) + (1 - label) * np.log(1 - probability))
     valid = np.array([True, True, True, False])
-    assert adversarial_loss(scores, label, valid) == pytest.approx(wanted.mean(), rel=1e-6)
+    assert adversarial_loss(scores, label, valid) == pytest.approx(expected.mean(), rel=1e-6)
     assert adversarial_loss(scores[3:], 1.2, valid[:1]) == pytest.approx(40 - 48, rel=1e-6)
 
 
@@ -75,12 +75,12 @@ def test_errors_by_hand_and_gradients_of_a_perfect_forecast():
     rng = np.random.default_rng(0)
     forecast, truth = rng.normal(size=(5, 4, 3, 2)), rng.normal(size=(4, 3, 2))
     valid = np.array([True, True, True, False])
-    apart = np.linalg.norm(forecast[:, :3] - truth[:3], axis=-1)
+    distance = np.linalg.norm(forecast[:, :3] - truth[:3], axis=-1)
     ade, fde = distance_errors(jnp.array(forecast), jnp.array(truth), valid)
-    np.testing.assert_allclose(ade, apart.mean(axis=(1, 2)), rtol=1e-5)
-    np.testing.assert_allclose(fde, apart[:, :, -1].mean(axis=1), rtol=1e-5)
+    np.testing.assert_allclose(ade, distance.mean(axis=(1, 2)), rtol=1e-5)
+    np.testing.assert_allclose(fde, distance[:, :, -1].mean(axis=1), rtol=1e-5)
     (squared,) = squared_displacement_errors(jnp.array(forecast), jnp.array(truth), valid)
-    np.testing.assert_allclose(squared, (apart**2).mean(axis=(1, 2)), rtol=1e-5)
+    np.testing.assert_allclose(squared, (distance**2).mean(axis=(1, 2)), rtol=1e-5)
     gradient = jax.grad(lambda f: distance_errors(f, truth, valid).sum())(jnp.array(truth[None]))
     assert not np.asarray(gradient).any()
     with jax.debug_nans(False):
@@ -117,15 +117,17 @@ def literal_loss(generator, recipe, params, groups, noises):
 @pytest.mark.parametrize("criterion", ["distance", exhaustive("squared_displacement")])
 def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, criterion):
     config, state, noises = start(run, groups, criterion=criterion)
-    ours, metrics = jax.jit(
+    gradient, metrics = jax.jit(
         lambda params: generator_gradient(run.config, config, params, (), groups, noises, label=1.0)
     )(state.params)
-    value, wanted = jax.jit(
+    value, expected = jax.jit(
         jax.value_and_grad(lambda params: literal_loss(run.config, config, params, groups, noises))
     )(state.params)
     assert metrics["g_loss"] == pytest.approx(float(value), rel=1e-5)
     assert metrics["g_gradient_norm"] > 0
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=2e-6, rtol=1e-4), ours, wanted)
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(a, b, atol=2e-6, rtol=1e-4), gradient, expected
+    )
 
 
 def test_padding_and_empty_scenes_change_no_gradient(run, groups):
@@ -137,11 +139,11 @@ def test_padding_and_empty_scenes_change_no_gradient(run, groups):
 
     names = ("observed", "displacement", "future")
     wild = tuple(scene.replace(**{name: far(scene, name) for name in names}) for scene in groups)
-    both = state.params, state.extra.params
+    params = state.params, state.extra.params
 
     @jax.jit
     def gradient(groups):
-        return generator_gradient(run.config, config, *both, groups, noises, label=0.9)
+        return generator_gradient(run.config, config, *params, groups, noises, label=0.9)
 
     (plain, metrics), (padded, _) = gradient(groups), gradient(wild)
     assert metrics["g_adversarial"] > 0
@@ -175,17 +177,17 @@ def test_the_rate_warms_up_and_falls_to_zero(run, groups):
     for _ in range(101):
         before, state = bias(state), step(state)
         moves.append(before - bias(state))  # Adam moves by the rate: the gradient is constant.
-    wanted = [0.1 * t / 10 for t in range(10)]
-    wanted += [0.05 * (1 + np.cos(np.pi * (t - 10) / 90)) for t in range(10, 101)]
-    np.testing.assert_allclose(moves, wanted, atol=1e-5)
+    expected = [0.1 * t / 10 for t in range(10)]
+    expected += [0.05 * (1 + np.cos(np.pi * (t - 10) / 90)) for t in range(10, 101)]
+    np.testing.assert_allclose(moves, expected, atol=1e-5)
 
 
 def test_clipping(run):
     ones = {"a": jnp.ones((3, 4)), "b": jnp.ones(4)}
-    for norm, wanted in ((2.0, 0.5), (8.0, 1.0), (0.0, 1.0)):
+    for norm, expected in ((2.0, 0.5), (8.0, 1.0), (0.0, 1.0)):
         clip = clipping(dataclasses.replace(run.recipe, clip_norm=norm))
         for leaf in jax.tree.leaves(clip.update(ones, clip.init(ones))[0]):
-            np.testing.assert_allclose(leaf, wanted, rtol=1e-6)
+            np.testing.assert_allclose(leaf, expected, rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -197,13 +199,13 @@ def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, make_
     state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
     with jax.debug_key_reuse(True):
         step = jax.jit(lambda key: train_step(run.config, config, state, batches, key))
-        (one, metrics), (again, _), (other, _) = (step(jax.random.key(s)) for s in (1, 1, 2))
+        (first, metrics), (again, _), (other, _) = (step(jax.random.key(s)) for s in (1, 1, 2))
     terms = {"g_variety", "g_adversarial"}
     assert set(metrics) == {"d_loss", "g_loss", "g_gradient_norm", *terms}
-    jax.tree.map(np.testing.assert_array_equal, one, again)
-    assert int(one.step) == 1
+    jax.tree.map(np.testing.assert_array_equal, first, again)
+    assert int(first.step) == 1
     for params in (lambda s: s.params, lambda s: s.extra.params):
-        before, after, else_ = (jax.tree.leaves(params(s)) for s in (state, one, other))
+        before, after, else_ = (jax.tree.leaves(params(s)) for s in (state, first, other))
         assert any((a != b).any() for a, b in zip(before, after))
         assert any((a != b).any() for a, b in zip(after, else_))
 

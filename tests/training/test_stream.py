@@ -37,12 +37,12 @@ def test_depends_on_seed_and_step_alone(windows, max_agents):
     def at(first, count, seed=1):
         return SceneStream(windows, 6, seed, max_agents).steps(first, count)
 
-    whole = at(0, 12)
+    complete = at(0, 12)
     parts = [at(0, 5), at(5, 1), at(6, 6)]
-    for leaf, *pieces in zip(*map(jax.tree.leaves, [whole, *parts])):
+    for leaf, *pieces in zip(*map(jax.tree.leaves, [complete, *parts])):
         np.testing.assert_array_equal(leaf, np.concatenate(pieces))
     other = at(0, 12, seed=2)
-    assert any(not np.array_equal(sums(a), sums(b)) for a, b in zip(whole, other))
+    assert any(not np.array_equal(sums(a), sums(b)) for a, b in zip(complete, other))
 
 
 def test_large_scenes_are_cropped_to_an_agent_and_its_nearest(make_windows):
@@ -90,8 +90,8 @@ def test_scenes_are_turned_and_mirrored(batch):
         # Distances stay, between agents too, and from what was observed to what followed.
         track = [np.concatenate([s.observed, s.future], axis=2) for s in (before, after)]
         flat = [t.reshape(len(t), -1, 2) for t in track]
-        apart = [np.linalg.norm(f[:, :, None] - f[:, None], axis=-1) for f in flat]
-        np.testing.assert_allclose(*apart, atol=1e-5)
+        distances = [np.linalg.norm(f[:, :, None] - f[:, None], axis=-1) for f in flat]
+        np.testing.assert_allclose(*distances, atol=1e-5)
         moves = np.diff(after.observed, axis=2, prepend=after.observed[:, :, :1])
         np.testing.assert_allclose(after.displacement, moves, atol=1e-5)
         cross = [f[:, :-1, 0] * f[:, 1:, 1] - f[:, :-1, 1] * f[:, 1:, 0] for f in flat]
@@ -131,14 +131,14 @@ def test_observed_positions_err_by_as_much_as_their_scene_does(batch):
 
 
 def test_a_share_of_the_scenes_is_one_persons(batch):
-    groups, one = batch(20), []
+    groups, reduced = batch(20), []
     for before, after in augmented(groups, single_agent_share=0.5):
         np.testing.assert_array_equal(before.observed, after.observed)
         assert not (after.valid & ~before.valid).any()
         single = after.valid.sum(axis=1) == 1
         np.testing.assert_array_equal(after.valid[~single], before.valid[~single])
-        one += [(kept, kept and first) for kept, first in zip(single, after.valid[:, 0])]
-    share, first = np.mean(one, axis=0)
+        reduced += [(alone, alone and first) for alone, first in zip(single, after.valid[:, 0])]
+    share, first = np.mean(reduced, axis=0)
     assert 0.25 < share < 0.75
     assert 0 < first < share  # It is not always the same person.
     empty = tuple(scene.replace(valid=np.zeros_like(scene.valid)) for scene in groups)

@@ -37,16 +37,16 @@ def test_a_run_is_what_its_file_trains(monkeypatch, tmp_path):
     _, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
     assert len({run.folder for run in runs}) == len(runs) == 2 * (2 + 2) * 2
     assert unfinished(runs) == runs
-    for one in runs:
-        command, *arguments = one.command
+    for sweep_run in runs:
+        command, *arguments = sweep_run.command
         read = load_plugins(with_file(train.Options, arguments))
         options = tyro.cli(train.Options, args=read)
-        assert (command, options.out, options.resume) == ("train", one.folder, True)
+        assert (command, options.out, options.resume) == ("train", sweep_run.folder, True)
         network, recipe, _ = train.configured(options)
         place = f"{options.dataset}_8_{network.pred_len}_seed{recipe.seed}"
-        assert one.folder.name == f"{forecaster_of(network).variant}_{place}"
+        assert sweep_run.folder.name == f"{forecaster_of(network).variant}_{place}"
         assert (network.period, network.encoder_h_dim, recipe.batch_scenes) == (0.2, 16, 4)
-        assert options_text(dataclasses.replace(options, resume=False)) == one.options
+        assert options_text(dataclasses.replace(options, resume=False)) == sweep_run.options
     assert plugins == ["mine.py"] * len(runs)
 
 
@@ -57,23 +57,23 @@ def test_lists_of_values_are_a_run_each(tmp_path):
     changes |= {"weighting": (), "seed": (0,), "fold": (), "out": tmp_path}
     _, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
     seen = set()
-    for one in runs:
-        options = yaml.safe_load(one.options)
+    for sweep_run in runs:
+        options = yaml.safe_load(sweep_run.options)
         assert options["set"][1:] == ["rotate=0", "label_real=[0.7,1.2]"]
         assert options["network"][1] == "pooling=social,grid_size=9"
-        assert one.label == f"{options['set'][0]}, {options['network'][0]}"
-        assert options["set"][0] in one.folder.name
-        seen.add(one.label)
+        assert sweep_run.label == f"{options['set'][0]}, {options['network'][0]}"
+        assert options["set"][0] in sweep_run.folder.name
+        seen.add(sweep_run.label)
     assert len(seen) == len(runs) == 4
 
 
 @pytest.mark.slow
 def test_a_sweep_is_finished_once_and_reports_what_failed(files, tmp_path, monkeypatch, capsys):
-    how = {"set": ("batch_scenes=4", "best_k=2", "max_agents=4"), "steps": 25, "obs_len": 4}
-    how |= {"model": ("sgan",), "pooling": ("none",), "weighting": (), "pred_len": (4,)}
-    how |= {"data": files, "dataset": ("check",), "out": tmp_path / "sweep"}
+    settings = {"set": ("batch_scenes=4", "best_k=2", "max_agents=4"), "steps": 25, "obs_len": 4}
+    settings |= {"model": ("sgan",), "pooling": ("none",), "weighting": (), "pred_len": (4,)}
+    settings |= {"data": files, "dataset": ("check",), "out": tmp_path / "sweep"}
     monkeypatch.setattr("neurosym_jax.commands._options.loaded", list)  # Other tests' plugins.
-    chosen = dataclasses.replace(CHOSEN, jobs=1, **how)
+    chosen = dataclasses.replace(CHOSEN, jobs=1, **settings)
     with monkeypatch.context() as patched:
         patched.setattr("neurosym_jax.training.sweep._train", lambda run: "no memory")
         with pytest.raises(InputError, match="no run was finished"):
@@ -108,8 +108,8 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(files, tmp_path, monke
     run(dataclasses.replace(only, dry_run=True, seed=(1, 2)))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == ["finished", "left"]
-    for changes, said in (({"steps": 50}, r"steps 25 \(now 50\)"), ({"period": 0.5}, "period ")):
-        with pytest.raises(InputError, match=f"had other options: {said}.*: choose another out"):
+    for changes, message in (({"steps": 50}, r"steps 25 \(now 50\)"), ({"period": 0.5}, "period ")):
+        with pytest.raises(InputError, match=f"had other options: {message}.*: choose another out"):
             run(dataclasses.replace(only, **changes))
     run(dataclasses.replace(only, log="tensorboard", quiet=True, dry_run=True))
 
@@ -125,9 +125,11 @@ def folder(tmp_path):
     rows, errors = [], []
     cases = itertools.product(BETTER, (("eth", 70), ("zara1", 160)), range(3))
     for model, (scene, count), seed in cases:
-        each = 0.5 - BETTER[model] + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
+        draws = 0.5 - BETTER[model] + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
         identity = np.stack([np.zeros(count), np.arange(count)], 1).astype(np.uint32)
-        scores = {name: Score(3 * of, np.full(count, 3.0)) for name, of in zip(METRICS, each.T)}
+        scores = {
+            name: Score(3 * column, np.full(count, 3.0)) for name, column in zip(METRICS, draws.T)
+        }
         errors.append(ErrorsByScene(scores, identity, 16))
         means, name = dict(zip(METRICS, errors[-1].mean.tolist())), f"{model}_{scene}_{seed}"
         rows.append(result_row(model, scene, means, name, training_seed=seed))
@@ -183,18 +185,18 @@ def test_two_models_are_compared_and_few_seeds_find_nothing(folder, seeds):
 
 def test_sweeps_that_cannot_be_compared_are_refused(folder, tmp_path_factory):
     empty = tmp_path_factory.mktemp("empty")
-    for sweep_folder, how, message in (
+    for sweep_folder, options, message in (
         (folder, {}, r"against names .* there are SGAN; NeuroSyM"),
         (folder, {"against": "soft"}, r"against names .* there are SGAN; NeuroSyM"),
         (folder, {"out": folder / "r.txt"}, r"must end in \.md"),
         (empty, {}, r"sweep\.json"),
     ):
         with pytest.raises(InputError, match=message):
-            compare_sweep(sweep_folder, **how)
+            compare_sweep(sweep_folder, **options)
     changed(folder, lambda row: row.update(pred_len=8 + 4 * (row["model"] == "SGAN")))
-    for how, message in (
+    for options, message in (
         ({}, r"\(8, 8\), \(8, 12\).*pred_len chooses one"),
         ({"pred_len": 12}, "compares two models or more: there are SGAN$"),
     ):
         with pytest.raises(InputError, match=message):
-            compare_sweep(folder, **how)
+            compare_sweep(folder, **options)

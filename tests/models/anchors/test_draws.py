@@ -35,9 +35,9 @@ def points():
 
 def names(draws, points):
     """[n, N] which point of its person each trajectory is."""
-    apart = np.abs(np.asarray(draws)[:, None] - np.asarray(points)).max((-1, -2))
-    assert apart.min(1).max() < 1e-6
-    return apart.argmin(1)
+    distance = np.abs(np.asarray(draws)[:, None] - np.asarray(points)).max((-1, -2))
+    assert distance.min(1).max() < 1e-6
+    return distance.argmin(1)
 
 
 @pytest.mark.parametrize("count", [exhaustive(1), exhaustive(20), 60, 70])
@@ -49,10 +49,10 @@ def test_every_point_of_a_person_is_drawn_equally_often(points, count):
 
 def test_people_are_drawn_independently_but_do_not_overlap(points):
     """Apart by 9 m the points of two people have nothing to do with each other."""
-    apart = points[:, :2] + jnp.array([[0.0, 0.0], [9.0, 0.0]])[:, None]
+    distant = points[:, :2] + jnp.array([[0.0, 0.0], [9.0, 0.0]])[:, None]
     pairs = np.zeros((20, 20))
     for seed in range(40):
-        chosen = names(DRAW(apart, PEOPLE[:2], jax.random.key(seed), 60), apart)
+        chosen = names(DRAW(distant, PEOPLE[:2], jax.random.key(seed), 60), distant)
         np.add.at(pairs, tuple(chosen.T), 1)
     assert pairs.sum() == 40 * 60
     # A pair is expected 6 times; of 400, the variance is that of a Poisson variable.
@@ -60,7 +60,7 @@ def test_people_are_drawn_independently_but_do_not_overlap(points):
     mixed = DRAW(points, PEOPLE, KEY, 200)
     lots = np.random.default_rng(1).integers(0, 20, (200, 5))
     independent = np.take_along_axis(np.asarray(points), lots[..., None, None], axis=0)
-    before, after = (collisions(each, PEOPLE).mean() for each in (independent, mixed))
+    before, after = (collisions(draws, PEOPLE).mean() for draws in (independent, mixed))
     assert before > 0.2
     assert after < 0.5 * before
 
@@ -94,11 +94,11 @@ def test_padding_changes_no_draw(points):
 def test_samples_are_drawn_as_often_as_their_probabilities_say():
     samples = jnp.arange(3.0)[:, None, None, None] * jnp.ones((1, 2, 4, 2))
     probability = jnp.array([0.5, 0.125, 0.375])
-    for count, wanted in ((8, [4, 1, 3]), (1, None)):
+    for count, expected in ((8, [4, 1, 3]), (1, None)):
         drawn = draw_samples(samples, probability, KEY, count)
         assert drawn.shape == (count, 2, 4, 2)
-        if wanted:
-            np.testing.assert_array_equal(np.bincount(drawn[:, 0, 0, 0].astype(int)), wanted)
+        if expected:
+            np.testing.assert_array_equal(np.bincount(drawn[:, 0, 0, 0].astype(int)), expected)
     often = jax.vmap(lambda key: draw_samples(samples, probability, key, 1)[0, 0, 0, 0])
     counts = np.bincount(often(jax.random.split(KEY, 2000)).astype(int)) / 2000
     np.testing.assert_allclose(counts, probability, atol=0.04)
@@ -159,8 +159,10 @@ def test_metrics_of_the_distribution_are_of_draws(model):
     paths = rng.normal(size=(7, 1, 2)) * 2 + np.cumsum(rng.normal(0.3, 0.1, (7, 12, 2)), axis=1)
     identity = np.array([[0, 0], [0, 1], [0, 2]], np.uint32)
     windows = Windows(paths, np.arange(7), np.array([0, 2, 4, 7]), identity, 8)
-    how = {"samples": 5, "seed": 0, "metrics": ("energy_score", "coverage_50", "joint_ade")}
-    scores = score_forecaster(model.forecaster, model.params, make_batches(windows), **how).scores
+    options = {"samples": 5, "seed": 0, "metrics": ("energy_score", "coverage_50", "joint_ade")}
+    scores = score_forecaster(
+        model.forecaster, model.params, make_batches(windows), **options
+    ).scores
     pairs = ((windows.rows(np.array([number])), number) for number in range(3))
     for rows, number in pairs:
         observed, future = np.split(paths[rows], [8], axis=1)

@@ -58,13 +58,15 @@ def test_fewer_samples_have_the_probabilities_given_that_they_are_all(model, win
     """The most probable one first, each another: `test_the_spread` has which."""
     observed = windows.position[:3, :8]
     futures, probability = predict_representatives(model, observed, samples=5)
-    three, given = predict_representatives(model, observed, samples=3)
-    apart = np.abs(futures - three[:, None]).max(axis=(2, 3, 4))
-    places = apart.argmin(axis=1)
-    assert apart.min(axis=1).max() < 1e-4
+    three, conditional = predict_representatives(model, observed, samples=3)
+    distance = np.abs(futures - three[:, None]).max(axis=(2, 3, 4))
+    places = distance.argmin(axis=1)
+    assert distance.min(axis=1).max() < 1e-4
     assert len({*places}) == 3
     assert places[0] == probability.argmax()
-    np.testing.assert_allclose(given, probability[places] / probability[places].sum(), rtol=1e-4)
+    np.testing.assert_allclose(
+        conditional, probability[places] / probability[places].sum(), rtol=1e-4
+    )
     with pytest.raises(InputError, match="samples: anchors, learned makes at most 5, not 6"):
         predict_scenes(model, [observed], samples=6)
 
@@ -87,19 +89,19 @@ def test_probabilities_count_in_scores(model, windows):
         (["energy_score", "crps", "coverage_50"], [1 / 3] * 3, forecast),
     ):
         weighted = score(forecast, future, probability=probability, metrics=metrics)
-        for name, of in score(same, future, metrics=metrics).items():
-            assert weighted[name].mean == pytest.approx(of.mean, rel=1e-4)
+        for name, equal_score in score(same, future, metrics=metrics).items():
+            assert weighted[name].mean == pytest.approx(equal_score.mean, rel=1e-4)
     # All probability on samples far from the truth covers nothing.
     moved = forecast + np.array([9.0, 9.0, 0.0])[:, None, None, None]
     far = score(moved, future, probability=[0.5, 0.5, 0.0], metrics=["coverage_50"])
     assert far["coverage_50"].mean == 0
-    names, found = ("central_ade", "joint_ade"), {}
+    names, means = ("central_ade", "joint_ade"), {}
     for samples in (1, 5):
-        how = {"samples": samples, "seed": 0, "metrics": names}
-        done = score_forecaster(model.forecaster, model.params, make_batches(windows), **how)
-        found[samples] = [done.mean(name) for name in names]
-    assert found[5][0] == pytest.approx(found[1][1], rel=1e-4)
-    assert found[5][1] < found[1][1]
+        options = {"samples": samples, "seed": 0, "metrics": names}
+        done = score_forecaster(model.forecaster, model.params, make_batches(windows), **options)
+        means[samples] = [done.mean(name) for name in names]
+    assert means[5][0] == pytest.approx(means[1][1], rel=1e-4)
+    assert means[5][1] < means[1][1]
 
 
 def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):
@@ -110,27 +112,29 @@ def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):
 
     own = jax.jit(forecast, static_argnums=0)(model.config, model.params, seen)
     np.testing.assert_allclose(own, predict(model, seen, samples=5), atol=1e-4)
-    of_alpha, of_observed = jax.jit(jax.grad(end, (1, 2)))(
+    alpha_gradient, observed_gradient = jax.jit(jax.grad(end, (1, 2)))(
         model.params, jnp.ones((3, 3, 8)), jnp.asarray(seen)
     )
-    assert jnp.abs(of_alpha[..., -1]).max() > 0
-    assert jnp.abs(of_alpha[..., :-1]).max() == 0
-    assert jnp.abs(of_observed).max() > 0
-    of_params = jax.jit(jax.grad(lambda params: end(params, None, jnp.asarray(seen))))(model.params)
-    assert any(jnp.abs(leaf).max() > 0 for leaf in jax.tree.leaves(of_params["weighting"]))
+    assert jnp.abs(alpha_gradient[..., -1]).max() > 0
+    assert jnp.abs(alpha_gradient[..., :-1]).max() == 0
+    assert jnp.abs(observed_gradient).max() > 0
+    params_gradient = jax.jit(jax.grad(lambda params: end(params, None, jnp.asarray(seen))))(
+        model.params
+    )
+    assert any(jnp.abs(leaf).max() > 0 for leaf in jax.tree.leaves(params_gradient["weighting"]))
 
 
-@pytest.mark.parametrize("apart", [0.2, 3.0])
-def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, apart):
+@pytest.mark.parametrize("spacing", [0.2, 3.0])
+def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, spacing):
     model = load_model("anchors_general_8")
     walks = np.random.default_rng(0).normal(0, 0.12, (150, 9, 2)).cumsum(1)[:, 1:]
-    walks += apart * np.stack(np.divmod(np.arange(150), 12), -1)[:, None]
-    found = {}
+    walks += spacing * np.stack(np.divmod(np.arange(150), 12), -1)[:, None]
+    forecasts = {}
     for crowd in (1000, anchors.CROWD):
         monkeypatch.setattr(anchors, "CROWD", crowd)
         run = SceneForecaster(model.forecaster, model.params, samples=20, seed=0)
-        found[crowd] = run(make_scene(walks))
-    np.testing.assert_allclose(found[anchors.CROWD], found[1000], atol=1e-5)
+        forecasts[crowd] = run(make_scene(walks))
+    np.testing.assert_allclose(forecasts[anchors.CROWD], forecasts[1000], atol=1e-5)
     near = anchors.neighbours(make_scene(walks), model.config.radius, 0.4)
     np.testing.assert_array_equal(model.forecaster.prepared(make_scene(walks)).near, near)
     assert model.forecaster.prepared(make_scene(walks[: anchors.CROWD])).near is None

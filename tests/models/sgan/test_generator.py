@@ -93,10 +93,10 @@ def unfolded(config, params, scene, noise):
     def pool(params, hidden, track):
         """Pool the positions so far: NeuroSyM sees as many of them as it observes."""
         window = track[:, -config.obs_len :]
-        given = {"hidden": hidden, "position": window[:, -1], "track": window}
+        available = {"hidden": hidden, "position": window[:, -1], "track": window}
         if config.symbolic:
-            given["alpha"] = make_weighting(config.weighting)(window)
-        seen = {name: given[name] for name in config.pooling.inputs}
+            available["alpha"] = make_weighting(config.weighting)(window)
+        seen = {name: available[name] for name in config.pooling.inputs}
         network = pooling_network(config, hidden.shape[1])
         return network.apply({"params": params}, valid=scene.valid, **seen)
 
@@ -108,8 +108,8 @@ def unfolded(config, params, scene, noise):
         context = Perceptron((context.shape[1], config.mlp_dim, width)).apply(
             {"params": params["context_mlp"]}, context
         )
-    each = np.broadcast_to(noise, (len(observed), config.noise_dim))
-    hidden = np.concatenate([context, each], axis=1)
+    noises = np.broadcast_to(noise, (len(observed), config.noise_dim))
+    hidden = np.concatenate([context, noises], axis=1)
     cell = np.zeros_like(hidden)
     decoder = params["decoder"]
     track, step = observed, np.asarray(scene.displacement)[:, -1]
@@ -121,9 +121,9 @@ def unfolded(config, params, scene, noise):
         steps.append(step)
         if config.pool_every_timestep:
             pooled = pool(decoder["pooling"], hidden, track)
-            both = np.concatenate([hidden, pooled], axis=1)
-            sizes = (both.shape[1], config.mlp_dim, config.decoder_h_dim)
-            hidden = np.asarray(Perceptron(sizes).apply({"params": decoder["mlp"]}, both))
+            joined = np.concatenate([hidden, pooled], axis=1)
+            sizes = (joined.shape[1], config.mlp_dim, config.decoder_h_dim)
+            hidden = np.asarray(Perceptron(sizes).apply({"params": decoder["mlp"]}, joined))
     return np.stack(steps, axis=1)
 
 
@@ -136,9 +136,9 @@ def test_against_the_unfolded_chain(config):
         lambda params: Generator(config).apply(params, scene, noise, *weights_of(config, scene))
     )(params)
     assert forecast.shape == (5, config.pred_len, 2)
-    wanted = unfolded(config, params, scene, noise)
-    assert_allclose(forecast, wanted, atol=1e-5)
-    assert np.abs(wanted).max() > 0.05
+    expected = unfolded(config, params, scene, noise)
+    assert_allclose(forecast, expected, atol=1e-5)
+    assert np.abs(expected).max() > 0.05
     same_size = config.encoder_h_dim == config.decoder_h_dim
     bare = same_size and not config.pools and not config.noise_dim
     assert ("context_mlp" in params["params"]) == (not bare)
@@ -169,14 +169,14 @@ def test_discriminator(kind):
     scores = apply(params, *trajectory)
     parts = params["params"]
     encoder = Encoder(LSTM(), config.embedding_dim, config.h_dim)
-    wanted = encoder.apply({"params": parts["encoder"]}, scene.displacement)
+    expected = encoder.apply({"params": parts["encoder"]}, scene.displacement)
     if kind == "global":
         pooling = PoolNetwork(config.embedding_dim, config.h_dim, 16, config.h_dim)
-        given = wanted, scene.observed[:, 0], scene.valid
-        wanted = pooling.apply({"params": parts["pooling"]}, *given)
+        inputs = expected, scene.observed[:, 0], scene.valid
+        expected = pooling.apply({"params": parts["pooling"]}, *inputs)
     for layer in ("layer_0", "layer_1"):
-        wanted = np.maximum(dense(wanted, parts["classifier"][layer]), 0)
-    assert_allclose(scores, wanted[:, 0], atol=1e-5)
+        expected = np.maximum(dense(expected, parts["classifier"][layer]), 0)
+    assert_allclose(scores, expected[:, 0], atol=1e-5)
     assert scores.min() > 0
     padded = [jnp.pad(part, [(0, 3)] + [(0, 0)] * (part.ndim - 1)) for part in trajectory]
     assert_allclose(apply(params, *padded)[:5], scores, atol=1e-5)
@@ -192,7 +192,7 @@ def test_tanh_and_sigmoid(name, dtype):
     if name == "sigmoid":
         first, second = y * (1 - y), y * (1 - y) * (1 - 2 * y)
     with jax.enable_x64(dtype is np.float64):
-        for atol, wanted, backward, forward in (
+        for atol, exact, backward, forward in (
             (3e-7, y, function, function),
             (6e-7, first, jax.grad(function), jax.jacfwd(function)),
             (12e-7, second, jax.grad(jax.grad(function)), jax.hessian(function)),
@@ -201,7 +201,7 @@ def test_tanh_and_sigmoid(name, dtype):
                 values = jax.jit(jax.vmap(derivative))(x.astype(dtype))
                 assert values.dtype == dtype
                 atol = 1e-14 if dtype is np.float64 else atol
-                assert_allclose(values, wanted, rtol=0, atol=atol)
+                assert_allclose(values, exact, rtol=0, atol=atol)
         with jax.debug_nans(False):
             limits = function(jnp.asarray([-np.inf, np.inf, np.nan], dtype))
         assert_allclose(limits, [y[0], y[-1], np.nan], atol=2e-7)

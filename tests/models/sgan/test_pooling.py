@@ -62,16 +62,16 @@ def robot(layer, i, j):
 
 
 @pytest.mark.parametrize(
-    ("module", "given", "embed", "kernel"),
+    ("module", "others", "embed", "kernel"),
     [
         (HIDDEN_POOLING, (POSITIONS,), ends, 2),
         (DESCRIBED, (OBSERVED, ALPHA), paper, 2),
         (ROS, (OBSERVED, ALPHA), robot, 2 * T),
     ],
 )
-def test_the_maximum_over_pairs_of_a_perceptron(module, given, embed, kernel):
+def test_the_maximum_over_pairs_of_a_perceptron(module, others, embed, kernel):
     """The module is `MLP [embed(i, j); h_j]`, of which the maximum over j is taken."""
-    inputs = given[0], ALL, *given[1:]
+    inputs = others[0], ALL, *others[1:]
     params = random_params(module, HIDDEN, *inputs, std=0.5)
     assert params["params"]["spatial_embedding"]["kernel"].shape[0] == kernel
 
@@ -81,22 +81,24 @@ def test_the_maximum_over_pairs_of_a_perceptron(module, given, embed, kernel):
         def of_pair(i, j):
             return relu_layers(jnp.concatenate([embed(layer, i, j).ravel(), hidden[j]]), mlp)
 
-        every = jnp.arange(N)
-        return jax.vmap(lambda i: jax.vmap(lambda j: of_pair(i, j))(every).max(axis=0))(every)
+        people = jnp.arange(N)
+        return jax.vmap(lambda i: jax.vmap(lambda j: of_pair(i, j))(people).max(axis=0))(people)
 
     def pooled(params, hidden):
         return module.apply(params, hidden, *inputs)
 
-    found, wanted = (jax.jit(each)(params, HIDDEN) for each in (pooled, written_out))
-    assert_allclose(found, wanted, atol=1e-5)
+    result, expected = (jax.jit(function)(params, HIDDEN) for function in (pooled, written_out))
+    assert_allclose(result, expected, atol=1e-5)
     # Nothing is compared where the last ReLU has shut everything, or where all people are the same.
-    assert np.ptp(wanted, axis=0).max() > 0.1
-    found, wanted = (
-        jax.jit(jax.grad(lambda *given, of=each: (of(*given) ** 2).sum(), (0, 1)))(params, HIDDEN)
-        for each in (pooled, written_out)
+    assert np.ptp(expected, axis=0).max() > 0.1
+    result, expected = (
+        jax.jit(jax.grad(lambda *others, pool=function: (pool(*others) ** 2).sum(), (0, 1)))(
+            params, HIDDEN
+        )
+        for function in (pooled, written_out)
     )
-    jax.tree.map(lambda *each: assert_allclose(*each, atol=1e-4), found, wanted)
-    assert min(np.abs(leaf).max() for leaf in jax.tree.leaves(wanted)) > 0.1
+    jax.tree.map(lambda *pair: assert_allclose(*pair, atol=1e-4), result, expected)
+    assert min(np.abs(leaf).max() for leaf in jax.tree.leaves(expected)) > 0.1
 
 
 def test_social_pooling_sums_hidden_states_where_others_stand():
@@ -109,8 +111,8 @@ def test_social_pooling_sums_hidden_states_where_others_stand():
             if abs(x) < 0.8 and abs(y) < 0.8:  # Cells of 0.4 m.
                 grid[int((0.8 - y) / 0.4), int((x + 0.8) / 0.4)] += HIDDEN[j]
         rows.append(relu_layers(grid.reshape(-1), mlp))
-    found = jax.jit(GRID.apply)(params, HIDDEN, POSITIONS, ALL)
-    assert_allclose(found, np.array(rows), atol=1e-5)
+    grid = jax.jit(GRID.apply)(params, HIDDEN, POSITIONS, ALL)
+    assert_allclose(grid, np.array(rows), atol=1e-5)
     assert np.abs(np.array(rows) - relu_layers(np.zeros(16 * H), mlp)).max() > 0.1
 
 
@@ -123,8 +125,8 @@ def test_only_valid_agents_count(module):
     alone = apply(params, HIDDEN[valid], POSITIONS[valid], np.ones(3, bool))
     assert_allclose(pooled[valid], alone, atol=1e-6)
     assert np.isfinite(pooled).all()
-    whole = apply(params, HIDDEN, POSITIONS, ALL)
-    assert np.abs(whole[valid] - alone).max() > 1e-3
+    complete = apply(params, HIDDEN, POSITIONS, ALL)
+    assert np.abs(complete[valid] - alone).max() > 1e-3
     assert np.isfinite(apply(params, HIDDEN, POSITIONS, ~ALL)).all()
 
 
@@ -144,8 +146,8 @@ def test_gradients_where_people_coincide(module, valid):
 def test_units_that_are_not_above_0_get_a_share_of_the_gradients_that_raise_them():
     unit = jnp.array([-1.0, 0.0, 2.0])
     _, pull = jax.vjp(_leaking_relu, unit, jnp.float32(0.1))
-    for sign, wanted in ((-1.0, [-0.1, -0.1, -1]), (1.0, [0, 0, 1])):
-        assert_allclose(pull(jnp.full(3, sign))[0], wanted)
+    for sign, expected in ((-1.0, [-0.1, -0.1, -1]), (1.0, [0, 0, 1])):
+        assert_allclose(pull(jnp.full(3, sign))[0], expected)
 
 
 def test_a_missing_alpha_is_named():
@@ -156,12 +158,12 @@ def test_a_missing_alpha_is_named():
 
 
 def test_the_ijcnn_release_has_one_maximum_over_all_but_padding():
-    network, there = _IjcnnNetwork(T, E, H, 9, B), np.arange(N) < N - 2
+    network, present = _IjcnnNetwork(T, E, H, 9, B), np.arange(N) < N - 2
     rows = ALPHA[0]
     params = network.init(jax.random.key(2), HIDDEN, ALL, rows)
-    found = network.apply(params, HIDDEN, there, rows)
+    pooled = network.apply(params, HIDDEN, present, rows)
     weights = params["params"]
     embedded = (rows[..., None] * weights["spatial_embedding"]["bias"]).reshape(N, -1)
-    each = relu_layers(np.concatenate([embedded, HIDDEN], axis=1), weights["mlp"])
-    assert each[~there].max() > each[there].max()
-    assert_allclose(found, np.tile(each[there].max(axis=0), (N, 1)), rtol=1e-5)
+    units = relu_layers(np.concatenate([embedded, HIDDEN], axis=1), weights["mlp"])
+    assert units[~present].max() > units[present].max()
+    assert_allclose(pooled, np.tile(units[present].max(axis=0), (N, 1)), rtol=1e-5)
