@@ -38,6 +38,7 @@ def _programs() -> dict[str, float]:
     import numpy as np
 
     from neurosym_jax.commands.evaluate import Options, run
+    from neurosym_jax.data.reading import ReadOptions
     from neurosym_jax.forecasting.model import predict
     from neurosym_jax.forecasting.model_folder import load_model
     from neurosym_jax.models import GeneratorConfig, NoPooling
@@ -71,6 +72,7 @@ def _programs() -> dict[str, float]:
     windows = _windows()
     with tempfile.TemporaryDirectory() as folder:
         settings = {"config": GeneratorConfig(pooling=NoPooling()), "recipe": _recipe("ours")}
+        settings["read"] = ReadOptions(allow=("seen",))
         train(windows, windows, Path(folder) / "run", **settings)
     done("a training run")
     return counts
