@@ -13,6 +13,9 @@ for T in 8 12; do
     done
 done
 python -m studies.distribution R/*.json > docs/distribution.csv
+# Of the corridors the page has collisions alone:
+python evaluate.py --pred-len 12 --metrics $WHAT --no-figures --data MORE/tests \\
+    --test-on $(cd MORE/tests && ls bo* | sed s/.txt//) --checkpoint anchors_general_12
 
 DATA is ETH/UCY as SGAN arranges it, MORE what `studies.more_data` writes, THOR a folder with THÖR
 and THÖR-MAGNI. The networks learned at none of the places that they are tested at. On THÖR, MAGNI
