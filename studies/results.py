@@ -83,9 +83,6 @@ it. ADE / FDE, best of {samples}; constant velocity makes one forecast.
 {means}
 
 - [Joint](glossary.md#joint) is SGAN's protocol, the only one that the published rows are in.
-- Best of {samples} against one forecast flatters networks. The
-  [central forecast](glossary.md#central-forecast) is the one to act on; the
-  [energy score](glossary.md#energy-score), in metres, compares whole distributions.
 - "Published network" is the original checkpoint, evaluated here. It agrees with the paper's number
   within 0.02 m; on eth at 8 + 12, which has 70 scenes, within 0.04 m.
 - Of SGAN and NeuroSyM for eth and zara1 the table below has three trainings each. Their intervals
@@ -160,8 +157,7 @@ What it does not do:
   are of these samples. {not_best} The [distribution](#the-distribution) is another output.
 - Its central forecast is behind that of the anchor table, which has no network, on the recordings
   of Stanford, and behind constant velocity on [the campus left out whole](left_out.md).
-- Forecast people collide more often than real ones. SGAN trained here is behind constant velocity
-  on univ."""
+- SGAN trained here is behind constant velocity on univ."""
 """Written by hand from the numbers but for `not_best`; check it when they change."""
 
 

@@ -201,7 +201,7 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     where = {"json": tmp_path / "rows.json", "figures": False, "samples": 3}
     saved = tmp_path / "saved.npz"
     data = {"data": recording, "baselines": ("constant_velocity_sampled",)}
-    model = {"checkpoint": ("anchors_general_8",)}
+    model = {"checkpoint": ("anchor_table_general_8",)}
     first = run(Options(**where, **data, **model, save_forecasts=saved))
     files = tuple(sorted(tmp_path.glob("saved_*.npz")))
     assert len(files) == 2
@@ -210,7 +210,7 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     rows = run(Options(**where, **data, **model, forecasts=files, label=label, metrics=metrics))
     named = {row["model"]: row for row in rows}
     assert list(named)[2:] == ["ours", files[1].stem]
-    for name, model_name in zip(list(named)[2:], ("anchors", "constant velocity, sampled")):
+    for name, model_name in zip(list(named)[2:], ("anchor table", "constant velocity, sampled")):
         for metric in (*SAME[:4], *metrics):
             assert named[name][metric] == pytest.approx(named[model_name][metric], abs=2e-4)
     alone = run(Options(**where, forecasts=files, baselines=("constant_velocity_sampled",)))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import gc
+import itertools
 import os
 import threading
 import time
@@ -43,10 +44,8 @@ def test_frame_by_frame_equals_batches_of_windows(model):
     forecasts = [f for frame in stream(tracks) if (f := predictor.push(*frame)) is not None]
     assert len(forecasts) == len(np.unique(tracks.stamp)) - 12  # One with every frame.
     windows = cut_windows([resample(tracks, 0.4)], 4, 3)
-    (batch,) = make_batches(windows)
-    scene = batch.scene
-    for name, forecast in models.items():
-        forecaster = forecast.forecaster
+    for (name, forecast), batch in itertools.product(models.items(), make_batches(windows)):
+        forecaster, scene = forecast.forecaster, batch.scene
         noise = draw_noise(forecaster.noise, 7, np.asarray(scene.identity), 3, 8)
         futures, _ = forecast_batch(forecaster, forecast.params, scene, noise)
         futures = unpacked(futures, scene.valid)
