@@ -38,13 +38,13 @@ PLACES = {
     "THÖR 1": "CLiFF-LHMP_thor1_exp-1-run-2",
     "THÖR 3": "CLiFF-LHMP_thor3_exp-3-run-2",
     "MAGNI": "THOR-MAGNI_Scenario_5",
-    "Stanford, 23 recordings": "bookstore_1+",
-    "Stanford, 5 kept back": "+".join(KEPT_BACK),
+    "Stanford": "bookstore_1+",
+    "kept back": "+".join(KEPT_BACK),
 }
 """Places, and how the names of their test sets begin."""
 MODELS = ("anchors", "anchor table", "constant velocity, sampled")
 HEAD = ["place", "steps", *(f"energy score, {name}" for name in MODELS)]
-HEAD += ["truths in regions of 50 / 90 %, %", "in collision: draws / truth, %"]
+HEAD += ["regions of 50 / 90 % hold", "% in collision, draws / truth"]
 
 
 def table(rows: pl.DataFrame) -> list[list[str]]:
