@@ -38,11 +38,7 @@ SGAN with encoding and pooling done once, all samples together, and no loop over
 original is the released code. `benchmarks.json` beside this page has all rounds, stages, memory,
 and the bound set by the arithmetic; the first lines of `benchmarks/page.py` renew the page.
 
-The row of the evaluation is older than the rational `tanh` of the LSTMs: scoring one checkpoint
-(SGAN-20VP for zara1, 8 + 12, 2,253 people, best of 20, without collisions) takes 0.23 s on one
-core, and took 0.33 s before. These are minima of 15 calls of `score_forecaster` with `NPROC=1`;
-two processes before and two after, alternated, gave 0.326 and 0.330, 0.231 and 0.230 s. The machine
-was shared and has AVX2 alone.
+The rows of SGAN are older than the rational `tanh` of its LSTMs.
 
 {machine}
 

@@ -1,6 +1,6 @@
 """`docs/distribution.csv`: what draws from the distribution of `recommended` are worth, by place.
 
-WHAT="energy_score coverage_50 coverage_90 draw_collisions truth_collision_rate"
+WHAT="energy_score central_ade coverage_50 coverage_90 draw_collisions truth_collision_rate"
 for T in 8 12; do
     HOW="--pred-len $T --no-figures --metrics $WHAT"
     python evaluate.py $HOW --data DATA --checkpoint recommended --json R/eth_ucy_$T.json
@@ -18,9 +18,9 @@ python evaluate.py --pred-len 12 --metrics $WHAT --no-figures --data MORE/tests 
     --test-on $(cd MORE/tests && ls bo* | sed s/.txt//) --checkpoint anchors_general_12
 
 DATA is ETH/UCY as SGAN arranges it, MORE what `studies.more_data` writes, THOR a folder with THÖR
-and THÖR-MAGNI. The networks learned at none of the places that they are tested at. On THÖR, MAGNI
-and Stanford they are those for one's own recordings, and of Stanford kept back nothing was looked
-at before this test.
+and THÖR-MAGNI. No network has learned the recordings that it is tested on. On THÖR, MAGNI and
+Stanford they are those for one's own recordings, and of Stanford kept back nothing was looked at
+before this test.
 """
 
 import csv

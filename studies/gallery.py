@@ -35,7 +35,7 @@ def draw(data: str, folder: Path = DOCS / "figures") -> list[Path]:
         path = save_figure(names["figure"], folder / f"{name}.png")
         image = Image.open(path).convert("RGB")
         image.thumbnail((WIDE, 2 * WIDE))
-        image.save(path, optimize=True)
+        image.quantize(dither=Image.Dither.NONE).save(path, optimize=True)
         paths.append(path)
     return paths
 

@@ -49,9 +49,9 @@ PAIRED = {"joint ADE, %": "joint_ade", "energy score, %": "energy_score"}
 HEAD = """# Places left out whole
 
 **By joint ADE `anchors` leads at all eight places: the error of SGAN is higher by 20 ± 10 %, of
-NeuroSyM by 15 ± 10 %, of the anchor table by 11 ± 7 %. By the energy score it is not significantly
-better than the anchor table, which has no network (+2.4 ± 6.8 %; each leads at four places), nor
-than NeuroSyM (+4.5 ± 6.5 %).** The energy score is the one by which we
+NeuroSyM by 15 ± 10 %, of the anchor table by 11 ± 7 %. By the energy score of its samples it is
+not significantly better than the anchor table, which has no network (+2.4 ± 6.8 %; each leads at
+four places), nor than NeuroSyM (+4.5 ± 6.5 %).** The energy score is the one by which we
 [rank models](glossary.md#metrics).
 
 On Stanford's scenes anchors and table are level in joint error too; on eth the table has the lower
@@ -65,7 +65,7 @@ street with three, "corridors" four runs of HERMES. Stanford (23 recordings), TH
 THÖR-MAGNI (one) are tested with the models that learned from ETH/UCY alone. Anchors: the mean of
 {seeds} seeds; all others: one training. Bold: the best of a column. eth is read with SGAN's
 [wrong clock](data.md#the-eth-recording). Energy scores of anchors are of its 20 samples by their
-probabilities; [those of its distribution](results.md#the-distribution) are lower.
+probabilities; [those of its distribution](results.md#the-distribution) are lower where both exist.
 """
 TAIL = """## Paired by place
 

@@ -57,7 +57,6 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 # They import jax, which reads the environment.
 import jax  # noqa: E402
 
-from neurosym_jax.data.windows import make_batches  # noqa: E402
 from neurosym_jax.forecasting.model import Model  # noqa: E402
 from neurosym_jax.models.sgan.config import GeneratorConfig  # noqa: E402
 from neurosym_jax.simulation import scenarios  # noqa: E402
@@ -66,7 +65,6 @@ from tests.networks import random_model  # noqa: E402
 jax.config.update("jax_debug_nans", True)
 # Commands simulate their default data, here once.
 scenarios.simulate = functools.cache(scenarios.simulate)
-make_batches.__defaults__ = (128,)  # Slots, which most tests leave empty.
 
 
 def pytest_configure(config: pytest.Config) -> None:

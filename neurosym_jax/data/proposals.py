@@ -11,9 +11,11 @@ from neurosym_jax.data.table import Table, absent
 
 __all__ = ["propose"]
 
-ROUGHEST, HEIGHT = 0.5, 10.0
-"""Sum of the roughness of x and y above which nothing is proposed (tracks have less than 0.06,
-boxes of one moment in seven cameras 1.3), and what is added for what may be a height."""
+ROUGHEST = 0.5
+"""Sum of the roughness of x and y above which nothing is proposed: of 7 tables of walkers it is at
+most 0.06, of boxes of one moment in seven cameras 1.3."""
+SET_BACK = 10.0
+"""Roughness that is added to what may be a height; that of a track is less."""
 
 
 def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
@@ -21,13 +23,11 @@ def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
 
     The id repeats, the clock is a number; x and y follow each other, perhaps with one between.
     """
-    part = table.take(np.arange(len(table.row)) < 20_000)
-    is_complete = np.logical_and.reduce(
-        [~absent(part.column(at)).to_numpy() for at in range(min(len(table.names), 12))]
-    )
-    if is_complete.sum() >= 10:  # Of people who are not seen there is no position.
+    part, columns = table.take(np.arange(len(table.row)) < 20_000), range(min(len(table.names), 12))
+    is_complete = ~np.any([absent(part.column(at)).to_numpy() for at in columns], axis=0)
+    if is_complete.mean() > 0.25:  # Of people who are not seen there is no position.
         part = part.take(is_complete)
-    free = [at for at in range(min(len(table.names), 12)) if at not in places.values()]
+    free = [at for at in columns if at not in places.values()]
     clock = places.get("time", places.get("frame"))
     x, y = places.get("x", places.get("left")), places.get("y", places.get("top"))
     numbers = {
@@ -55,7 +55,7 @@ def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
                 for key in (numbers[moment], ids)
             )
             if at_once:
-                bend[at] = value + HEIGHT * (not in_all)
+                bend[at] = value + SET_BACK * (not in_all)
         for pair in pairs:
             if {moment, person} & set(pair) or not all(at in bend for at in pair):
                 continue
@@ -65,7 +65,7 @@ def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
                 lowest, is_whole = score, (numbers[moment] % 1 == 0).all()
                 best = {"frame" if is_whole else "time": moment, "id": person}
                 best |= {"x": pair[0], "y": pair[1]}
-    if lowest % HEIGHT > ROUGHEST:
+    if lowest % SET_BACK > ROUGHEST:
         return {}
     occupied = {*places, *(("time", "frame") if clock is not None else ())}
     occupied |= {"x", "y"} if "left" in places else set()

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.reading import header_in, read_text_file, separator_of
+from neurosym_jax.data.reading import METRES, header_in, read_text_file, separator_of
 from neurosym_jax.data.tracks import Reading, Tracks, make_tracks
 from neurosym_jax.errors import InputError, option, printable
 
@@ -22,8 +22,8 @@ __all__ = ["STEPS", "Table", "absent", "read_table"]
 
 MOST = 1_000_000  # columns of a table
 BLANKS = ' "\t\r'  # around a field
-UNITS = {"", "m", "cm", "mm", "m/s", "s", "ms", "us", "ns", "deg", "rad", "px", "frame"}
-"""What a row below the header has, if it has the columns' units."""
+UNITS = {"", *METRES, "m/s", "s", "ms", "us", "ns", "deg", "rad", "frame"}
+"""Fields of a row of units below the header."""
 # Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second.
 STEPS = (1, 6, 10, 12)
 
@@ -171,9 +171,7 @@ class Table:
 
 def absent(texts: pl.Series) -> pl.Series:
     """[R] bool: fields that say that there is no value."""
-    return texts.str.to_lowercase().is_in(
-        ("", "nan", "null", "none", "n/a", "na", "<na>", "nat", "?", "-")
-    )
+    return texts.str.to_lowercase().is_in(("", "nan", "null", "none", "n/a", "<na>", "nat", "?"))
 
 
 def read_table(
@@ -196,7 +194,7 @@ def read_table(
     is_row = ((lines != "") & ~is_comment).to_numpy()
     comments = lines.head(int(np.argmax(is_row))).filter(is_comment.head(int(np.argmax(is_row))))
     lines, row = lines.filter(is_row), 1 + np.flatnonzero(is_row)
-    if len(lines) and lines[0].startswith("<"):
+    if len(lines) and re.match(r"<\?xml|<[^<>,;\t]*>$", lines[0]):
         raise InputError(f"{path}: XML is not read: write rows of time, id, x and y")
     starts = lines[:200].str.contains(f"^{header}").arg_true()
     if not len(starts):
@@ -219,13 +217,8 @@ def read_table(
             has_header = bool(header) or header_in(rows)
         if has_header:
             lines, row = lines[1:], row[1:]
-            if (
-                len(rows) > 1
-                and (units := [field.lower() for field in rows[1]])
-                and (
-                    {"m", "cm", "mm"} & {*units} and {*units} <= UNITS and len(units) == len(names)
-                )
-            ):
+            units = [field.lower() for field in rows[1]] if len(rows) > 1 else []
+            if len(units) == len(names) and METRES.keys() & units and {*units} <= UNITS:
                 names = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units)]
                 lines, row = lines[1:], row[1:]
                 notes += ("units below the header",)

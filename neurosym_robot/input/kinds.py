@@ -64,6 +64,7 @@ class Seen(NamedTuple):
     xyz: np.ndarray  # [N, 3] metres; zeros where `frames` are
     occluded: np.ndarray  # [N] bool: the tracker guesses the position
     frames: Sequence[str] = ()  # [N] frame of /tf at whose origin each person is, for ROS4HRI
+    others: int = 0  # entries that are no people
 
 
 def id_of_name(name: str) -> int:
@@ -103,7 +104,7 @@ def _ids(message: Any, entries: Sequence[Any], path: str) -> list[int]:
 def see(kind: str | Kind, message: Any, only: str = "") -> Seen:
     """What a message says, of a type in `KINDS` or with fields as a `Kind` says.
 
-    `only` takes the place of the kind's.
+    `only` says which entries are people, instead of the kind.
 
     Raises:
         AttributeError, LookupError, TypeError, ValueError: if the message has no such fields.
@@ -111,10 +112,11 @@ def see(kind: str | Kind, message: Any, only: str = "") -> Seen:
     form = KINDS[kind] if isinstance(kind, str) else kind
     entries = list(_follow(message, form.people))
     ids = _ids(message, entries, form.id) if form.position else [id_of_name(e) for e in entries]
+    count = len(entries)
     if only := only or form.only:
         path, _, values = only.partition("=")
         is_person = [str(_follow(entry, path)) in values.split(",") for entry in entries]
-        ids, entries = (list(itertools.compress(each, is_person)) for each in (ids, entries))
+        ids, entries = (list(itertools.compress(part, is_person)) for part in (ids, entries))
     points = [_follow(entry, form.position) for entry in entries] if form.position else []
     occluded = [bool(form.occluded) and _follow(entry, form.occluded) for entry in entries]
     return Seen(
@@ -124,4 +126,5 @@ def see(kind: str | Kind, message: Any, only: str = "") -> Seen:
         np.array([(p.x, p.y, p.z) for p in points] or np.zeros((len(ids), 3)), np.float64),
         np.array(occluded, bool),
         [] if form.position else [f"body_{entry}" for entry in entries],
+        count - len(entries),
     )

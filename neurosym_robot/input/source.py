@@ -53,18 +53,17 @@ class PeopleSource:
         """Configure the stream as the options of these names say, see `LiveOptions`.
 
         `report` is called with one line when something begins to be left out; `form` says where
-        messages hold people, by default their type does. In a recording, which can wait, parts of a
-        moment are joined from its first message on, and a frame that moves is an InputError.
+        messages hold people, by default their type, and `only` which entries are people. Parts of a
+        recording's moment are joined from the first on; a frame that moves there is an InputError.
         """
-        self.fixed_frame, self._report, self.form = fixed_frame.strip("/"), report, form
-        self.robot_frame, self.reach, self._recorded = robot_frame, reach, recorded
-        self._only = only
+        self.fixed_frame, self._report = fixed_frame.strip("/"), report
+        self.form, self._only, self._recorded = form, only, recorded
+        self.robot_frame, self.reach = robot_frame, reach
         self.frame_id: str | None = self.fixed_frame or None
         """Frame of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
         self.refused: collections.Counter[str] = collections.Counter()
-        """Number of messages or people left out, by cause in words. A node adds "late" messages,
-        too many of which waited, and "malformed" ones."""
+        """Messages or people left out, by cause in words. A node adds "late" and "malformed" ones."""
         self.reports: dict[str, None] = {}
         """What was reported so far, in order."""
         self.is_there: Callable[[str], bool] = lambda publisher: True
@@ -117,6 +116,8 @@ class PeopleSource:
         except (AttributeError, LookupError, TypeError, ValueError) as error:
             self._refuse("malformed", f"{kind}: people cannot be read", str(error))
             return self.release(received)
+        if seen.others:
+            self._refuse("other classes", "entries of other classes are left out", "", seen.others)
         if not self._is_ours(publisher, received):
             return self.release(received)
         self._stamped |= seen.stamp != 0

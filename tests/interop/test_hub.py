@@ -91,16 +91,18 @@ TASK = "time-series-forecasting"
     ],
 )
 def test_folders_have_the_header_of_the_hub(model, tmp_path, data, licence):
+    datasets = [name.lower().replace("/", "-") for name in data]
     for card, facts in (
-        (None, (licence, [name.lower().replace("/", "-") for name in data], TASK)),
-        ("---\nlicense: mit\n---\n\n# Mine\n", ("mit", None, None)),
+        (None, (licence, datasets, "neurosym_jax", TASK)),
+        ("---\nlicense: mit\n---\n\n# Mine\n", ("mit", None, None, None)),
     ):
         folder = tmp_path / str(facts[2])
         save_model(folder, dataclasses.replace(model("none"), data=data), card)
         text = (folder / "README.md").read_text()
         (head,) = re.findall(r"\A---\n(.*?)---\n\n# ", text, re.DOTALL)
         header = yaml.safe_load(head)
-        fields = tuple(header.get(name) for name in ("license", "datasets", "pipeline_tag"))
+        names = ("license", "datasets", "library_name", "pipeline_tag")
+        fields = tuple(map(header.get, names))
         assert fields == facts
         assert from_pretrained(folder).data == data
 

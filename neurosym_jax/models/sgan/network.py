@@ -132,7 +132,7 @@ class Decoder(nn.Module):
             # compute them twice, once to be stacked and once for the product.
             return (state[0] @ feedback, state), self.hidden2pos(state[0])
 
-        # Each step adds the bias of a displacement that the output layer gave.
+        # `feedback_bias` has the output layer's bias, which the displacement observed has not.
         gates = with_bias(displacement, -self.hidden2pos.bias) @ kernel + hidden @ recurrent
         carry = gates, cell.start(hidden)
         _, displacements = jax.lax.scan(step, carry, length=self.config.pred_len)

@@ -177,10 +177,12 @@ def test_only_entries_of_a_class_are_people():
     message = Fields(header=header, all=entries, ids=[10, 11, 12, 13])
     form = Kind("all", "p", "ids")
     for only, ids in (("", [10, 11, 12, 13]), ("hypotheses.0.label=person,child", [11, 12])):
-        source = PeopleSource(form=form, only=only)
+        source = PeopleSource(report=(notices := []).append, form=form, only=only)
         (frame,) = source.take("any/msg/Type", message)
         assert frame.ids.tolist() == ids
         assert frame.xy[:, 0].tolist() == [n - 10 for n in ids]
+        assert source.refused == ({"other classes": 2} if only else {})
+        assert len(notices) == len(source.refused)
     cars = Fields(header=header, objects=[
         Fields(id=n, pose=Fields(position=point(n, 2)), classification=kind)
         for n, kind in enumerate((6, 4))])  # fmt: skip
