@@ -56,14 +56,13 @@ class PeopleSource:
         messages hold people, by default their type, and `only` which entries are people. Parts of a
         recording's moment are joined from the first on; a frame that moves there is an InputError.
         """
-        self.fixed_frame, self._report = fixed_frame.strip("/"), report
-        self.form, self._only, self._recorded = form, only, recorded
-        self.robot_frame, self.reach = robot_frame, reach
+        self.fixed_frame, self.robot_frame, self.reach = fixed_frame.strip("/"), robot_frame, reach
+        self._report, self.form, self._only, self._recorded = report, form, only, recorded
         self.frame_id: str | None = self.fixed_frame or None
         """Frame of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
         self.refused: collections.Counter[str] = collections.Counter()
-        """Messages or people left out, by cause in words. A node adds "late" and "malformed" ones."""
+        """Messages or people left out, by cause in words; a node adds "late" and "malformed"."""
         self.reports: dict[str, None] = {}
         """What was reported so far, in order."""
         self.is_there: Callable[[str], bool] = lambda publisher: True
