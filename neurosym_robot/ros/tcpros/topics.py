@@ -64,11 +64,12 @@ class Publisher:
             self._report(f"refused the subscriber {peer}: {reason}")
             connection.sendall(encode_header({"error": reason}))
             return
-        connection.sendall(encode_header(topic.header(self._caller, latching="0")))
         connection.settimeout(SLOW)
+        # A subscriber that has read the header misses nothing that is published from then on.
         sent = self._newest.newest
         self._peers[connection] = peer
         try:
+            connection.sendall(encode_header(topic.header(self._caller, latching="0")))
             # Subscribers send nothing, so that something to read is the end.
             while not select.select([connection], [], [], 0)[0] or connection.recv(4096):
                 first, blocks = self._newest.after(sent, LOOK)

@@ -1,6 +1,7 @@
 """Nodes find each other, again after a restart, and go on whatever strangers send."""
 
 import contextlib
+import functools
 import http.client
 import random
 import socket
@@ -12,7 +13,7 @@ from typing import Any
 import pytest
 
 from neurosym_robot.ros.tcpros import Node, Topic
-from neurosym_robot.ros.tcpros.topics import MOST
+from neurosym_robot.ros.tcpros.topics import MOST, Publisher
 from neurosym_robot.ros.tcpros.wire import (
     CallError,
     Refused,
@@ -46,6 +47,29 @@ def test_connections_that_break_are_made_again_and_survive_their_master(pair, ma
     wait(lambda: master.subscribers[CHATTER.name] == [pair.listener.uri])
     assert any("registers again" in line for line in pair.talker.said)
     assert list(pair.subscriber.publishers) == [pair.talker.uri]
+
+
+def test_a_message_right_after_the_handshake_is_heard():
+    """A thread that publishes may run as soon as the subscriber has the header."""
+    publisher, (ours, theirs) = Publisher(CHATTER, "/talker", print), socket.socketpair()
+    publish = functools.cache(lambda: publisher.publish(b"first"))
+
+    class Connection(socket.socket):
+        def sendall(self, *data):
+            super().sendall(*data)
+            publish()
+
+    connection = Connection(fileno=ours.detach())
+    header = {"callerid": "/listener", "md5sum": "*"}
+    serving = threading.Thread(target=publisher.serve, args=(connection, header))
+    with connection, theirs:
+        serving.start()
+        theirs.settimeout(30)
+        assert read_header(theirs)["type"] == CHATTER.type
+        assert read_block(theirs) == b"first"
+        theirs.shutdown(socket.SHUT_RDWR)
+        serving.join(30)
+    assert publisher.subscribers == []
 
 
 def test_another_definition_is_refused_in_one_line(graph):
