@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.light import decoding, encoding, limit, machine_rates
-from benchmarks.timing import OURS, Row, row
+from benchmarks.timing import OURS, Row, apart, row
 
 PEOPLE = (2, 10, 50, 200)
 FORECASTS = 100
@@ -33,7 +33,7 @@ def measure(options: Any) -> dict[str, Any]:
         medians = {}
         for name, folder in MODELS.items():
             model = load_model(folder)
-            seconds = _ours(model, people, count)
+            seconds = apart(_ours, model, people, count)
             mine = row(f"{name}, {people} people", OURS, seconds, p99=_p99(seconds))
             medians[name] = mine["median"]
             table.append(mine)
@@ -46,7 +46,7 @@ def measure(options: Any) -> dict[str, Any]:
             if (name, people) == ("NeuroSyM", 50):
                 light = least
         if options.torch:
-            seconds = _peer(people, FORECASTS)
+            seconds = apart(_peer, people, FORECASTS)
             ratio = float(np.median(seconds)) / medians["SGAN"]
             case = f"SGAN, {people} people"
             table.append(row(case, "torch peer", seconds, p99=_p99(seconds), ratio=ratio))

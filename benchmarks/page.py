@@ -26,8 +26,9 @@ process gets them in a ROS 1 graph, and 22 ms (42 ms) in a ROS 2 graph. No robot
 TAIL = """<details markdown="1">
 <summary>How this was measured</summary>
 
-Rounds of the contestants alternate in one process; the tables have medians. After a colon stands
-the ratio to ours, in brackets the least and the most that the rounds allow. Timings on this machine
+Contestants run in a process each, and their rounds alternate; the tables have medians, in brackets
+the CPU's seconds. After a colon stands the ratio to ours, with the least and the most that the
+rounds allow. Timings on this machine
 vary threefold between hours: compare within a row only; evaluation, symbols and reading were
 measured in a slower hour than the others. For the age, ROS 1 is a real roscore, with
 samples out; ROS 2 a real rclpy, with poses in and markers out; and a bag is replayed at its own
@@ -82,7 +83,7 @@ def document(benchmarks: dict[str, Any]) -> str:
             (compared if len(rows) > 1 and OURS in rows else alone).append((title, case, rows))
     others = list(dict.fromkeys(who for *_, rows in compared for who in rows if who != OURS))
     lines = [
-        [f"{title}: {case}", _seconds(rows[OURS]["median"]), *(_ratio(rows, who) for who in others)]
+        [f"{title}: {case}", _spent(rows[OURS]), *(_ratio(rows, who) for who in others)]
         for title, case, rows in compared
     ]
     parts = [HEAD, "## Compared\n", _table(["", "ours", *others], lines), "## Ours alone\n"]
@@ -131,7 +132,13 @@ def _ratio(rows: dict[str, Any], who: str) -> str:
         (own["high"], own["median"], own["low"]),
     )
     low, ratio, high = (_digits(a / b) for a, b in parts)
-    return f"{_seconds(other['median'])}: {ratio} ({low} to {high})"
+    return f"{_spent(other)}: {ratio} ({low} to {high})"
+
+
+def _spent(row: dict[str, Any]) -> str:
+    """Seconds, and those of all cores."""
+    cpu = f" ({_seconds(row['cpu'])})" if "cpu" in row else ""
+    return _seconds(row["median"]) + cpu
 
 
 def _digits(value: float) -> str:

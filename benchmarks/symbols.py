@@ -6,6 +6,7 @@ labels are cut to one character, so of it the states are compared, with ours `as
 are timed on fewer scenes.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.timing import OURS, Row, alternate, rows
+from benchmarks.timing import OURS, Row, Timing, alternate, rows
 
 AGENTS, SCENES, STEPS, OF_LOOP = 32, 64, 8, 2
 SAMPLES, CROWD = 20, 50
@@ -23,10 +24,7 @@ ORIGINAL = "original"
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    import jax
-
     from neurosym_jax.symbolic.states import alpha_table
-    from neurosym_jax.symbolic.weightings import make_weighting
 
     rng = np.random.default_rng(0)
     walks = rng.uniform(0, 8, (SCENES, AGENTS, 1, 2)) + rng.normal(
@@ -34,41 +32,53 @@ def measure(options: Any) -> dict[str, Any]:
     ).cumsum(axis=2)
     walks = walks.astype(np.float32)
     table = alpha_table("c1", rule="dominance").astype(np.float32)
-    compiled = jax.jit(jax.vmap(make_weighting("cnd")))
-    found: dict[str, np.ndarray] = {}
-
-    def ours() -> None:
-        found[OURS] = np.asarray(compiled(walks))
-
-    contestants: dict[str, Callable[[], object]] = {OURS: ours}
+    contestants: dict[str, Any] = {OURS: functools.partial(_weighed, walks)}
     if options.torch:
-
-        def peer() -> None:
-            found["torch peer"] = _torch_alpha(walks, table)
-
-        contestants["torch peer"] = peer
-    seconds = alternate(contestants, options.repeats, warm=3)
-
-    def loop() -> None:
-        found["plain loop"] = _loop(walks[:OF_LOOP], table)
-
-    loops: dict[str, Callable[[], object]] = {"plain loop": loop}
+        contestants["torch peer"] = functools.partial(functools.partial, _torch_alpha, walks, table)
+    timings = alternate(contestants, options.repeats, warm=3)
+    part = walks[:OF_LOOP]
+    loops: dict[str, Any] = {"plain loop": functools.partial(functools.partial, _loop, part, table)}
     if options.neurosym_reference:
-        loops[ORIGINAL] = _original(walks[:OF_LOOP], options.neurosym_reference)
-    for who, values in alternate(loops, max(1, options.repeats // 2), warm=0).items():
-        seconds[who] = [each * SCENES / OF_LOOP for each in values]
-    for who, alpha in found.items():
-        agreed = np.mean(alpha == found[OURS][: len(alpha)])
+        loops[ORIGINAL] = functools.partial(_original, part, options.neurosym_reference)
+    scale = SCENES / OF_LOOP
+    for who, timing in alternate(loops, max(1, options.repeats // 2), warm=0).items():
+        spent = ([scale * value for value in values] for values in timing[:2])
+        timings[who] = Timing(*spent, *timing[2:])
+    for who, timing in timings.items():
+        if timing.result is None:
+            continue
+        agreed = np.mean(timing.result == timings[OURS].result[: len(timing.result)])
         if agreed < 0.9999:
             raise AssertionError(f"{who} agrees in {agreed:.4%} of alpha only")
     pairs = SCENES * AGENTS * (AGENTS - 1)
-    case = f"{pairs} pairs, {STEPS} steps"
-    found = rows(case, seconds) + _of_samples(options.repeats) + _of_weightings(options.repeats)
-    return {"title": "QTC and alpha of all pairs", "rows": found}
+    table = rows(f"{pairs} pairs, {STEPS} steps", timings)
+    table += _of_samples(options.repeats)
+    return {"title": "QTC and alpha of all pairs", "rows": table}
+
+
+def _weighed(walks: np.ndarray) -> Callable[[], np.ndarray]:
+    import jax
+
+    from neurosym_jax.symbolic.weightings import make_weighting
+
+    compiled = jax.jit(jax.vmap(make_weighting("cnd")))
+    return lambda: np.asarray(compiled(walks))
 
 
 def _of_samples(repeats: int) -> list[Row]:
     """Symbols, and probabilities of states and events, of all pairs of a scene's samples."""
+    cases = ("symbols", "states forecast", "events forecast")
+    return [
+        row
+        for case in cases
+        for row in rows(
+            f"{case}, {SAMPLES} samples of {CROWD} people",
+            alternate({OURS: functools.partial(_of_sample, case)}, repeats, warm=3),
+        )
+    ]
+
+
+def _of_sample(case: str) -> Callable[[], None]:
     import jax
     import jax.numpy as jnp
 
@@ -81,35 +91,22 @@ def _of_samples(repeats: int) -> list[Row]:
     ).cumsum(axis=2)
     whole = jnp.asarray(walks, jnp.float32)
     last, samples = whole[0, :, :1], whole[:, :, 1:]
-    symbols = jax.jit(jax.vmap(lambda of: observe(of[:, None], of, quantisation_factor=0.05)))
-    found = []
-    for what, run in {
+
+    @jax.jit
+    @jax.vmap
+    def symbols(tracks: jax.Array) -> jax.Array:
+        return observe(tracks[:, None], tracks, quantisation_factor=0.05)
+
+    functions = {
         "symbols": lambda: symbols(whole),
         "states forecast": lambda: symbolic_forecast(samples, last),
         "events forecast": lambda: symbolic_events(samples, last),
-    }.items():
-        timed = alternate({OURS: lambda run=run: jax.block_until_ready(run())}, repeats, warm=3)
-        found += rows(f"{what}, {SAMPLES} samples of {CROWD} people", timed)
-    return found
+    }
 
+    def run() -> None:
+        jax.block_until_ready(functions[case]())
 
-def _of_weightings(repeats: int) -> list[Row]:
-    """Alpha by each weighting, and beside it a whole forecast of such a scene, untrained."""
-    import jax
-
-    from neurosym_jax.forecasting.model import Model, predict
-    from neurosym_jax.models import AsDescribed, GeneratorConfig
-    from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
-    from neurosym_jax.symbolic.weightings import WEIGHTINGS, Ones, Soft, make_weighting
-
-    walks = np.random.default_rng(0).normal(0, 0.4, (CROWD, STEPS, 2)).cumsum(axis=1)
-    config = GeneratorConfig(pooling=AsDescribed(), weighting=Ones())
-    model = Model(config, GeneratorForecaster(config).init(jax.random.key(0)))
-    runs: dict[str, Callable[[], object]] = {OURS: lambda: predict(model, walks, samples=SAMPLES)}
-    for weighting in [*(each() for each in WEIGHTINGS.values()), Soft(learned=True)]:
-        weigh = jax.jit(make_weighting(weighting))
-        runs[weighting.name] = lambda weigh=weigh: weigh(walks).block_until_ready()
-    return rows(f"alpha of {CROWD} people, beside a forecast", alternate(runs, repeats, warm=3))
+    return run
 
 
 def _original(walks: np.ndarray, reference: Path) -> Callable[[], None]:

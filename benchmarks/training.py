@@ -8,6 +8,7 @@ are run on the CPU. The opponent of `anchors` is `torch_anchors`, on the same ba
 """
 
 import argparse
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.light import Work, decoding, encoding, limit, lstm, machine_rates
-from benchmarks.timing import OURS, alternate, peak_mb, row, rows
+from benchmarks.timing import OURS, alternate, rows
 
 
 def measure(options: Any) -> dict[str, Any]:
@@ -28,23 +29,24 @@ def measure(options: Any) -> dict[str, Any]:
     source, scene = open_source(options.data), "zara1" if options.data else "cross-path"
     windows = cut_windows(source.recordings(scene, "train"), 8, 8)
     batches = SceneStream(windows, RECIPES["sgan"].batch_scenes, seed=0).steps(0, 2)
-    contestants = {OURS: generator_steps("sgan", batches)}
+    contestants: dict[str, Any] = {OURS: functools.partial(generator_steps, "sgan", batches)}
     arrays = [unpadded(batches, index) for index in (0, 1)]
     if options.torch:
-        contestants["torch peer"] = peer(arrays)
+        contestants["torch peer"] = functools.partial(peer, arrays)
     if options.reference:
-        contestants["original"] = original(arrays, options.reference)
-    seconds = alternate(contestants, 3 * options.repeats, warm=2)
+        contestants["original"] = functools.partial(original, arrays, options.reference)
+    timings = alternate(contestants, 3 * options.repeats, warm=2)
     scenes, agents = (len(arrays[0][name]) for name in ("sizes", "observed"))
-    table = rows(f"{scenes} scenes, {agents} agents, best of 20", seconds)
+    table = rows(f"{scenes} scenes, {agents} agents, best of 20", timings)
     work = _work(arrays[0], discriminator=True) + _work(arrays[1], discriminator=False)
     light = limit(work, machine_rates(), table[0]["median"])
     ours = SceneStream(windows, RECIPES["ours"].batch_scenes, 0, RECIPES["ours"].max_agents)
-    step = generator_steps("ours", ours.steps(0, 1))
-    found = alternate({OURS: step}, 3 * options.repeats, warm=2)[OURS]
-    table.append(row("recipe ours", OURS, found, peak_mb=peak_mb()))
-    seconds = alternate(anchor_steps(windows, options.torch), 9 * options.repeats, warm=3)
-    table += rows("recipe anchors", seconds)
+    step = functools.partial(generator_steps, "ours", ours.steps(0, 1))
+    table += rows("recipe ours", alternate({OURS: step}, 3 * options.repeats, warm=2))
+    steps = {OURS: functools.partial(anchor_step, windows)}
+    if options.torch:
+        steps["torch peer"] = functools.partial(torch_anchor_step, windows)
+    table += rows("recipe anchors", alternate(steps, 9 * options.repeats, warm=3))
     return {"title": "a training iteration", "rows": table, "light": light}
 
 
@@ -106,29 +108,38 @@ def generator_steps(name: str, batches) -> Callable[[], None]:
     return _iterate(jax.jit(step, donate_argnums=0), state)
 
 
-def anchor_steps(windows: Any, torch: bool) -> dict[str, Callable[[], None]]:
-    """One iteration of recipe `anchors`, and torch's on the same batch."""
+def anchor_step(windows: Any) -> Callable[[], None]:
+    """One iteration of recipe `anchors`."""
+    import jax
+
+    from neurosym_jax.training.state import new_state
+    from neurosym_jax.training.step import gradient_step
+
+    forecaster, recipe, params, batch = _anchors(windows)
+    key, batch, state = jax.random.key(0), jax.device_put(batch), new_state(recipe, params)
+    return _iterate(lambda state: gradient_step(forecaster, recipe, key, state, batch), state)
+
+
+def torch_anchor_step(windows: Any) -> Callable[[], None]:
+    """The same iteration of torch's, on the same batch."""
+    from benchmarks.torch_anchors import TorchAnchors
+
+    forecaster, recipe, params, batch = _anchors(windows)
+    return TorchAnchors(forecaster.config, recipe, params, batch).step
+
+
+def _anchors(windows: Any) -> tuple[Any, Any, Any, Any]:
+    """Forecaster, recipe, parameters and a batch."""
     import jax
 
     from neurosym_jax.models.anchors.forecaster import AnchorsForecaster
     from neurosym_jax.models.anchors.loss import AnchorStream
     from neurosym_jax.models.anchors.network import AnchorConfig
     from neurosym_jax.models.anchors.recipe import AnchorRecipe
-    from neurosym_jax.training.state import new_state
-    from neurosym_jax.training.step import gradient_step
 
-    network, recipe, key = AnchorConfig(), AnchorRecipe(), jax.random.key(0)
+    forecaster, recipe = AnchorsForecaster(AnchorConfig()), AnchorRecipe()
     batch = AnchorStream(windows, recipe).batch(0)
-    forecaster = AnchorsForecaster(network)
-    params = forecaster.init(key)
-    steps: dict[str, Callable[[], None]] = {}
-    if torch:
-        from benchmarks.torch_anchors import TorchAnchors
-
-        steps["torch peer"] = TorchAnchors(network, recipe, params, batch).step
-    batch, state = jax.device_put(batch), new_state(recipe, params)
-    ours = _iterate(lambda state: gradient_step(forecaster, recipe, key, state, batch), state)
-    return {OURS: ours, **steps}
+    return forecaster, recipe, forecaster.init(jax.random.key(0)), batch
 
 
 def _iterate(step: Callable[[Any], tuple[Any, Any]], state: Any) -> Callable[[], None]:
