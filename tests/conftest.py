@@ -51,7 +51,8 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # A worker takes what the first pro
     caches = tempfile.TemporaryDirectory(prefix="neurosym-tests-")
     os.environ["XDG_CACHE_HOME"] = caches.name
     os.environ["NEUROSYM_DATA"] = f"{caches.name}/data"  # Not what was downloaded here.
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = f"{caches.name}/neurosym_jax/xla"
+    # Mutants share programs.
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", f"{caches.name}/neurosym_jax/xla")
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 # They import jax, which reads the environment.
