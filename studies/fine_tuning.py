@@ -48,7 +48,8 @@ PLACES = {
     "coupa": "{more}/tests/coupa_3.txt",
     "nexus": "{more}/tests/nexus_9.txt",
 }
-"""A recording of each; for eth and hotel `recommended` is the model that has not learned them."""
+"""A file of each, of which the first recording counts; for eth and hotel `recommended` is the model
+that has not learned them."""
 SHARES, TESTED = (0.1, 0.25, 0.5), 0.6
 """Shares of a recording that are learned from, and the share from which on it is tested."""
 SEEDS = range(5)
@@ -105,7 +106,7 @@ def run_all(folders: dict[str, str], table: Path) -> None:
     for seed, place, share in itertools.product(SEEDS, PLACES, SHARES):
         if (place, str(share), str(seed)) in finished:
             continue
-        (tracks,) = recordings_in(PLACES[place].format(**folders))
+        tracks, *_ = recordings_in(PLACES[place].format(**folders))
         model = load_model("recommended", dataset=place)
         lines = [
             (place, share, arm, seed, people, *(f"{value:.6f}" for value in values))

@@ -227,6 +227,12 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
             run(Options(**where | {"forecasts": files} | options))
 
 
+def test_a_file_without_what_happened_needs_recordings(file, tmp_path):
+    options = {"json": tmp_path / "rows.json", "figures": False, "baselines": ()}
+    with pytest.raises(InputError, match=r"mine.npz: does not hold what happened \('observed'\)"):
+        run(Options(**options, forecasts=(file,)))
+
+
 def test_figures_draw_forecasts_of_files(recording, file, tmp_path):
     options = {"json": tmp_path / "rows.json", "plots": tmp_path / "figures"}
     rows = run(Options(**options, data=recording, forecasts=(file,), baselines=()))

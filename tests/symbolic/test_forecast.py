@@ -1,5 +1,6 @@
 """Probabilities of states, symbols and events against counts by hand."""
 
+import re
 from unittest import mock
 
 import jax
@@ -12,6 +13,7 @@ from neurosym_jax.symbolic.events import EVENTS, Event, register_event
 from neurosym_jax.symbolic.forecast import (
     SymbolSettings,
     forecast_rows,
+    format_forecast,
     format_pairs,
     symbolic_events,
     symbolic_forecast,
@@ -132,8 +134,15 @@ def test_tables_of_pairs(crowd):
     shares = [[event["probability"] for event in row["events"].values()] for row in rows]
     assert [max(row_shares) for row_shares in shares] == sorted(map(max, shares), reverse=True)
     pair_shares = {(row["k"], row["l"]): row_shares for row, row_shares in zip(rows, shares)}
-    expected = symbolic_events(*crowd).probability[:, 2, 1]
-    np.testing.assert_allclose(pair_shares[9, 3], expected, atol=5.1e-5)
+    events = symbolic_events(*crowd)
+    np.testing.assert_allclose(pair_shares[9, 3], events.probability[:, 2, 1], atol=5.1e-5)
+    pair = next(row for row in rows if (row["k"], row["l"]) == (9, 3))
+    for event, times in zip(pair["events"].values(), np.asarray(events.seconds[:, 2, 1])):
+        assert (event["seconds"] is None) == np.isinf(times[0])
+    lines = format_forecast(rows, at_least=0.0).splitlines()[1:]
+    told = [float(re.findall(r" ([01]\.\d\d)  ", line)[-1]) for line in lines]
+    assert told == sorted(told, reverse=True)
+    assert len(told) == sum(map(len, shares))
     assert rows[0]["states"][0]["probability"] == round(rows[0]["states"][0]["probability"], 4)
     codes = np.zeros((2, 2, 3), int)
     codes[0, 1] = [1, 1, 2]
