@@ -51,7 +51,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # A worker takes what the first pro
     caches = tempfile.TemporaryDirectory(prefix="neurosym-tests-")
     os.environ["XDG_CACHE_HOME"] = caches.name
     os.environ["NEUROSYM_DATA"] = f"{caches.name}/data"  # Not what was downloaded here.
-    # Mutants share programs.
+    # `.ci/mutation/run` names one that its mutants share.
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", f"{caches.name}/neurosym_jax/xla")
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 

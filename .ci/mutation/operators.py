@@ -20,13 +20,11 @@ class DropArgument(Operator):
     def mutate(self, node, index):
         """The call without its argument `index`."""
         place = node.children.index(self._named(node)[index])
-        # With the comma after it, or the one before the last.
-        end = (
-            place + 2
-            if place + 1 < len(node.children) and node.children[place + 1] == ","
-            else place + 1
-        )
-        del node.children[place - (end == place + 1 and node.type == "arglist" and place > 0) : end]
+        following = node.children[place + 1 : place + 2]
+        if following == [","] or node.type == "trailer":
+            del node.children[place : place + 1 + (following == [","])]
+        else:  # The last one goes with the comma before it.
+            del node.children[place - 1 : place + 1]
         return node
 
     @staticmethod
@@ -41,6 +39,7 @@ class DropArgument(Operator):
             Example("f(a, b=1)", "f(a)"),
             Example("f(a=1, b=2)", "f( b=2)"),
             Example("f(a=1)", "f()"),
+            Example("f(a=1, b=2)", "f(a=1)", occurrence=1),
         )
 
 
@@ -63,11 +62,23 @@ class DropGuard(Operator):
         return (Example("if a:\n    raise b", "if False:\n    raise b"),)
 
 
+OPERATORS = {operator.__name__: operator for operator in (DropArgument, DropGuard)}
+
+
 class Provider:
     """Both by their names."""
 
     def __iter__(self):
-        return iter(("DropArgument", "DropGuard"))
+        return iter(OPERATORS)
 
     def __getitem__(self, name):
-        return {"DropArgument": DropArgument, "DropGuard": DropGuard}[name]
+        return OPERATORS[name]
+
+
+if __name__ == "__main__":  # The examples hold.
+    from cosmic_ray.mutating import mutate_code  # It loads this module.
+
+    for operator in OPERATORS.values():
+        for example in operator.examples():
+            mutated = mutate_code(example.pre_mutation_code, operator(), example.occurrence)
+            assert mutated == example.post_mutation_code, (mutated, example)
