@@ -77,7 +77,7 @@ def stamps_of(
             ratio = next((rate for rate in rates if 0.9 < rate < 130), ratio)
         else:
             ratio = min(rates, key=lambda rate: abs(np.log(rate / reference)))
-        usual = np.array([round(ratio), 29.97, 23.976, 59.94, 12.5])
+        usual = np.array([round(ratio), *RATES])
         nearest = float(usual[abs(usual - ratio).argmin()])
         ratio = nearest if abs(ratio / (nearest or 1) - 1) < 0.02 else ratio
         fps[f"columns {columns}"] = float(ratio)

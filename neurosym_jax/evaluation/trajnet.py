@@ -130,12 +130,11 @@ def _of_windows(test: Test) -> tuple[Points, list[Seen]]:
     consecutively, because a file is one recording."""
     windows = test.windows
     names, steps = recording_names(windows), windows.position.shape[1]
-    rates = [reading.rate or 1 / windows.period for reading in windows.reading]
-    stride = round(rates[0] * windows.period)
-    renumbered = len(set(names)) > 1 or len(set(rates)) > 1 or windows.reading[0].rate is None
+    rate = windows.reading[0].rate
+    renumbered = len(windows.reading) > 1 or rate is None
     last = windows.identity[:, 1].astype(int) + windows.obs_len - 1
     last = last if renumbered else np.rint(last_frames(windows)).astype(int)
-    stride, shift, numbers = (1 if renumbered else stride), 0, {}
+    stride, shift, numbers = 1 if renumbered else round(rate * windows.period), 0, {}
     points: Points = {}
     scenes = []
     for name in dict.fromkeys(names.tolist()):

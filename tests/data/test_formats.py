@@ -168,6 +168,8 @@ def test_refusals(tmp_path, kind, text, message):
         ({"columns": ("time",)}, "columns are given as time="),
         ({"fps": float("nan")}, "fps must be"),
         ({"max_gap": -1.0}, "max_gap must be at least 0"),
+        ({"unit": "furlong"}, "unit is one of m, "),
+        ({"unit": "a=cm,b=1e9"}, "not '1e9'"),
         ({"format": "qtm", "unit": "cm"}, "unit is of no use for QTM export"),
         ({"format": "text", "time_unit": "ms"}, "time_unit is of no use for rows of"),
     ],

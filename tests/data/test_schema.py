@@ -316,6 +316,9 @@ def test_a_number_is_no_kind_where_a_text_is(tmp_path):
         assert set(tracks.id) == {0, 2, 4, 6}
     with pytest.raises(InputError, match="keep which are people"):
         read_any(path, ReadOptions(keep=("tram",), fps=10.0))
+    path.write_text(path.read_text().replace("pedestrian", "").replace("vehicle", "van"))
+    with pytest.raises(InputError, match="'object_type' has nothing, van: say with keep"):
+        read_any(path, ReadOptions(keep=("tram",), fps=10.0))
 
 
 @pytest.mark.parametrize("kind", ["gz", "sqlite", "hdf5", "parquet", "arrow"])
@@ -345,6 +348,35 @@ def test_files_that_are_no_text(tmp_path, kind):
     (tracks,) = read_any(path, options)
     result = where(tracks.stamp, *tracks.position.T)
     np.testing.assert_allclose(result, where(VIDEO.step / 25, VIDEO.x, VIDEO.y), atol=1e-6)
+
+
+def test_a_whole_table_is_one_person(tmp_path):
+    (path := tmp_path / "a.csv").write_text("t,x,y\n0,1,2\n0.4,1.5,2\n0.8,2,2\n")
+    (tracks,) = read_any(path, ReadOptions(columns=("id=none",)))
+    assert tracks.id.tolist() == [0, 0, 0]
+
+
+def test_rows_in_an_object_with_other_fields(tmp_path):
+    rows = [{"t": 0.4 * step, "id": 1, "x": step, "y": 2} for step in range(3)]
+    (path := tmp_path / "a.json").write_text(json.dumps({"place": "hall", "rows": rows}))
+    (tracks,) = read_any(path)
+    assert tracks.position.tolist() == [[0, 2], [1, 2], [2, 2]]
+
+
+@pytest.mark.parametrize(("text", "commas"), [("a, b", False), ("1,5", True), ("1,5 and .5", True)])
+def test_commas_are_decimal_between_digits_alone(tmp_path, text, commas):
+    """Positions are whole numbers, and a column that nobody asked for has commas."""
+    (path := tmp_path / "a.csv").write_text(f"t;id;x;y;note\n0;1;2;3;{text}\n1;1;3;3;{text}\n")
+    (tracks,) = read_any(path)
+    assert ("decimal commas" in tracks.reading.notes) == commas
+
+
+@pytest.mark.parametrize("rate", [29.97, 23.976, 59.94, 12.5])
+def test_rates_of_videos_that_only_velocities_tell(tmp_path, rate):
+    rows = [f"{step},{step / rate * 1.2},1,1.2,0" for step in range(200)]
+    (path := tmp_path / "a.csv").write_text("\n".join(["frame,x,y,vx,vy", *rows]))
+    (tracks,) = read_any(path, ReadOptions(columns=("id=none",)))
+    assert tracks.reading.notes[0].startswith(f"{rate:g} frames a second (columns vx, vy alone")
 
 
 def test_not_seen_is_no_position(tmp_path):

@@ -91,6 +91,27 @@ def test_the_interval_by_hand():
     assert (low, high) == pytest.approx((2 - half, 2 + half))
 
 
+def test_a_difference_of_several_metrics_is_each_ones_own():
+    """Three metrics and two runs; the scenes' estimate is the mean over runs."""
+    identity = np.stack([np.full(6, 1), WINDOW * np.arange(6)], axis=1)
+    values = np.random.default_rng(0).uniform(1, 2, (2, 2, 3, 6))
+    ours, theirs = (
+        [
+            ErrorsByScene(
+                {name: Score(total, np.ones(6)) for name, total in zip("abc", run)},
+                identity,
+                WINDOW,
+            )
+            for run in runs
+        ]
+        for runs in values
+    )
+    difference = paired_difference(ours, theirs)
+    expected = (values[0] - values[1]).mean(axis=-1)
+    np.testing.assert_allclose(difference.seeds, expected)
+    np.testing.assert_allclose(difference.over_scenes.value, expected.mean(axis=0))
+
+
 def runs(better_by=0.0, spread=0.0, seeds=3, noise=0.02):
     """(ours, theirs): the same 400 scenes, ours better by so many metres an agent."""
     draw = np.random.default_rng(0)

@@ -16,9 +16,12 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.formulas import collisions
 from neurosym_jax.evaluation.metrics import METRICS, register_metric
 from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.forecasting.batched import draw_batch
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.noise import draw_noise
+from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.baselines import ConstantVelocity, ConstantVelocitySampled
+from tests.networks import random_model
 
 
 def crowd() -> Tracks:
@@ -76,6 +79,25 @@ def test_equal_to_a_direct_loop(family, slots, samples):
     assert (result.samples, result.agents) == (samples, WINDOWS.agents)
     assert result.scores["joint_ade"].count.tolist() == WINDOWS.sizes.tolist()
     assert result.seconds > 0
+
+
+def test_distributions_are_scored_by_draws_of_their_own():
+    """The CRPS of each person by pairs of 100 draws; errors are those of the samples."""
+    model, batches = random_model(AnchorConfig(8, 8, points=8), std=0.3), make_batches(WINDOWS)
+
+    def scores(*metrics):
+        options = {"samples": 20, "seed": 3, "metrics": metrics}
+        return score_forecaster(model.forecaster, model.params, batches, **options)
+
+    both, total = scores("joint_ade", "crps"), 0.0
+    for batch in batches:
+        scene, valid = batch.scene, np.asarray(batch.scene.valid)
+        draws = draw_batch(model.forecaster, model.params, scene, 3, 100)[:, valid]
+        error = np.abs(draws - np.asarray(scene.known_future)[valid]).mean(axis=0)
+        spread = np.abs(draws[:, None] - draws).mean(axis=(0, 1))
+        total += (error - spread / 2).mean(axis=(1, 2)).sum()
+    assert both.mean("crps") == pytest.approx(total / WINDOWS.agents, rel=1e-5)
+    assert both.mean("joint_ade") == scores("joint_ade").mean("joint_ade")
 
 
 def own(compute, windows=WINDOWS):

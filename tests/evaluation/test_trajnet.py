@@ -79,6 +79,12 @@ def test_official_scenes_are_forecast_as_given(official, forecast):
         assert {row["prediction_number"] for row in rows} == {0, 1, 2}
 
 
+def test_a_file_with_a_single_scene_is_official(official, tmp_path):
+    (path := tmp_path / "one.ndjson").write_text(official.read_text().split("\n", 1)[1])
+    forecast, _ = saved(path, None, tmp_path / "out.ndjson")
+    assert [scene.id for scene in read_scenes(forecast)] == [41]
+
+
 def test_forecasts_of_official_scenes_are_scored(official, tmp_path):
     """Scene 41's start is shared by nothing else; 12 and 9 are not seen at all observed steps."""
     forecast, _ = saved(official, None, tmp_path / "out.ndjson", 1, "constant_velocity")
@@ -114,6 +120,24 @@ def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
     assert {row["f"] for row in rows_of(truth)} == {780 + 10 * step for step in range(22)}
     rows = nj.evaluate((), walk, forecasts=forecast, baselines=["constant_velocity"])
     assert rows["agents"].to_list() == [6, 6]
+    # They are those that the evaluation scores: with its noise.
+    (scored,) = saved(walk, None, tmp_path / "out.npz")
+    of_person = [
+        dict(zip(zip(ids.tolist(), frames.tolist()), samples.swapaxes(0, 1)))
+        for samples, ids, frames in (
+            read_predictions(forecast),
+            (np.load(scored)[name] for name in ("samples", "ids", "frames")),
+        )
+    ]
+    assert of_person[0].keys() == of_person[1].keys()
+    for key, samples in of_person[0].items():
+        np.testing.assert_allclose(samples, of_person[1][key], atol=1e-3)
+    # One step ahead frames are taken to be next to each other.
+    ahead = [row for row in rows_of(forecast) if row["f"] == 860]
+    (short := tmp_path / "short.ndjson").write_text(
+        "".join(json.dumps({"track": row}) + "\n" for row in ahead)
+    )
+    assert set(read_predictions(short)[2].tolist()) == {859}
     # Of two recordings, frames and people are numbered one after the other.
     stamp, person = (part.ravel() for part in np.mgrid[0:20, 0:2])
     recordings = [

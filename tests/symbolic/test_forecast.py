@@ -128,6 +128,15 @@ def test_an_event_does_not_happen_where_a_condition_is_just_missed(name, k, l):
     assert float(symbolic_events(*both(k, l), events=(name,), smoothing=0.0).probability.max()) == 0
 
 
+@pytest.mark.parametrize(("degrees", "crosses"), [(29.5, 0), (30.5, 1), (149.5, 1), (150.5, 0)])
+def test_ways_cross_at_30_to_150_degrees(degrees, crosses):
+    """They meet at the origin after 3.5 steps; l goes along x, k a little later."""
+    way = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    paths = both((-1.5 * way, way), ((-1.4, 0), (1, 0)))
+    forecast = symbolic_events(*paths, events=("crosses_before", "crosses_behind"), smoothing=0.0)
+    assert float(forecast.probability[:, 0, 1].max()) == crosses
+
+
 def test_tables_of_pairs(crowd):
     people = np.array([7, 3, 9, 5])
     rows = forecast_rows(*crowd, people, SymbolSettings())

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from typing import Any
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 from orbax.checkpoint import v1 as ocp
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.training.checkpoints import restore_state, save_state
 
 
@@ -122,6 +123,25 @@ def test_the_newest_are_kept_and_training_goes_on_after_damage(tmp_path, two_ste
         (folder / name / "record.json").unlink()
     assert restore_state(folder, state_of(0)) is None
     assert capsys.readouterr().err.count("warning: ") == 3
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (InputError("a.csv: is full"), "a.csv: is full"),
+        (RuntimeError("first\nsecond"), "{path}: first"),
+        (RuntimeError(), "{path}: RuntimeError"),
+    ],
+)
+def test_a_state_that_cannot_be_saved_is_told_in_one_line(tmp_path, error, message):
+    def fail(*_):
+        raise error
+
+    with mock.patch.object(ocp, "save", fail), pytest.raises(TrainingError) as caught:
+        save_state(tmp_path, 1, state_of(1), {})
+    path = tmp_path / "step_00000001"
+    assert str(caught.value) == f"{message.format(path=path)}; what was saved before is kept"
+    assert names(tmp_path) == []
 
 
 # One process imports everything, and forks those that are killed: importing takes seconds.

@@ -124,6 +124,24 @@ def test_what_is_alike_by_chance_is_no_leak():
         prepare(CONFIG, RECIPE, learned, copy)
 
 
+@pytest.mark.parametrize(("steps", "leak"), [(10, False), (80, True)])
+def test_up_to_one_shape_of_a_hundred_is_no_leak(steps, leak):
+    """A fifth person who walks as somebody in the training data did: 3 or 73 of 4,000 windows."""
+    learned, other = walk("a", 400), walk("b", 400)
+    copied = learned.take((learned.id == 0) & (learned.stamp < 0.4 * steps - 0.1))
+    id = np.concatenate([other.id, np.full(len(copied.id), 4)])
+    stamp, position = (
+        np.concatenate([getattr(other, name), getattr(copied, name)])
+        for name in ("stamp", "position")
+    )
+    mixed = make_tracks("mixed", stamp, id, position)
+    if not leak:
+        prepare(CONFIG, RECIPE, learned, mixed)
+        return
+    with pytest.raises(InputError, match="the training data has 73 of the 4045 shapes"):
+        prepare(CONFIG, RECIPE, learned, mixed)
+
+
 def test_the_last_windows_validate_a_window_apart():
     learned, validated = prepare(CONFIG, RECIPE, [walk("a", 100), walk("b", 100)])
     for name in ("a", "b"):

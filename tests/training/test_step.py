@@ -28,7 +28,7 @@ from neurosym_jax.models.sgan.step import (
     scale_pooling_updates,
     train_step,
 )
-from neurosym_jax.training.state import TrainState, clipping, new_state, update
+from neurosym_jax.training.state import TrainState, clipping, new_state, update, warmup_of
 from neurosym_jax.training.stream import SceneStream
 from tests.networks import drawing
 from tests.repository import exhaustive
@@ -180,6 +180,8 @@ def test_the_rate_warms_up_and_falls_to_zero(run, groups):
     expected = [0.1 * t / 10 for t in range(10)]
     expected += [0.05 * (1 + np.cos(np.pi * (t - 10) / 90)) for t in range(10, 101)]
     np.testing.assert_allclose(moves, expected, atol=1e-5)
+    short = dataclasses.replace(recipe, steps=12)
+    assert warmup_of(short) == 6  # Half of a run that is shorter than two warm-ups.
 
 
 def test_clipping(run):

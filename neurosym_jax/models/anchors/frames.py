@@ -62,7 +62,7 @@ def pair_features(
     position, number = observed[:, -1], jnp.arange(valid.shape[0])
 
     def seen(values: Array) -> Array:
-        return values[None] if near is None else values[near]
+        return values[near]  # None adds an axis.
 
     offset = seen(position) - position[:, None]
     distance, features = length(offset), []
