@@ -130,11 +130,11 @@ def _of_windows(test: Test) -> tuple[Points, list[Seen]]:
     consecutively, because a file is one recording."""
     windows = test.windows
     names, steps = recording_names(windows), windows.position.shape[1]
-    rate = windows.reading[0].rate
-    renumbered = len(windows.reading) > 1 or rate is None
+    rate = windows.reading[0].rate if len(windows.reading) == 1 else None
+    renumbered = rate is None
     last = windows.identity[:, 1].astype(int) + windows.obs_len - 1
     last = last if renumbered else np.rint(last_frames(windows)).astype(int)
-    stride, shift, numbers = 1 if renumbered else round(rate * windows.period), 0, {}
+    stride, shift, numbers = 1 if rate is None else round(rate * windows.period), 0, {}
     points: Points = {}
     scenes = []
     for name in dict.fromkeys(names.tolist()):
