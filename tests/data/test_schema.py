@@ -358,9 +358,11 @@ def test_a_whole_table_is_one_person(tmp_path):
 
 def test_rows_in_an_object_with_other_fields(tmp_path):
     rows = [{"t": 0.4 * step, "id": 1, "x": step, "y": 2} for step in range(3)]
-    (path := tmp_path / "a.json").write_text(json.dumps({"place": "hall", "rows": rows}))
-    (tracks,) = read_any(path)
-    assert tracks.position.tolist() == [[0, 2], [1, 2], [2, 2]]
+    people = [{"id": 1, **{name: [row[name] for row in rows] for name in ("t", "x", "y")}}]
+    for content in ({"place": "hall", "rows": rows}, {"place": "hall", "people": people}):
+        (path := tmp_path / "a.json").write_text(json.dumps(content))
+        (tracks,) = read_any(path)
+        assert tracks.position.tolist() == [[0, 2], [1, 2], [2, 2]]
 
 
 @pytest.mark.parametrize(("text", "commas"), [("a, b", False), ("1,5", True), ("1,5 and .5", True)])
