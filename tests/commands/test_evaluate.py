@@ -75,6 +75,17 @@ def test_a_table_for_a_paper_goes_alone_to_the_output(options, capsys, style):
     assert rows[1]["joint_ade_low"] < rows[1]["joint_ade"] < rows[1]["joint_ade_high"]
 
 
+def test_saved_forecasts_have_the_noise_of_the_seed(options, tmp_path):
+    def saved(seed):
+        run(options(samples=2, seed=seed, dataset="cross-path", save_forecasts=tmp_path / "f.npz"))
+        (path,) = tmp_path.glob("f_*sampled.npz")
+        return np.load(path)["samples"]
+
+    first = saved(0)
+    np.testing.assert_array_equal(first, saved(0))
+    assert (first != saved(1)).any()
+
+
 def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
     rows = run(
         options(samples=3, figures=True, plots=tmp_path / "figures", dataset="cross-path", all=True)

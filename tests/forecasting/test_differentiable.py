@@ -46,7 +46,7 @@ def test_it_is_predict_and_padding_and_a_batch_change_nothing(weighting):
     network = model.config, model.params
     forecast = FORECAST(*network, OBSERVED, NOISE)
     assert_allclose(forecast, predict(model, OBSERVED, samples=4), atol=1e-5)
-    padded, valid = np.concatenate([OBSERVED, np.zeros((2, 5, 2))]), np.arange(5) < 3
+    padded, valid = np.concatenate([OBSERVED, np.full((2, 5, 2), 1e6)]), np.arange(5) < 3
     assert_allclose(FORECAST(*network, padded, NOISE, valid=valid)[:, :3], forecast, atol=1e-5)
     pair = np.stack([OBSERVED, OBSERVED + 2.0])
     batch = jax.vmap(lambda observed: FORECAST(*network, observed, NOISE))(pair)

@@ -34,7 +34,8 @@ def test_a_run_is_what_its_file_trains(monkeypatch, tmp_path):
     changes = {"set": ("batch_scenes=4", "rotate=0"), "network": ("encoder_h_dim=16",)}
     changes |= {"pooling": ("none", "social", "neurosym_ros"), "steps": 10, "period": 0.2}
     changes |= {"pred_len": (8, 12), "out": tmp_path}
-    _, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
+    source, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
+    assert source.period == 0.2  # They are tested in the steps that they learn.
     assert len({run.folder for run in runs}) == len(runs) == 2 * (2 + 2) * 2
     assert unfinished(runs) == runs
     for sweep_run in runs:

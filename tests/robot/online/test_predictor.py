@@ -18,10 +18,13 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batch, unpacked
 from neurosym_jax.forecasting.model import predict
 from neurosym_jax.forecasting.noise import draw_noise
+from neurosym_jax.models.anchors.network import AnchorTableConfig
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.predictor import Predictor, load_models
-from neurosym_robot.online.replay import Analytics
+from neurosym_robot.online.replay import Analytics, replay
+from neurosym_robot.tracking.following import Frame
 from tests.compiling import compile_seconds
+from tests.networks import random_model
 from tests.robot.ros.tcpros.conftest import wait
 
 SHIPPED = Path(__file__).resolve().parents[3] / "checkpoints"
@@ -102,6 +105,27 @@ def test_nothing_compiles_after_the_start_and_crowds_are_reported(model):
             assert min(crowded) > max(forecast.ids)
     assert most == 8
     assert compile_seconds() == compiled
+
+
+def test_the_nearest_now_are_forecast_and_those_nearest_to_the_robot(model):
+    """2 comes from afar and passes 1, who stands."""
+    frames = [Frame(n * 0.4, np.array([1, 2]), np.array([[0.0, 0], [6 - n, 1]])) for n in range(8)]
+
+    def forecast_people(robot):
+        predictor = Predictor(model(), samples=2, max_people=1, compile="needed")
+        events = replay(frames, predictor, Analytics(predictor), robot=robot)
+        return [event.forecast.ids.item() for event in events if event.forecast]
+
+    assert forecast_people(lambda stamp: np.array([2.0, 0.0, 0.0])) == [2, 2, 2, 1, 1]
+    assert forecast_people(lambda stamp: np.array([-9.0, 0.0, 0.0])) == [1, 1, 1, 1, 2]
+
+
+def test_the_past_is_kept_until_a_long_forecast_is_scored():
+    predictor = Predictor(random_model(AnchorTableConfig(4, 30)), compile="needed")
+    for n in range(60):
+        predictor.push(n * 0.4, [1], [[0.4 * n, 0.0]])
+    past = predictor.window.stamp - 30 * 0.4
+    assert_allclose(predictor.window.resampled([1], [past]), [[[past, 0]]], atol=1e-9)
 
 
 def test_a_recording_waits_for_programs_that_it_needs(model):

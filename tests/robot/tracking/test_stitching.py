@@ -92,6 +92,10 @@ def test_the_nearest_pair_is_linked_first_and_each_track_once():
     ids = stitcher.push(1.5, [8, 9], [[1.5, 0.5], [1.5, 0.9]])
     assert ids.tolist() == [1, 2]
     assert stitcher.joined == 2
+    other = OnlineStitcher()
+    for n in range(10):
+        other.push(n / 10, [1, 2], [[n / 10, 0.0], [n / 10, 0.5]])
+    assert other.push(1.5, [8, 9], [[1.5, 0.45], [1.5, 0.1]]).tolist() == [2, 1]
     # Who comes back under an id that somebody else has now is somebody new.
     ids = stitcher.push(1.6, [8, 9, 1], [[1.6, 0.5], [1.6, 0.9], [9.0, 9.0]])
     assert ids.tolist() == [1, 2, FRESH + 1]
@@ -106,6 +110,7 @@ def test_nobody_is_withheld_and_sentinels_are_left_alone():
     assert stitcher.push(0.2, [8], [[0.0, 0.0]]).tolist() == [8]
     assert stitcher.push(0.1, [8], [[0.0, 0.0]]).tolist() == [8]
     assert stitcher.joined == 0
+    assert stitcher.push(-0.3, [9], [[0.0, 0.0]]).tolist() == [9]
 
 
 def test_who_is_seen_briefly_is_left_out_of_a_recording():
