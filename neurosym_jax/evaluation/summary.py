@@ -96,7 +96,7 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     """Lines of one test set; `means` and `trained` are means and seeds of the trainings."""
     path = pl.col("checkpoint").cast(pl.String)
     seed = path.str.extract(SEED, 1).cast(pl.Int64)
-    rows = rows.with_row_index("row").with_columns(checkpoint=path, seed=seed)
+    rows = rows.with_row_index("row").with_columns(seed=seed)
     family = path.str.replace(SEED, "")
     # Without a seed in its path each is a model of its own.
     alone = pl.when(pl.col("seed").is_null()).then(pl.col("row"))
