@@ -19,7 +19,6 @@ import tempfile
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -119,30 +118,34 @@ def run_all(folders: dict[str, str], table: Path) -> None:
 
 
 def report(rows: pl.DataFrame) -> str:
-    """By share: the change against the model as it is, per cent, mean over places."""
-    lines = []
-    for share in SHARES:
-        part = rows.filter(share=share)
-        cells: list[Any] = [f"first {100 * share:.0f} %"]
-        for metric, arm in itertools.product(METRICS, ("from nothing", "fine-tuned")):
-            changes = []
-            for place in PLACES:
-                means = {
-                    name: part.filter(place=place, arm=name)[metric].mean()
-                    for name in ("as it is", arm)
-                }
-                if None not in means.values():
-                    changes.append(100 * (means[arm] / means["as it is"] - 1))
-            text = f"{np.mean(changes):+.1f} ± {student_half(changes):.1f}" if changes else "-"
-            cells.append(text.replace("-", "−") if changes else text)
-        counts = part.filter(arm="fine-tuned").group_by("place").agg(pl.col("people").first())
-        sizes = counts["people"].sort().to_list()
-        cells.append(f"{len(sizes)}, {sizes[0]} to {sizes[-1]}" if sizes else "0")
-        lines.append(cells)
-    head = [f"{metric}, {arm}" for metric in ("energy", "joint ADE") for arm in ("anew", "tuned")]
-    seeds = rows["seed"].n_unique()
-    table = markdown_table(["learned from", *head, "places, people"], lines, right=5)
-    return f"{table}\n\n{seeds} seeds."
+    """The change of energy against the model as it is, per cent, by place; means of both metrics.
+
+    Cells are means over seeds, the last rows means over places with their 95 % intervals.
+    """
+    columns = [*itertools.product(SHARES, ("fine-tuned", "from nothing"))]
+    means = rows.group_by("place", "share", "arm").agg(
+        pl.col(*METRICS).mean(), pl.col("people").max()
+    )
+    of = {(row["place"], row["share"], row["arm"]): row for row in means.to_dicts()}
+
+    def changes(metric: str, place: str) -> list[float]:
+        return [
+            100 * (of[place, share, arm][metric] / of[place, share, "as it is"][metric] - 1)
+            for share, arm in columns
+        ]
+
+    lines = [
+        [place, f"{of[place, SHARES[-1], 'fine-tuned']['people']}"]
+        + [f"{change:+.0f}" for change in changes("energy_score", place)]
+        for place in PLACES
+    ]
+    for metric, title in zip(METRICS, ("energy", "joint ADE")):
+        by_column = zip(*(changes(metric, place) for place in PLACES))
+        cells = [f"{np.mean(column):+.0f} ± {student_half(column):.0f}" for column in by_column]
+        lines.append([f"mean, {title}", "", *cells])
+    head = ["%", "people", *(f"{100 * share:.0f} %, {arm}" for share, arm in columns)]
+    table = markdown_table(head, lines, right=len(head) - 1).replace(" -", " −")
+    return f"{table}\n\n{rows['seed'].n_unique()} seeds; people in the first 50 %."
 
 
 if __name__ == "__main__":
