@@ -13,7 +13,9 @@ from neurosym_jax.models.sgan.loss import (
     adversarial_loss,
     decode_groups,
     distance_errors,
+    decode_groups,
     draw_group_noise,
+    encode_groups,
     encode_groups,
     generator_gradient,
     safe_norm,
@@ -128,6 +130,21 @@ def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, crite
     jax.tree.map(
         lambda a, b: np.testing.assert_allclose(a, b, atol=2e-6, rtol=1e-4), gradient, expected
     )
+
+
+@pytest.mark.parametrize("mix", ["global", "ped"])
+def test_futures_have_a_sample_axis_first_also_where_they_pool_at_every_step(run, groups, mix):
+    config = dataclasses.replace(run.config, pool_every_timestep=True, noise_mix_type=mix)
+    samples = 1 + max(len(scene.valid) for scene in groups)
+
+    def futures(key):
+        params = init_state(config, run.recipe, key).params
+        contexts = encode_groups(config, params, groups)
+        noises = draw_group_noise(config, groups, key, samples)
+        return decode_groups(config, params, contexts, groups, noises)
+
+    shapes = [leaf.shape for leaf in jax.eval_shape(futures, jax.random.key(0))]
+    assert shapes == [(samples, *scene.valid.shape, config.pred_len, 2) for scene in groups]
 
 
 def test_padding_and_empty_scenes_change_no_gradient(run, groups):
