@@ -58,14 +58,15 @@ def test_models_are_compared_with_the_best_of_their_test_set(simulated):
     seed0, seed1, other = with_tests([*runs, results[1]])[:3]
     assert (seed0["joint_ade_p"], seed1["joint_ade_p"]) == (None, None)
     assert other["joint_ade_p"] == 1  # The errors of all three are the same.
-    # One training against two, the better ones: the mean over them.
-    worse, better = (ordered[at] for at in (1, 0))
+    # One training, the best, against two: the mean over both.
+    better, worse = ordered
     rows = [
-        dataclasses.replace(result, row=result.row | {"checkpoint": path})
-        for path, result in zip(paths, (better, better, worse))
+        dataclasses.replace(result, row=result.row | {"checkpoint": path, "model": "m"})
+        for path, result in zip(paths, (better, worse, better))
     ]
-    difference = paired_difference([better.errors] * 2, [worse.errors] * 2)
-    assert with_tests(rows)[2]["joint_ade_p"] == pytest.approx(difference.over_both.p_value(0))
+    difference = paired_difference([better.errors] * 2, [better.errors, worse.errors])
+    p_values = [row["joint_ade_p"] for row in with_tests(rows)]
+    assert p_values == [pytest.approx(difference.over_both.p_value(0))] * 2 + [None]
 
 
 def test_the_seed_is_0_by_default():

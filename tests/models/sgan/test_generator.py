@@ -12,6 +12,7 @@ from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorNetwork
 from neurosym_jax.models.sgan import layers
 from neurosym_jax.models.sgan.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
 from neurosym_jax.models.sgan.layers import CELLS, LSTM, Affine, Encoder, LSTMNetwork, Perceptron
 from neurosym_jax.models.sgan.network import pooling_network
 from neurosym_jax.models.sgan.pooling import PoolNetwork
@@ -128,6 +129,11 @@ def unfolded(config, params, scene, noise):
 
 
 @EACH
+def test_the_state_is_about_as_large_as_measured():
+    """360 numbers a person and sample: what a forecast's memory is estimated by."""
+    assert 340 < GeneratorForecaster(GeneratorConfig()).state_size < 380
+
+
 def test_against_the_unfolded_chain(config):
     scene = example(config)
     noise = np.random.default_rng(2).normal(size=config.noise_dim).astype(np.float32)
