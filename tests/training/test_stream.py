@@ -74,6 +74,7 @@ def test_noise_has_the_kind_and_shape_asked_for(batch, run):
         flat = np.concatenate([np.ravel(noise) for noise in noises])
         assert len(np.unique(flat)) == len(flat)
         assert (np.abs(flat).max() > 1) == (config is run.config)
+        assert flat.min() < -0.9
 
 
 def augmented(groups, **recipe):

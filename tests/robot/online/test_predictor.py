@@ -121,10 +121,10 @@ def test_the_nearest_now_are_forecast_and_those_nearest_to_the_robot(model):
 
 
 def test_the_past_is_kept_until_a_long_forecast_is_scored():
-    predictor = Predictor(random_model(AnchorTableConfig(4, 30)), compile="needed")
-    for n in range(60):
+    predictor = Predictor(random_model(AnchorTableConfig(4, 60)), compile="needed")
+    for n in range(80):
         predictor.push(n * 0.4, [1], [[0.4 * n, 0.0]])
-    past = predictor.window.stamp - 30 * 0.4
+    past = predictor.window.stamp - 60 * 0.4
     assert_allclose(predictor.window.resampled([1], [past]), [[[past, 0]]], atol=1e-9)
 
 
