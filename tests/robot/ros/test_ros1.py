@@ -284,7 +284,9 @@ def test_it_leaves_the_graph_when_told_to(graph, node):
 
 def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path):
     parameters = tmp_path / "forecast.yaml"
-    parameters.write_text("{samples: 3, max_people: 4, stitch: true, links: {max_gap: 3.0}}")
+    parameters.write_text(
+        "{samples: 3, max_people: 4, only: name=2, stitch: true, links: {max_gap: 3.0}}"
+    )
     launched = graph.start(
         *("roslaunch", "--wait", "neurosym_ros", "forecast.launch", f"parameters:={parameters}"),
         f"model:=[{', '.join(map(str, models))}]",
@@ -298,7 +300,9 @@ def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path)
     talker = graph.talker()
     rows = listener.wait_heard(both)
     talker.end()
-    assert np.array(rows[-1]["steps"]).shape[2] == 3
+    steps = np.array(rows[-1]["steps"])
+    assert steps.shape[1:] == (1, 3)
+    assert (steps[:, :, 0] == 2).all()  # The only one who is a person.
     published = {name for name, _ in call(graph.uri, "getPublishedTopics", "/tests", "")}
     assert {"/mended", "/diagnostics", *(f"{topic}/markers" for topic in FORECASTS)} <= published
     launched.wait_for(lambda line: "stale: the newest people are" in line)
