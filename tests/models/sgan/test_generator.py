@@ -128,12 +128,12 @@ def unfolded(config, params, scene, noise):
     return np.stack(steps, axis=1)
 
 
-@EACH
 def test_the_state_is_about_as_large_as_measured():
     """360 numbers a person and sample: what a forecast's memory is estimated by."""
     assert 340 < GeneratorForecaster(GeneratorConfig()).state_size < 380
 
 
+@EACH
 def test_against_the_unfolded_chain(config):
     scene = example(config)
     noise = np.random.default_rng(2).normal(size=config.noise_dim).astype(np.float32)
