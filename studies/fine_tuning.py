@@ -14,6 +14,7 @@ import contextlib
 import csv
 import dataclasses
 import itertools
+import re
 import sys
 import tempfile
 import warnings
@@ -126,25 +127,31 @@ def report(rows: pl.DataFrame) -> str:
     means = rows.group_by("place", "share", "arm").agg(
         pl.col(*METRICS).mean(), pl.col("people").max()
     )
-    of = {(row["place"], row["share"], row["arm"]): row for row in means.to_dicts()}
+    mean_of = {(row["place"], row["share"], row["arm"]): row for row in means.to_dicts()}
 
     def changes(metric: str, place: str) -> list[float]:
+        """NaN where a part was too short, or is not done yet."""
         return [
-            100 * (of[place, share, arm][metric] / of[place, share, "as it is"][metric] - 1)
+            100 * (mean_of[tuned][metric] / mean_of[place, share, "as it is"][metric] - 1)
+            if (tuned := (place, share, arm)) in mean_of
+            else np.nan
             for share, arm in columns
         ]
 
-    lines = [
-        [place, f"{of[place, SHARES[-1], 'fine-tuned']['people']}"]
-        + [f"{change:+.0f}" for change in changes("energy_score", place)]
-        for place in PLACES
-    ]
+    lines = []
+    for place in PLACES:
+        people = mean_of.get((place, SHARES[-1], "fine-tuned"), {"people": "-"})["people"]
+        cells = [f"{change:+.0f}" for change in changes("energy_score", place)]
+        lines.append([place, f"{people}", *("-" if cell == "+nan" else cell for cell in cells)])
     for metric, title in zip(METRICS, ("energy", "joint ADE")):
-        by_column = zip(*(changes(metric, place) for place in PLACES))
-        cells = [f"{np.mean(column):+.0f} ± {student_half(column):.0f}" for column in by_column]
+        cells = []
+        for column in zip(*(changes(metric, place) for place in PLACES)):
+            known = [change for change in column if np.isfinite(change)]
+            cells.append(f"{np.mean(known):+.0f} ± {student_half(known):.0f}" if known else "-")
         lines.append([f"mean, {title}", "", *cells])
-    head = ["%", "people in windows", *(f"{100 * share:.0f} %, {arm}" for share, arm in columns)]
-    table = markdown_table(head, lines, right=len(head) - 1).replace(" -", " −")
+    head = ["place", "people in windows"]
+    head += [f"{100 * share:.0f} %, {arm}" for share, arm in columns]
+    table = re.sub(r" -(?=\d)", " −", markdown_table(head, lines, right=len(head) - 1))
     return f"{table}\n\n{rows['seed'].n_unique()} seeds; people in windows of the first 50 %."
 
 

@@ -134,7 +134,7 @@ def _of_windows(test: Test) -> tuple[Points, list[Seen]]:
     renumbered = rate is None
     last = windows.identity[:, 1].astype(int) + windows.obs_len - 1
     last = last if renumbered else np.rint(last_frames(windows)).astype(int)
-    stride, shift, numbers = 1 if rate is None else round(rate * windows.period), 0, {}
+    stride, shift, numbers = 1 if renumbered else round(rate * windows.period), 0, {}
     points: Points = {}
     scenes = []
     for name in dict.fromkeys(names.tolist()):

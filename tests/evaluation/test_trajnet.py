@@ -120,7 +120,7 @@ def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
     assert {row["f"] for row in rows_of(truth)} == {780 + 10 * step for step in range(22)}
     rows = nj.evaluate((), walk, forecasts=forecast, baselines=["constant_velocity"])
     assert rows["agents"].to_list() == [6, 6]
-    # One step ahead frames are taken to be next to each other.
+    # One step does not say how far frames are apart: the frame before counts.
     ahead = [row for row in rows_of(forecast) if row["f"] == 860]
     (short := tmp_path / "short.ndjson").write_text(
         "".join(json.dumps({"track": row}) + "\n" for row in ahead)

@@ -93,7 +93,8 @@ def read_scenes(path: Path) -> list[OfficialScene]:
 def read_predictions(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The forecasts of a file as samples [k, A, T, 2], ids [A] and last observed frames [A].
 
-    Scenes that begin together forecast the same people more than once; the first one counts.
+    Scenes that begin together forecast the same people more than once; the first one counts. A
+    forecast of one step does not say how far frames are apart: the frame before it counts.
 
     Raises:
         InputError: naming file and row, for forecasts that are not of one number and length.
