@@ -146,8 +146,8 @@ def report(rows: pl.DataFrame) -> str:
     for metric, title in zip(METRICS, ("energy", "joint ADE")):
         cells = []
         for column in zip(*(changes(metric, place) for place in PLACES)):
-            known = [change for change in column if np.isfinite(change)]
-            cells.append(f"{np.mean(known):+.0f} ± {student_half(known):.0f}" if known else "-")
+            values = [change for change in column if np.isfinite(change)]
+            cells.append(f"{np.mean(values):+.0f} ± {student_half(values):.0f}" if values else "-")
         lines.append([f"mean, {title}", "", *cells])
     head = ["place", "people in windows"]
     head += [f"{100 * share:.0f} %, {arm}" for share, arm in columns]
