@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import tyro
 
-from neurosym_jax.commands._options import description, short_help, with_file
+from neurosym_jax.commands._options import description, every_option, short_help, with_file
 from neurosym_jax.errors import InputError, printable, spoken_as_flags
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.ending import interruptible
@@ -83,8 +83,9 @@ def _run(
     """Parse the options and call the action; returns what it returns."""
     with warnings.catch_warnings():
         warnings.showwarning = _show
-        own = prepare(sys.argv[1:] if arguments is None else arguments)
-        arguments = load_plugins(with_file(options, own))
+        words = sys.argv[1:] if arguments is None else arguments
+        _refuse_repeated(options, words)
+        arguments = load_plugins(with_file(options, prepare(words)))
         if {"-h", "--help"} & set(arguments):
             print(short_help(options, prog or "neurosym"))
             sys.exit(0)
@@ -96,6 +97,21 @@ def _run(
             config=(tyro.conf.DisallowNone,),
         )
         return action(value) if action else value
+
+
+def _refuse_repeated(options: Callable[..., Any], arguments: Sequence[str]) -> None:
+    """Refuse a list of values that stands twice: the parser would drop those of the first.
+
+    Of an option with one value the last counts, as everywhere.
+
+    Raises:
+        InputError: naming the first.
+    """
+    flags = [word.partition("=")[0].replace("_", "-") for word in arguments]
+    for _, flag, *_ in every_option(options):
+        name, *value = flag.split()
+        if value[-1:] == ["..."] and flags.count(name) > 1:
+            raise InputError(f"{name}: is given twice; give it once, with all its values")
 
 
 def load_plugins(arguments: Sequence[str]) -> list[str]:

@@ -139,11 +139,20 @@ def done(argv: list[str], inner: dict[str, Any], cwd: Path, capsys) -> tuple[Any
     return (status, log, files, out), err if status == 2 else ""
 
 
+def _without(base: str, case: str) -> str:
+    """The line without the option that `case` gives, and without its values."""
+    option = case.split()[0]
+    parts = re.split("(?:^| )(?=--)", base)
+    return " ".join(part for part in parts if part.split()[:1] != [option])
+
+
 def assert_it_matters(
     command: str, base: str, case: Case, inner: dict[str, Any], data: Path, folder: Path, capsys
 ) -> None:
     """That an option changes what is done, which nothing changes by itself, and is no error."""
-    first, second, *refusal = (base, f"{base} {case}") if isinstance(case, str) else case
+    if isinstance(case, str):
+        case = (base, f"{_without(base, case)} {case}")
+    first, second, *refusal = case
 
     def run(line: str, at: str) -> tuple[Any, str]:
         argv = [command, *shlex.split(line.replace("{d}", str(data)))]
