@@ -120,7 +120,7 @@ def load_model(
     Args:
         path: of the folder or file, the name of a shipped model (`neurosym_zara1_8`), a path
             among the downloads (`sgan-p-models/zara1_8_model.pt`), or `recommended`:
-            `neurosym models` lists them.
+            `neurosym models --all` lists them.
         dataset: what `recommended` is to be tested on; of ETH/UCY, the model was trained without.
         pred_len: steps that `recommended` is to forecast; default: 8.
 
@@ -135,7 +135,9 @@ def load_model(
     if not os.path.exists(path):
         names_here = [RECOMMENDED, *(name for name, _ in models_at_hand())]
         near = difflib.get_close_matches(str(path), names_here, 1)
-        hint = f"did you mean {near[0]}?" if near else "`neurosym models` lists the models here"
+        # A kind, such as sgan, is the beginning of names.
+        near += [name for name in names_here if name.startswith(f"{path}_")][:1]
+        hint = f"did you mean {near[0]}?" if near else "`neurosym models --all` lists those here"
         raise InputError(f"{path}: no such checkpoint ({hint})")
     try:
         return _read(path)
