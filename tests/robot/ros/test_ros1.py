@@ -275,6 +275,9 @@ def test_the_master_is_reinit_gentle_pooling(graph, node):
 
 
 def test_it_leaves_the_graph_when_told_to(graph, node):
+    listener, talker = graph.listener(), graph.talker()
+    listener.wait_heard(lambda rows: count(TRUTH_TOPIC, rows))
+    talker.end()
     assert node.end(signal.SIGTERM) == 0
     with pytest.raises(CallError, match="unknown node"):
         call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
