@@ -64,15 +64,15 @@ def _ours(model: Any, people: int, forecasts: int) -> list[float]:
     rng = np.random.default_rng(0)
     position = rng.uniform(0, 2 * people**0.5, (people, 2))
     velocity = rng.normal(0, 1.0, (people, 2))
-    ids, found, frame = np.arange(people), [], 0
-    while len(found) < forecasts + WARM:
+    ids, seconds, frame = np.arange(people), [], 0
+    while len(seconds) < forecasts + WARM:
         velocity += rng.normal(0, 0.05, velocity.shape)
         position = position + 0.1 * velocity
         forecast = predictor.push(frame / 10, ids, position)
         frame += 1
         if forecast is not None:
-            found.append(forecast.latency)
-    return found[WARM:]
+            seconds.append(forecast.latency)
+    return seconds[WARM:]
 
 
 def _peer(people: int, forecasts: int) -> list[float]:
@@ -82,9 +82,9 @@ def _peer(people: int, forecasts: int) -> list[float]:
 
     peer = TorchForecaster(Generator(8)).forecast
     walks = torch.randn(people, 16, 2).cumsum(1)
-    found = []
+    seconds = []
     for _ in range(forecasts + WARM):
         start = time.perf_counter()
         peer(Chunk(walks[:, :8], walks[:, 8:], [people]), 20).numpy()
-        found.append(time.perf_counter() - start)
-    return found[WARM:]
+        seconds.append(time.perf_counter() - start)
+    return seconds[WARM:]

@@ -89,8 +89,8 @@ def _of_sample(case: str) -> Callable[[], None]:
     walks = rng.uniform(0, 8, (CROWD, 1, 2)) + rng.normal(
         0, 0.4, (SAMPLES, CROWD, STEPS + 1, 2)
     ).cumsum(axis=2)
-    whole = jnp.asarray(walks, jnp.float32)
-    last, samples = whole[0, :, :1], whole[:, :, 1:]
+    paths = jnp.asarray(walks, jnp.float32)
+    last, samples = paths[0, :, :1], paths[:, :, 1:]
 
     @jax.jit
     @jax.vmap
@@ -98,7 +98,7 @@ def _of_sample(case: str) -> Callable[[], None]:
         return observe(tracks[:, None], tracks, quantisation_factor=0.05)
 
     functions = {
-        "symbols": lambda: symbols(whole),
+        "symbols": lambda: symbols(paths),
         "states forecast": lambda: symbolic_forecast(samples, last),
         "events forecast": lambda: symbolic_events(samples, last),
     }
@@ -123,8 +123,8 @@ def _original(walks: np.ndarray, reference: Path) -> Callable[[], None]:
 
     for scene in walks:
         mine = np.asarray(observe(scene[:, None], scene, convention="as_published"))
-        theirs, _ = label((scene[i], scene[j]) for i, j in pairs)
-        agreed = np.mean(theirs == np.stack([mine[pair] for pair in pairs]))
+        labels, _ = label((scene[i], scene[j]) for i, j in pairs)
+        agreed = np.mean(labels == np.stack([mine[pair] for pair in pairs]))
         if agreed < 0.9999:
             raise AssertionError(f"the original agrees in {agreed:.4%} of symbols only")
     return run

@@ -45,14 +45,14 @@ class TorchAnchors(nn.Module):
         self.config, self.recipe = config, recipe
         self.weight = nn.ParameterDict()
         for name, value in params["params"].items():
-            of_layer = value if isinstance(value, Mapping) else {"": value}
-            for part, array in of_layer.items():
+            arrays = value if isinstance(value, Mapping) else {"": value}
+            for part, array in arrays.items():
                 tensor = torch.tensor(np.asarray(array).T if part == "kernel" else np.array(array))
                 self.weight[f"{name}{part}"] = nn.Parameter(tensor.contiguous())
         scenes, crowd = batch
         self.observed, self.future, self.valid = (
-            torch.tensor(np.asarray(each))
-            for each in (scenes.observed, scenes.known_future, scenes.valid)
+            torch.tensor(np.asarray(array))
+            for array in (scenes.observed, scenes.known_future, scenes.valid)
         )
         self.crowd = torch.tensor(crowd)
         self.curve = torch.tensor(_polynomials(config.pred_len, BASIS), dtype=torch.float32)
@@ -105,8 +105,8 @@ class TorchAnchors(nn.Module):
         past = hertz * _turned(steps, heading[..., None, :], -1).flatten(2)
         speeds = torch.stack([hertz * speed, (hertz * speed).square(), walking], -1)
         own = torch.cat([past, hertz * _length(steps), speeds, roughness], -1)
-        heard, around = self._heard(velocity * hertz, heading)
-        count = torch.log1p(around + company[:, None])[..., None]
+        heard, crowd = self._heard(velocity * hertz, heading)
+        count = torch.log1p(crowd + company[:, None])[..., None]
         state = torch.cat([self._dense("own", own).relu(), heard, count], -1)
         state = self._dense("state", state).relu()
 
@@ -126,7 +126,7 @@ class TorchAnchors(nn.Module):
 
     def _velocity(self, steps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         differences = (steps.diff(dim=2), steps.diff(n=2, dim=2), steps)
-        logs = [(_length(each) + ROUGHNESS).log() for each in differences]
+        logs = [(_length(vector) + ROUGHNESS).log() for vector in differences]
         roughness = torch.cat(logs, -1) / 2 + 1.5
         recent = torch.arange(steps.shape[2], dtype=torch.float32)
         weight = recent + self._dense("smooth", self._dense("rough", roughness).relu())
@@ -137,25 +137,27 @@ class TorchAnchors(nn.Module):
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """What the attention gives `[B, N, 16]`, and the number of people around `[B, N]`."""
         position, valid, radius = self.observed[:, :, -1], self.valid, self.config.radius
-        offset, relative = (each[:, None] - each[:, :, None] for each in (position, pace))
+        offset, relative = (vector[:, None] - vector[:, :, None] for vector in (position, pace))
         distance, speed = _length(offset), _length(pace)
-        there, motion = (_turned(each, heading[:, :, None], -1) for each in (offset, relative))
-        soon = -(there * motion).sum(-1) / (motion.square().sum(-1) + 0.05)
+        bearing, motion = (
+            _turned(vector, heading[:, :, None], -1) for vector in (offset, relative)
+        )
+        soon = -(bearing * motion).sum(-1) / (motion.square().sum(-1) + 0.05)
         soon = soon.clamp(0, LONGEST)
-        miss = _length(there + motion * soon[..., None])
-        near = there / distance.clamp(min=1)[..., None]
-        own, theirs = torch.broadcast_tensors(speed[:, :, None], speed[:, None])
+        miss = _length(bearing + motion * soon[..., None])
+        near = bearing / distance.clamp(min=1)[..., None]
+        own, other_speed = torch.broadcast_tensors(speed[:, :, None], speed[:, None])
         alone = [_length(relative), (-distance).exp(), distance / radius, 1 / (distance + 0.3)]
-        alone += [soon, (-2 * miss - soon).exp(), own, theirs]
+        alone += [soon, (-2 * miss - soon).exp(), own, other_speed]
         pairs = torch.cat([near, motion, torch.stack(alone, -1)], -1)
         others = valid[:, :, None] & valid[:, None] & ~torch.eye(valid.shape[1], dtype=torch.bool)
         gate = torch.where(others, _within(distance, radius), 0.0)
-        around = torch.where(others, _within(distance, WIDE), 0.0).sum(2)
+        crowd = torch.where(others, _within(distance, WIDE), 0.0).sum(2)
         pairs = self._dense("pair", torch.where(others[..., None], pairs, 0.0)).relu()
         message = self._dense("message", pairs).unflatten(-1, (HEADS, -1))
         weight = gate[..., None] * self._dense("score", pairs).clamp(-8, 8).exp()
         share = weight / (1 + weight.sum(2, keepdim=True))
-        return (share[..., None] * message).sum(2).flatten(2), around
+        return (share[..., None] * message).sum(2).flatten(2), crowd
 
     def _dense(self, name: str, inputs: torch.Tensor) -> torch.Tensor:
         return linear(inputs, self.weight[f"{name}kernel"], self.weight[f"{name}bias"])

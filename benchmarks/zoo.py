@@ -63,7 +63,7 @@ def _models_and_tests(paths: list[Path], data: Path) -> tuple[list[Any], list[An
         return cut_windows(source.recordings(place), *lengths)
 
     lengths = [(model.config.obs_len, model.config.pred_len) for model in models]
-    return models, [windows(str(model.dataset), *each) for model, each in zip(models, lengths)]
+    return models, [windows(str(model.dataset), *steps) for model, steps in zip(models, lengths)]
 
 
 def _ours(paths: list[Path], data: Path) -> Callable[[], float]:
@@ -89,7 +89,7 @@ def _commands(options: Any, paths: list[Path]) -> list[Row]:
     """The user's command with collisions and without, in rounds that alternate."""
     command = [sys.executable, str(ROOT / "evaluate.py"), "--data", str(options.data.resolve())]
     command += ["--no-figures", "--json", "rows.json"]
-    given = ["--checkpoint", *(str(path.resolve()) for path in paths)]
+    checkpoints = ["--checkpoint", *(str(path.resolve()) for path in paths)]
     with tempfile.TemporaryDirectory() as folder:
         run = functools.partial(
             subprocess.run, cwd=folder, check=True, stdout=subprocess.DEVNULL, text=True
@@ -98,7 +98,7 @@ def _commands(options: Any, paths: list[Path]) -> list[Row]:
         for _ in range(1 + options.repeats):
             for name, values in seconds.items():
                 start = time.perf_counter()
-                run([*command, *([name] if name.startswith("--") else []), *given])
+                run([*command, *([name] if name.startswith("--") else []), *checkpoints])
                 values.append(time.perf_counter() - start)
     case = f"evaluate.py, {len(paths)} checkpoints and baselines"
     return [row(case, name, values[1:]) for name, values in seconds.items()]
