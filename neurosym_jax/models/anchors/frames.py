@@ -43,8 +43,8 @@ def closest_approach(
 ) -> tuple[Array, Array]:
     """Time [...] from now to the closest approach, up to `longest`, and the distance [...] then.
 
-    `bearing [..., 2]` is a relative position, `motion [..., 2]` its change in a unit of time; `slack`
-    is added to the square of the motion, so that a pair at rest has the time 0.
+    `bearing [..., 2]` is a relative position, `motion [..., 2]` its change in a unit of time;
+    `slack` is added to the square of the motion, so that a pair at rest has the time 0.
     """
     soon = -(bearing * motion).sum(axis=-1) / (jnp.square(motion).sum(axis=-1) + slack)
     soon = jnp.clip(soon, 0, longest)
