@@ -33,7 +33,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from neurosym_jax.data.tracks import LATE, SNAP
+from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import make_scene, pad_scene
@@ -43,7 +43,6 @@ from neurosym_jax.symbolic.weightings import Cnd
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
-from neurosym_robot.online.window import RESET
 from neurosym_robot.tracking.following import FAR
 
 MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
@@ -85,7 +84,7 @@ class Moments:
         at_least: float = AT_LEAST,
     ):
         """Begin a page with a title, a map as of `read_floor_map`, and events from `at_least`."""
-        self._window = window = predictor.window
+        window, self._period = predictor.window, predictor.window.period
         # Symbols are by the convention of the first NeuroSyM; else the papers'.
         models = predictor.models
         self._weighted = weighted = next((name for name in models if models[name].weighting), None)
@@ -114,8 +113,14 @@ class Moments:
     def moment(self, event: ReplayEvent, now: Mapping[str, Any]) -> str | None:
         """The line of a frame; None if its stamp is refused. `now` is `Status.now()`."""
         frame, forecast = event.frame, event.forecast
-        if not self._accept(float(frame.stamp)):
+        if not event.accepted:
             return None
+        stamp = float(frame.stamp)
+        if math.isnan(self._start):
+            self._start = stamp
+        elif stamp <= self._stamp:  # The clock was set back; time on the page goes on.
+            self._start += stamp - self._stamp - BREAK
+        self._stamp = stamp
         xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
         rows = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
         near = rows[:MAX_NAMED]
@@ -147,28 +152,14 @@ class Moments:
         people = len(observed)
         scene = pad_scene(make_scene(observed), int(bucket_of(people)))
         arrays = scene.observed, scene.valid
-        newest = newest_symbols(self._weighting, self._parameters, *arrays, self._window.period)
+        newest = newest_symbols(self._weighting, self._parameters, *arrays, self._period)
         codes, alpha = (np.asarray(values)[:people, :people] for values in newest)
         return codes, alpha if self._weighted else None
-
-    def _accept(self, stamp: float) -> bool:
-        """Whether the stamp is newer; a clock that was set back continues after `BREAK`."""
-        if not abs(stamp) < LATE:
-            return False
-        if math.isnan(self._start):
-            self._start = stamp
-        elif stamp <= self._stamp:
-            refused = self._stamp - stamp < RESET and stamp != self._window.stamp
-            if refused or stamp == self._stamp:
-                return False
-            self._start += stamp - self._stamp - BREAK
-        self._stamp = stamp
-        return True
 
     def _step(self, forecast: Forecast) -> dict[str, Any]:
         codes, alpha = self.symbols(forecast.observed)
         last, people = forecast.observed[:, -1:], len(codes)
-        events = likely_events(forecast, self._of_events, self._window.period, self._at_least)
+        events = likely_events(forecast, self._of_events, self._period, self._at_least)
         # The most probable of each pair; then of every kind, so that frequent kinds hide no other.
         pairs = {frozenset((event.k, event.l)): event for event in reversed(events)}
         turns, counts = [], collections.Counter()

@@ -169,6 +169,7 @@ class ReplayEvent(NamedTuple):
     skipped: int = 0  # older frames that were observed, but not forecast
     age: float = math.nan  # seconds from stamp to forecast, by the recording's clock
     robot: np.ndarray | None = None  # [3] its pose in metres, metres, radians, if known
+    accepted: bool = True  # whether the window took the frame in; else its stamp was refused
 
 
 def advance(
@@ -178,7 +179,7 @@ def advance(
     focus = None if robot is None else robot[:2]
     accepted = [frame for frame in frames if predictor.window.push(*frame, focus=focus)]
     if not accepted:
-        return ReplayEvent(frames[-1], None, robot=robot)
+        return ReplayEvent(frames[-1], None, robot=robot, accepted=False)
     forecast = predictor.forecast(focus)
     return ReplayEvent(accepted[-1], forecast, skipped=len(accepted) - 1, robot=robot)
 

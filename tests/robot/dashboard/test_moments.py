@@ -4,6 +4,8 @@ import base64
 import io
 import json
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weightings import Soft
 from neurosym_robot.dashboard.moments import MAX_NAMED, UNKNOWN, Moments, read_floor_map
 from neurosym_robot.online.pairs import LikelyEvent
-from neurosym_robot.online.replay import ReplayEvent
+from neurosym_robot.online.replay import ReplayEvent, advance
 from neurosym_robot.tracking.following import Frame
 from tests.robot.dashboard.conftest import predictor
 
@@ -78,11 +80,11 @@ def test_symbols_and_weights_are_the_models_own():
 
 def test_time_never_falls(moments):
     nobody = np.zeros(0, np.int64), np.zeros((0, 2))
+    idle: Any = SimpleNamespace(window=predictor().window, forecast=lambda focus: None)
     stamps = [100.0, 100.4, 100.4, 100.2, math.nan, math.inf, 101.0, 50.0, 50.4, 1e9]
     times = []
     for stamp in stamps:
-        moments._window.push(stamp, *nobody)
-        times.append(moments.moment(ReplayEvent(Frame(stamp, *nobody), None), NOW))
+        times.append(moments.moment(advance([Frame(stamp, *nobody)], idle), NOW))
     times = [json.loads(line)["t"] for line in times if line]
     assert times == pytest.approx([0, 0.4, 1.0, 61.0, 61.4, 1e9 - 50 + 61])
 
