@@ -18,8 +18,6 @@ import numpy as np
 from neurosym_jax.data.tracks import SNAP
 from neurosym_robot.online.window import Window
 
-__all__ = ["LEVELS", "Recalibration", "Regions"]
-
 LEVELS = (0.5, 0.9)
 """Shares of true positions that regions should hold."""
 WIDEST = 30.0

@@ -6,7 +6,7 @@ import re
 import socket
 import threading
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from typing import Any
 from urllib.parse import urlsplit
 
 from neurosym_jax.errors import InputError
@@ -22,7 +22,6 @@ from neurosym_robot.ros.tcpros.wire import (
 from neurosym_robot.server import ConnectionServer
 
 WATCH = 1.0  # seconds between looks whether the master still knows the node
-End = TypeVar("End", Publisher, Subscriber)
 
 
 class Node:
@@ -65,13 +64,17 @@ class Node:
         self, topic: Topic, hear: Hear, refuse: Refuse = lambda header: None
     ) -> Subscriber:
         """Subscribe `topic`."""
-        return self._add(
-            self._subscribers, Subscriber(topic, self.name, self._report, hear, refuse)
-        )
+        subscriber = Subscriber(topic, self.name, self._report, hear, refuse)
+        self._subscribers[topic.name] = subscriber
+        self._wake.set()
+        return subscriber
 
     def advertise(self, topic: Topic, queue_size: int = 10) -> Publisher:
         """Advertise `topic`; a full queue drops its oldest message."""
-        return self._add(self._publishers, Publisher(topic, self.name, self._report, queue_size))
+        publisher = Publisher(topic, self.name, self._report, queue_size)
+        self._publishers[topic.name] = publisher
+        self._wake.set()
+        return publisher
 
     def close(self) -> None:
         """Unregister, end all connections and threads."""
@@ -86,12 +89,6 @@ class Node:
             subscriber.close()
         self._data.close()
         self._slave.close()
-
-    def _add(self, ends: dict[str, End], end: End) -> End:
-        """Register the end of a topic soon."""
-        ends[end.topic.name] = end
-        self._wake.set()
-        return end
 
     def _watch(self) -> None:
         """Register, and again whenever the master has forgotten the node."""
