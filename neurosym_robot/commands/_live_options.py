@@ -113,8 +113,11 @@ class LiveOptions:
                 needed = " or --".join(others).replace("_", "-")
                 refuse_given(f"without --{needed}", **{option: option in options})
 
-    def predictor(self, compile: When = "meanwhile") -> Predictor:
-        """Load the models and start compiling; InputError as of `load_models` and `Predictor`."""
+    def predictor(self, max_gap: float, compile: When = "meanwhile") -> Predictor:
+        """Load the models and start compiling; InputError as of `load_models` and `Predictor`.
+
+        `max_gap` is the longest gap in seconds between two observations that is bridged.
+        """
         return Predictor(
             load_models(self.model),
             self.period,
@@ -124,13 +127,8 @@ class LiveOptions:
             hold=self.hold,
             compile=compile,
             report=say,
-            max_gap=self.longest_gap,
+            max_gap=max_gap,
         )
-
-    @property
-    def longest_gap(self) -> float:
-        """The --max-gap of the command."""
-        return self.max_gap  # pyright: ignore
 
     def source(self, report: Callable[[str], None], recorded: bool = False) -> PeopleSource:
         """The stream of people; `report` is called about messages that are left out."""

@@ -53,11 +53,6 @@ class Options(LiveOptions):
             unused |= {"robot_frame": self.robot_frame, "people": self.people}
             refuse_given("on a file of tracks", **unused)
 
-    @property
-    def longest_gap(self) -> float:
-        """That of the options of reading."""
-        return self.read.max_gap
-
     def files(self, predictor: Predictor, title: str, source: PeopleSource) -> Iterator[View]:
         """What writes the stream, if the options ask for it; InputError if it cannot."""
         if self.out is not None:
@@ -80,15 +75,10 @@ def run(options: Options) -> None:
     source = options.source(warn, recorded=True)
     frames = read_frames(options.recording, options.read, source)
     with contextlib.ExitStack() as stack, contextlib.ExitStack() as files:
-        predictor = options.predictor("needed")
+        predictor = options.predictor(options.read.max_gap, "needed")
         analytics = Analytics(predictor)
-        stream = Status(
-            predictor,
-            analytics,
-            warn,
-            counts=lambda: source.refused,
-            reports=lambda: source.reports,
-        )
+        stitcher = options.stitcher()
+        stream = Status(predictor, analytics, warn, source=source, stitcher=stitcher)
         arguments = predictor, first.stem, source
         written = [files.enter_context(closing(view)) for view in options.files(*arguments)]
         live = [stack.enter_context(closing(view)) for view in options.views(*arguments)]
@@ -101,7 +91,7 @@ def run(options: Options) -> None:
             predictor,
             analytics,
             rate=math.inf if rate == "max" else rate,
-            stitcher=options.stitcher(),
+            stitcher=stitcher,
             robot=source.robot,
         )
         interruption = None

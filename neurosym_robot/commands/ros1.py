@@ -9,7 +9,7 @@ from neurosym_robot.ros.ros1 import ForecastNode
 from neurosym_robot.ros.tcpros import CallError, Refused, call, master_uri, node_name
 
 
-def arguments_of_ros(arguments: Sequence[str]) -> list[str]:
+def prepare(arguments: Sequence[str]) -> list[str]:
     """`a:=b` as `--remap a:=b`, `__name:=` as `--name`, and the master's parameters as options.
 
     Raises:
@@ -34,9 +34,6 @@ def arguments_of_ros(arguments: Sequence[str]) -> list[str]:
     return [*as_options(parameters), *rest, *(["--remap", *remaps] if remaps else [])]
 
 
-PREPARE = arguments_of_ros
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(NodeOptions):
     """Forecast the people of a ROS 1 graph until interrupted; needs no ROS here.
@@ -57,7 +54,7 @@ class Options(NodeOptions):
 def run(options: Options) -> None:
     """Forecast until the node is stopped; InputError names what cannot be used."""
     node = ForecastNode(
-        options.predictor(),
+        options.predictor(options.max_gap),
         topic=options.topic,
         master=options.master,
         remaps=options.remap,

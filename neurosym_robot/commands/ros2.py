@@ -16,7 +16,7 @@ from neurosym_robot.ros.ros2 import ForecastNode, import_rclpy, message_type, no
 Message = Literal["People", "Humans", "TrackedPersons", "Agents", "Detection3DArray", "PoseArray"]
 
 
-def arguments_of_ros(arguments: Sequence[str]) -> list[str]:
+def prepare(arguments: Sequence[str]) -> list[str]:
     """The part between `--ros-args` and `--` as one option, and its parameters as options."""
     rest, ros_arguments = list(arguments), []
     while "--ros-args" in rest:
@@ -32,9 +32,6 @@ def arguments_of_ros(arguments: Sequence[str]) -> list[str]:
         *rest,
         *([f"--ros-args={shlex.join(ros_arguments)}"] if ros_arguments else []),
     ]
-
-
-PREPARE = arguments_of_ros
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -56,7 +53,7 @@ def run(options: Options) -> None:
     rclpy = import_rclpy()
     kind = next(kind for kind in KINDS if kind.endswith(f"/{options.message}"))
     message_type(kind)  # Refused before the models are loaded.
-    predictor = options.predictor()
+    predictor = options.predictor(options.max_gap)
     rclpy.init(args=["--ros-args", *shlex.split(options.ros_args)])
     warn = rclpy.logging.get_logger(options.name).warning
     node = ForecastNode(

@@ -16,8 +16,7 @@ from neurosym_jax.errors import InputError
 from neurosym_robot.input.frames import FrameCheck
 from neurosym_robot.input.kinds import UNNAMED, Kind, Seen, see
 from neurosym_robot.input.transforms import NotYet, Transforms
-from neurosym_robot.online.window import RESET
-from neurosym_robot.tracking.following import FAR, Frame, NearestIds
+from neurosym_robot.tracking.following import FAR, RESET, Frame, NearestIds
 
 SILENCE = 2.0  # seconds after which a silent publisher may be replaced by another
 REACH = 60.0  # metres
@@ -205,10 +204,8 @@ class PeopleSource:
         if self._objects(moment.parts[0].frame_id):
             return None
         far, xy = np.concatenate(seen_from), np.concatenate(places)
-        ids, occluded = (
-            np.concatenate([getattr(part, name) for part in moment.parts])
-            for name in ("ids", "occluded")
-        )
+        ids = np.concatenate([part.ids for part in moment.parts])
+        occluded = np.concatenate([part.occluded for part in moment.parts])
         if far.any():
             text = f"people more than {self.reach:g} m from the sensor or robot are left out"
             self._refuse("far people", f"{text}; --reach sets the limit", count=int(far.sum()))

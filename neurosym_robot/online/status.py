@@ -7,16 +7,18 @@ published, by ROS's clock.
 import collections
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.evaluation.metrics import METRICS, metric_names
+from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.regions import SPAN
 from neurosym_robot.online.replay import PUBLISHED, Analytics
+from neurosym_robot.tracking.stitching import OnlineStitcher
 
 STALE_AFTER = 2.0  # seconds of age from which on forecasts no longer describe the present
 OFFSET = 0.5  # seconds: a least age beyond it is an offset between two clocks, and reported
@@ -36,19 +38,20 @@ class Status:
         report: Callable[[str], None] = print,
         interval: float = 10.0,
         stale_after: float = STALE_AFTER,
-        counts: Callable[[], Mapping[str, int]] = dict,
         clock: Callable[[], float] = time.time,
-        reports: Callable[[], Iterable[str]] = tuple,
+        source: PeopleSource | None = None,
+        stitcher: OnlineStitcher | None = None,
     ):
         """Before the first frame.
 
         `report` is called with one line at a time, the status every `interval` seconds (0: never);
-        `counts` returns counts of other problems, `clock` the time [s] that stamps are compared
-        with, and `reports` what was said of the stream in words.
+        `clock` returns the time [s] that stamps are compared with; what `source` left out and
+        `stitcher` joined is told with the rest.
         """
-        self._predictor, self._analytics, self._counts = predictor, analytics, counts
+        self._predictor, self._analytics = predictor, analytics
         self._report, self._every, self.stale_after = report, interval, stale_after
-        self._clock, self._reports = clock, reports
+        self._clock, self._source = clock, source or PeopleSource()
+        self._stitcher = stitcher or OnlineStitcher()
         self._said = time.monotonic()
         self._newest = math.nan  # stamp of the newest frame
         self._lag: tuple[float, float] | None = None  # age of the newest frame, and when it had it
@@ -122,7 +125,8 @@ class Status:
 
     def wrong(self) -> dict[str, int]:
         """Counts of problems so far, by name in words, without zeros."""
-        counts = {"skipped": self.skipped, **self._predictor.health, **self._counts(), "frames": 0}
+        counts = {"skipped": self.skipped, **self._predictor.health, **self._source.refused}
+        counts |= {"tracks joined": self._stitcher.joined, "frames": 0}
         return {name.replace("_", " "): count for name, count in counts.items() if count}
 
     def now(self) -> dict[str, Any]:
@@ -143,7 +147,7 @@ class Status:
             "rate": round(self.rate, 2),
             "skipped": self.skipped,
             "wrong": self.wrong(),
-            "reports": list(self._reports())[-REPORTS:],
+            "reports": list(self._source.reports)[-REPORTS:],
             "missing": dict(self._predictor.dropped),
             "score": self._analytics.summary(),
         }

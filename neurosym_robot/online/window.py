@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.errors import InputError
-from neurosym_robot.tracking.following import FAR, is_jump
+from neurosym_robot.tracking.following import FAR, RESET, is_jump
 
-RESET = 5.0  # seconds: a stamp older by more means a clock set back, also if it comes alone
 HEALTH = {
     "frames": "pushed, including those refused",
     "bad_stamps": "frames refused: the stamp is not a usable number",
@@ -216,9 +215,8 @@ class Window:
         """Add a frame; leave out frames that are too old."""
         begin = np.searchsorted(self._stamps, self.stamp - self._kept, side="right")
         before, everybody = self._stamps[begin:], np.union1d(self._ids, ids)
-        old_columns, new_columns = (
-            np.searchsorted(everybody, members) for members in (self._ids, ids)
-        )
+        old_columns = np.searchsorted(everybody, self._ids)
+        new_columns = np.searchsorted(everybody, ids)
         places = np.full((len(before) + 1, len(everybody), 2), np.nan)
         places[:-1, old_columns] = self._places[begin:]
         last = np.full(len(everybody), -np.inf)

@@ -50,11 +50,8 @@ class ForecastBag(View):
 
     def __init__(self, path: Path, predictor: Predictor, source: PeopleSource, at_least: float):
         """Open the bag, as `BagWriter`; `source` knows the frame of the coordinates."""
-        self._bag, self._source, self._period = (
-            BagWriter(path, compress=True),
-            source,
-            predictor.window.period,
-        )
+        self._bag = BagWriter(path, compress=True)
+        self._source, self._period = source, predictor.window.period
         self.where, self._stamp = str(self._bag.path), 0.0
         self._outputs = {model: outputs(model, at_least) for model in predictor.models}
 
@@ -149,14 +146,7 @@ class ForecastingNode(abc.ABC):
         self.views: list[View] = []
         """Show every forecast before the next; slow ones through `Newest`."""
         self.status = Status(
-            predictor,
-            self.analytics,
-            report,
-            status,
-            stale_after,
-            self._counts,
-            self._now,
-            lambda: self.source.reports,
+            predictor, self.analytics, report, status, stale_after, self._now, self.source, stitcher
         )
         self._waiting: collections.deque[Any] = collections.deque(maxlen=WAITING)
         self._changed, self._moved = threading.Condition(), False
@@ -242,8 +232,3 @@ class ForecastingNode(abc.ABC):
         ).swapaxes(0, 1)
         speed = (now - before) / window.period
         return make_people(self._new, frame, self.source.frame_id or "", speed)
-
-    def _counts(self) -> dict[str, int]:
-        """Counts of what was wrong with the stream, beside the predictor's health."""
-        joined = self.stitcher.joined if self.stitcher else 0
-        return {**self.source.refused, "tracks_joined": joined}

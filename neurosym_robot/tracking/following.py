@@ -12,6 +12,7 @@ from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.errors import InputError
 
 FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, -3000)
+RESET = 5.0  # seconds: a stamp older by more means a clock set back, also if it comes alone
 MAX_SPEED = 5.0  # metres per second of a person between two observations
 SLACK = 1.0  # metres of error of a tracker, both observations together
 POINTS = 20  # newest points kept of a track: at 10 Hz twice what its velocity needs
@@ -95,11 +96,8 @@ class NearestIds:
         ids = np.full(len(xy), -1)
         if np.isfinite(stamp) and stamp != self._stamp:
             is_recent = (stamp - self._newest[:, 0] <= FORGET) & (stamp > self._stamp)
-            self._ids, self._newest, self._stamp = (
-                self._ids[is_recent],
-                self._newest[is_recent],
-                stamp,
-            )
+            self._ids, self._newest = self._ids[is_recent], self._newest[is_recent]
+            self._stamp = stamp
             near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
             self._follow(ids, near[:CROWD], xy)
         ids[ids < 0] = self._next + np.arange((ids < 0).sum())
