@@ -6,12 +6,14 @@ clock was set back.
 """
 
 import dataclasses
-from types import SimpleNamespace as Fields
+import functools
 from typing import Any
 
 import numpy as np
 
-from neurosym_robot.ros.definitions import PEOPLE, TF_TOPICS
+from neurosym_robot.ros.definitions import TF_TOPICS, TRANSFORMS, blank, shared_typestore
+from neurosym_robot.ros.messages import filled, make_people
+from neurosym_robot.tracking.following import Frame
 
 TOPIC = "/people"
 SECONDS, START = 12.0, 1000.0
@@ -20,9 +22,24 @@ LASER = (0.3, 0.1, 0.4)
 Said = tuple[float, str, Any]  # arrival, topic, message
 
 
-def stamp(seconds: float) -> Fields:
-    sec, nanosec = divmod(round(seconds * 1e9), 10**9)
-    return Fields(sec=sec, nanosec=nanosec)
+def new(kind: str) -> Any:
+    """An empty message of ROS 1."""
+    return blank(shared_typestore(1), kind)
+
+
+def transform(at: float, parent: str, child: str, x, y=0.0, yaw=0.0, new=new) -> Any:
+    """A TFMessage: `child` lies at `x`, `y` [m] in `parent` at a stamp, turned by `yaw`."""
+    sec, nanosec = divmod(round(at * 1e9), 10**9)
+    row = filled(
+        new("geometry_msgs/msg/TransformStamped"),
+        header={"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": parent},
+        child_frame_id=child,
+        transform={
+            "translation": {"x": x, "y": y},
+            "rotation": {"z": np.sin(yaw / 2), "w": np.cos(yaw / 2)},
+        },
+    )
+    return filled(new(TRANSFORMS), transforms=[row])
 
 
 def pose(t: float) -> tuple[float, float, float]:
@@ -49,30 +66,26 @@ class Drive:
     jitter: float = 0.0  # further seconds, drawn for each message
     reordered: bool = False  # whether a message can overtake another
     back: float = 0.0  # seconds by which all clocks are set back, amid the drive
-    frame: str = "laser"
 
     def clock(self, t: float) -> float:
         """The stamp of a moment."""
         return START + t - self.back * (t >= SECONDS / 2)
 
-    def messages(self) -> list[Said]:
-        """All messages in order of arrival."""
-        rng, sent = (
-            np.random.default_rng(0),
-            [(0.0, TF_TOPICS[1], _tf(0.0, "base", "laser", LASER))],
-        )
+    def messages(self, new=new) -> list[Said]:
+        """All messages, of the types of `new`, in order of arrival."""
+        tf, rng = functools.partial(transform, new=new), np.random.default_rng(0)
+        sent = [(0.0, TF_TOPICS[1], tf(0.0, "base", "laser", *LASER))]
         for k in range(int(50 * SECONDS)):
             t = k / 50
-            base = _compose(_invert(odometry(t)), pose(t))
-            sent.append(
-                (self._delay(rng, t), TF_TOPICS[0], _tf(self.clock(t), "odom", "base", base))
-            )
+            base = tf(self.clock(t), "odom", "base", *_compose(_invert(odometry(t)), pose(t)))
+            sent.append((self._delay(rng, t), TF_TOPICS[0], base))
             if k % 3 == 0:
-                place = _tf(self.clock(t), "map", "odom", odometry(t))
-                sent.append((self._delay(rng, t), TF_TOPICS[0], place))
+                odom = tf(self.clock(t), "map", "odom", *odometry(t))
+                sent.append((self._delay(rng, t), TF_TOPICS[0], odom))
         for k in range(int(10 * SECONDS)):
             t = k / 10 + 0.037
-            sent.append((START + t + 0.02, TOPIC, self._seen(t)))
+            people = make_people(new, self._seen(t), "laser")
+            sent.append((START + t + 0.02, TOPIC, people))
         order = sorted(sent, key=lambda row: row[0])
         if self.reordered:
             return order
@@ -85,28 +98,15 @@ class Drive:
     def _delay(self, rng: np.random.Generator, t: float) -> float:
         return START + t + self.late + rng.uniform(0, self.jitter)
 
-    def _seen(self, t: float) -> Any:
+    def _seen(self, t: float) -> Frame:
         """The people in the laser's frame whom no other person hides."""
         laser = _compose(pose(t), LASER)
         local = np.array([_compose(_invert(laser), (*place, 0.0))[:2] for place in people(t)])
-        if self.frame == "map":
-            local = people(t)
         far, angle = np.hypot(*local.T), np.arctan2(*local.T[::-1])
         turn = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle))))
         hidden = ((turn < 0.3 / far) & (far < far[:, None] - 0.5)).any(axis=1)
-        rows = [
-            Fields(
-                name=str(n + 10 * (t >= SECONDS / 2 and self.back > 0)),
-                position=Fields(x=x, y=y, z=0.0),
-            )
-            for n, (x, y) in enumerate(local.tolist())
-            if not hidden[n]
-        ]
-        return Fields(
-            header=Fields(stamp=stamp(self.clock(t)), frame_id=self.frame),
-            people=rows,
-            __msgtype__=PEOPLE,
-        )
+        ids = np.arange(len(local)) + 10 * (t >= SECONDS / 2 and self.back > 0)
+        return Frame(self.clock(t), ids[~hidden], local[~hidden])
 
     def truth(self, at: float, ids: np.ndarray) -> np.ndarray:
         """[N, 2] metres at a stamp of people, who have other ids after the clock was set back."""
@@ -124,11 +124,3 @@ def _invert(place) -> tuple[float, float, float]:
     x, y, yaw = place
     c, s = np.cos(yaw), np.sin(yaw)
     return -c * x - s * y, s * x - c * y, -yaw
-
-
-def _tf(at: float, parent: str, child: str, place) -> Any:
-    x, y, yaw = place
-    turn = Fields(x=0.0, y=0.0, z=np.sin(yaw / 2), w=np.cos(yaw / 2))
-    move = Fields(translation=Fields(x=x, y=y, z=0.0), rotation=turn)
-    header = Fields(stamp=stamp(at), frame_id=parent)
-    return Fields(transforms=[Fields(header=header, child_frame_id=child, transform=move)])

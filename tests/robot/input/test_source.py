@@ -10,6 +10,9 @@ from neurosym_jax.errors import InputError
 from neurosym_robot.input.kinds import HRI, KINDS, POSES, UNNAMED, Kind, id_of_name, see
 from neurosym_robot.input.source import WAIT, PeopleSource
 from neurosym_robot.ros.definitions import PEOPLE
+from tests.robot.input.robot import transform
+
+pytest.importorskip("rosbags", reason="rosbags is not installed")
 
 
 def stamp(seconds: float) -> Fields:
@@ -31,31 +34,29 @@ def people(at: float, frame: str = "map", x: float = 1.0, names: str = "7") -> F
     return Fields(header=header, people=rows)
 
 
-def transform(at: float, parent: str, child: str, x: float, turn: float = 0.0) -> Fields:
-    """`child` lies at `x` in `parent`, turned by `turn` radians about z."""
-    rotation = Fields(x=0.0, y=0.0, z=np.sin(turn / 2), w=np.cos(turn / 2))
-    header = Fields(stamp=stamp(at), frame_id=parent)
-    transform = Fields(translation=point(x, 0.0), rotation=rotation)
-    return Fields(transforms=[Fields(header=header, child_frame_id=child, transform=transform)])
+@pytest.fixture
+def notices() -> list[str]:
+    """What a source reports."""
+    return []
 
 
-def test_another_frame_is_left_out_and_said_once():
-    notices = []
+@pytest.mark.parametrize(
+    ("frames", "line"),
+    [
+        (10 * ["/map", "odom"], "coordinates in 'odom' are left out, the stream's are in 'map'"),
+        (5 * [""] + 5 * ["map"], "coordinates in 'map' are left out, the stream's are in ''"),
+    ],
+)
+def test_another_frame_is_left_out_and_said_once(frames, line, notices):
     source = PeopleSource(report=notices.append)
-    taken = [
-        len(source.take(PEOPLE, people(1 + n / 10, "odom" if n % 2 else "/map"))) == 1
-        for n in range(20)
-    ]
-    assert taken == [n % 2 == 0 for n in range(20)]
-    assert source.refused == {"other frame": 10}
-    (line,) = notices
-    assert "'odom'" in line
-    assert "'map'" in line
-    assert "--fixed-frame map" in line
+    for n, frame in enumerate(frames):
+        taken = source.take(PEOPLE, people(1 + n / 10, frame))
+        assert len(taken) == (frame == frames[0])
+    assert source.refused == {"other frame": len(frames) // 2}
+    assert notices == [f"{line}; --fixed-frame map transforms them"]
 
 
-def test_a_second_publisher_waits_until_the_first_is_silent():
-    notices = []
+def test_a_second_publisher_waits_until_the_first_is_silent(notices):
     source = PeopleSource(report=notices.append)
     turns = ((0.0, "/a", 1), (0.1, "/b", 0), (0.2, "/a", 1), (2.0, "/b", 0), (2.3, "/b", 1))
     for at, publisher, count in (*turns, (2.4, "/a", 0)):
@@ -65,19 +66,18 @@ def test_a_second_publisher_waits_until_the_first_is_silent():
     assert "now, not from" in notices[1]
 
 
-def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_them():
-    notices = []
+def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_them(notices):
     source = PeopleSource("map", report=notices.append)
     source.transforms.hear(transform(0.0, "base", "camera", 0.5), static=True)
     source.transforms.hear(transform(10.0, "map", "base", 0.0))
-    source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
+    source.transforms.hear(transform(10.2, "map", "base", 2.0, yaw=np.pi / 2))
     # The camera is half a metre before a robot that is at x = 2 then and looks along y.
     (frame,) = source.take(PEOPLE, people(10.2, "camera"))
     assert_allclose(frame.xy, [[2 - 2.0, 1.5]], atol=1e-12)
     # The newest pose does not hold: people wait, and those after them, in order.
     assert source.take(PEOPLE, people(10.3, "camera"), received=10.3) == []
     assert source.take(PEOPLE, people(10.35, "map"), received=10.35) == []
-    source.transforms.hear(transform(10.4, "map", "base", 2.0, np.pi / 2))
+    source.transforms.hear(transform(10.4, "map", "base", 2.0, yaw=np.pi / 2))
     first, second = source.release(10.4)
     assert (first.stamp, second.stamp) == (10.3, 10.35)
     assert_allclose(first.xy, [[0.0, 1.5]], atol=1e-12)
@@ -97,9 +97,8 @@ def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_th
     assert late.refused == {"no transform": 1}
 
 
-def test_lost_and_distant_people_are_left_out_in_the_sensors_frame():
+def test_lost_and_distant_people_are_left_out_in_the_sensors_frame(notices):
     """(-3000, -3000) is no place in the map, whatever the transform makes of it."""
-    notices = []
     source = PeopleSource("map", report=notices.append)
     source.transforms.hear(transform(0.0, "map", "camera", 2.0), static=True)
     for at, x, count in ((1.0, 1.0, 1), (1.1, -3000.0, 0), (1.2, 61.0, 0), (1.3, np.nan, 1)):
@@ -117,14 +116,13 @@ def test_lost_and_distant_people_are_left_out_in_the_sensors_frame():
             assert len(source.take(PEOPLE, people(x, x=x))[0].ids) == expected
 
 
-def test_where_the_robot_is_among_the_people():
-    notices = []
+def test_where_the_robot_is_among_the_people(notices):
     source = PeopleSource(report=notices.append, robot_frame="base")
     assert source.robot(10.0) is None  # Nothing is known of the stream yet.
     assert len(source.take(PEOPLE, people(10.0))) == 1
     assert source.refused == {"robot's place unknown": 1}
     source.transforms.hear(transform(10.0, "map", "base", 0.0))
-    source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
+    source.transforms.hear(transform(10.2, "map", "base", 2.0, yaw=np.pi / 2))
     for at, place in ((10.2, [2, 0, np.pi / 2]), (10.1, [1, 0, np.pi / 4])):
         assert_allclose(np.asarray(source.robot(at)), place)
     assert_allclose(np.asarray(source.robot(10.05))[:2], [0.5, 0.0])
@@ -155,13 +153,12 @@ def test_every_kind_says_who_is_where():
         assert seen.occluded.tolist() == ["TrackedPersons" in kind]
 
 
-def test_people_of_any_message_by_paths():
+def test_people_of_any_message_by_paths(notices):
     entry = Fields(where=[Fields(), Fields(p=point(1, 2))], who=Fields(number=9))
     message = Fields(header=Fields(stamp=stamp(1.0), frame_id="map"), crowd=Fields(all=[entry]))
     for path, expected in (("who.number", 9), ("", UNNAMED)):
         seen = see(Kind("crowd.all", "where.1.p", path), message)
         assert (seen.ids.tolist(), seen.xyz.tolist()) == ([expected], [[1, 2, 0]])
-    notices = []
     source = PeopleSource(report=notices.append, form=Kind("crowd.all", "where.1.p", "name"))
     assert source.take("any/msg/Type", message) == []
     assert source.refused == {"malformed": 1}
@@ -190,10 +187,13 @@ def test_only_entries_of_a_class_are_people():
 
 
 def test_names_are_numbers_only_as_numbers_are_written():
-    ids = [id_of_name(name) for name in ("7", "007", "-7", "0", "-0", "person_7")]
-    assert [ids[n] for n in (0, 2, 3)] == [7, -7, 0]
-    assert len(set(ids)) == 6
-    assert all(2**52 <= ids[n] < 2**53 for n in (1, 4, 5))
+    assert [id_of_name(name) for name in ("7", "-7", "0", "12")] == [7, -7, 0, 12]
+    names = ["person_1", "person_2", "1e3", "007", "-0", "9" * 30, "²"]
+    ids = [id_of_name(name) for name in names]
+    assert len(set(ids)) == len(names)
+    assert all(2**52 <= id < 2**53 for id in ids)
+    assert [id_of_name(str(id)) for id in ids] == ids
+    assert ids[0] == 4665009609805463
 
 
 def test_people_without_names_are_told_apart_by_where_they_are():
@@ -207,8 +207,7 @@ def test_people_without_names_are_told_apart_by_where_they_are():
     assert (frame.ids[1:] >= 2**51).all()
 
 
-def test_a_stamp_of_0_is_the_time_of_arrival():
-    notices = []
+def test_a_stamp_of_0_is_the_time_of_arrival(notices):
     source = PeopleSource(report=notices.append)
     for n in range(3):
         (frame,) = source.take(PEOPLE, people(0.0), received=n, clock=1.7e9 + n)
@@ -268,14 +267,15 @@ def test_bodies_of_ros4hri_are_frames_of_tf():
         ("wall", 0.0, 0.0, "", ""),
     ],
 )
-def test_frames_that_would_be_misread_are_refused_with_the_option(frame, turn, step, cause, advice):
-    notices: list[str] = []
+def test_frames_that_would_be_misread_are_refused_with_the_option(
+    frame, turn, step, cause, advice, notices
+):
     live, recorded = PeopleSource(report=notices.append), PeopleSource(recorded=True)
     meant = PeopleSource(frame, report=lambda text: None)
     count, named, error = 0, 0, ""
     for n in range(20):
         at = 1 + n / 10
-        move = transform(at, "map" if frame == "odom" else "odom", frame, step * n, turn * n)
+        move = transform(at, "map" if frame == "odom" else "odom", frame, step * n, yaw=turn * n)
         if frame == "tilted":
             move.transforms[0].transform.rotation = Fields(x=0.5, y=-0.5, z=0.5, w=-0.5)
         for source in (live, recorded, meant):
@@ -308,16 +308,6 @@ def test_without_tf_a_robots_own_frame_is_questioned():
     source = PeopleSource(report=notices.append)
     assert source.take(PEOPLE, people(1.0, "camera_color_optical_frame")) == []
     assert "--fixed-frame map" in notices[0]
-
-
-def test_an_unnamed_frame_is_not_joined_with_another():
-    notices = []
-    source = PeopleSource(report=notices.append)
-    counts = [
-        len(source.take(PEOPLE, people(1 + n / 10, "" if n < 5 else "map"))) for n in range(10)
-    ]
-    assert counts == 5 * [1] + 5 * [0]
-    assert "'map' are left out, the stream's are in ''; --fixed-frame map" in notices[0]
 
 
 @pytest.mark.parametrize("back", [0.3, 3.0, 30.0])

@@ -13,7 +13,7 @@ import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_robot.commands.ros1 import Options
-from neurosym_robot.input.kinds import id_of_name, see
+from neurosym_robot.input.kinds import see
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros import messages, ros2
 from neurosym_robot.ros.definitions import (
@@ -68,16 +68,6 @@ def test_the_checksums_are_those_of_the_robot():
     }
     for name, checksum in expected.items():
         assert store.generate_msgdef(name)[1] == checksum
-
-
-def test_names_that_are_no_numbers_have_ids_of_their_own():
-    assert id_of_name("12") == 12
-    names = ["person_1", "person_2", "1e3", "007", "9" * 30, "²"]
-    ids = [id_of_name(name) for name in names]
-    assert len(set(ids)) == len(names)
-    assert all(2**52 <= id < 2**53 for id in ids)
-    assert [id_of_name(str(id)) for id in ids] == ids
-    assert ids[0] == 4665009609805463
 
 
 def test_a_forecast_is_the_observed_and_the_most_central_future(store, new, forecast):
