@@ -1,12 +1,11 @@
 """Who may import what in `neurosym_robot`, read from the source as for `neurosym_jax`."""
 
-import subprocess
-import sys
 from importlib.metadata import entry_points
 
 import pytest
 
-from tests.test_architecture import ROOT, imports
+from tests.repository import ROOT, run_python
+from tests.test_architecture import imports
 
 PACKAGE = ROOT / "neurosym_robot"
 FILES = {path.relative_to(PACKAGE).as_posix(): imports(path) for path in PACKAGE.rglob("*.py")}
@@ -58,8 +57,6 @@ main()
 def test_the_core_works_without_this_package(tmp_path):
     (tmp_path / "walk.txt").write_text("0 1 0 0\n10 1 0.5 0\n20 1 1.1 0\n")
     for words, expected in ((["--help"], "evaluate"), (["inspect", "walk.txt"], "points 3")):
-        command = [sys.executable, "-c", WITHOUT, *words]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
+        done = run_python("-c", WITHOUT, *words, cwd=tmp_path)
         assert expected in done.stdout
         assert "Traceback" not in done.stderr

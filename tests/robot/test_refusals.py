@@ -1,6 +1,7 @@
 """What cannot be used is refused in one line that names it."""
 
 import contextlib
+import math
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,7 +28,7 @@ from tests.robot.dashboard.conftest import predictor
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
-SGAN = Path(__file__).resolve().parents[2] / "checkpoints" / "sgan_zara1_8"
+SGAN = Path("sgan_zara1_8")
 NAMES = ("", "a b", "/a//b", "1a", "a\n")
 URIS = ("localhost:11311", "https://localhost:11311", "http://localhost", "http://a:b")
 ONE = np.zeros((1, 2))
@@ -111,6 +112,7 @@ CASES = [
     (lambda at: run(at, out=at / "run.bag"), "already there"),
     (lambda at: run(at, out=at / "forecasts.csv"), r"ends in \.bag"),
     (lambda at: run(at, rate=0.0), "rate must be positive"),
+    (lambda at: run(at, rate=math.nan), "rate must be positive"),
     (lambda at: run(at, at_least=2.0), r"a probability in \(0, 1\], not 2"),
     (lambda at: run(at, links=LINKS), "--links: has no effect without --stitch"),
     (lambda at: run(at, reach=3), "--reach: has no effect without --fixed-frame or --robot-frame"),
@@ -130,6 +132,7 @@ CASES = [
     (lambda at: load_models((SGAN, SGAN)), "differ in kind or name"),
     (lambda at: Predictor({}), "steps"),
     (lambda at: Predictor(load_models((SGAN,)), samples=0), "samples"),
+    (lambda at: Predictor(load_models((SGAN,)), samples=10**9), r"1000000000 samples needs .* GB"),
     (lambda at: Predictor(load_models((SGAN,)), seed=-1), "seed"),
     (lambda at: Window(2, 0.0), "period"),
     (lambda at: Window(2, 0.4, timeout=0.5), "timeout"),

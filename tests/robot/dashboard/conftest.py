@@ -9,6 +9,7 @@ import pytest
 
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_robot.dashboard.dashboard import Dashboard
 from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.online.replay import Analytics, ReplayEvent
@@ -68,6 +69,13 @@ def shown(seconds: float, people: int = 3, start: float = 1.7e9) -> Iterator[Sho
 @pytest.fixture
 def moments() -> Moments:
     return Moments(predictor(), title="three people </script>")
+
+
+@pytest.fixture
+def dashboard(moments) -> Iterator[Dashboard]:
+    dashboard = Dashboard(moments, port=0)
+    yield dashboard
+    dashboard.close()
 
 
 @pytest.fixture

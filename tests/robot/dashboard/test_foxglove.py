@@ -77,9 +77,8 @@ def test_an_mcap_holds_scene_numbers_and_events(stream, schema, tmp_path):
     assert numbers["age"] == events[-1][1]["age"]
     assert numbers["missing"] == {"7": "short", "9": "<script>"}
     assert entities["/events"]
-    for wrong, reason in ((path, "cannot be used for Foxglove"), (tmp_path / "a.txt", r"\.mcap")):
-        with pytest.raises(InputError, match=reason):
-            FoxgloveView(predictor(), wrong)
+    with pytest.raises(InputError, match="cannot be used for Foxglove"):
+        FoxgloveView(predictor(), path)
 
 
 def test_a_client_is_told_by_websocket(stream, schema):

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from neurosym_robot.dashboard.dashboard import Dashboard, ReplayFile
+from neurosym_robot.dashboard.dashboard import ReplayFile
 from neurosym_robot.online.pairs import likely_events
 
 ADE = "#errors tbody tr:has-text('{}') td[data-key=published_ade]"
@@ -32,9 +32,8 @@ def play(page, moments, tmp_path):
 
 
 @pytest.fixture
-def live(moments, stream):
+def live(dashboard, stream):
     """A dashboard that is shown 12 s at once, then three minutes as fast as they would be."""
-    dashboard = Dashboard(moments, port=0)
     closing = threading.Event()
 
     def show() -> None:
@@ -48,7 +47,6 @@ def live(moments, stream):
     yield dashboard
     closing.set()
     thread.join()
-    dashboard.close()
 
 
 def places(page) -> str:
@@ -110,9 +108,8 @@ new MutationObserver(() => {
 """
 
 
-def test_a_dead_stream_is_never_called_live(page, moments, stream):
+def test_a_dead_stream_is_never_called_live(page, dashboard, stream):
     """The publisher died 65 s before the page is opened: what was kept is history."""
-    dashboard = Dashboard(moments, port=0)
     for event in stream(4):
         dashboard.show(*event)
     now, fresh = dashboard._server.fresh
@@ -129,11 +126,9 @@ def test_a_dead_stream_is_never_called_live(page, moments, stream):
     states = page.evaluate("[...states]")
     assert states
     assert not any(state.startswith("live") for state in states)
-    dashboard.close()
 
 
-def test_a_slow_stream_is_live_and_its_age_and_rate_are_those_of_now(page, moments, stream):
-    dashboard = Dashboard(moments, port=0)
+def test_a_slow_stream_is_live_and_its_age_and_rate_are_those_of_now(page, dashboard, stream):
     *events, (event, now) = stream(4)
     for row in events:
         dashboard.show(*row)
@@ -146,7 +141,6 @@ def test_a_slow_stream_is_live_and_its_age_and_rate_are_those_of_now(page, momen
     later = event._replace(frame=event.frame._replace(stamp=event.frame.stamp + 0.1))
     dashboard.show(later, {**now, "lag": 30.0})  # New, but of half a minute ago.
     page.get_by_text("stale for 30 s").wait_for()
-    dashboard.close()
 
 
 def test_a_file_to_share(page, play, stream):
@@ -256,9 +250,8 @@ def test_by_keyboard_and_on_a_phone(page, play, stream):
     assert page.evaluate("scene.clientHeight") > 300
 
 
-def test_who_loses_the_connection_gets_what_was_missed(page, moments, stream):
+def test_who_loses_the_connection_gets_what_was_missed(page, dashboard, stream):
     events = list(stream(12))
-    dashboard = Dashboard(moments, port=0)
     for event in events[:60]:
         dashboard.show(*event)
     page.goto(dashboard.where)
@@ -270,4 +263,3 @@ def test_who_loses_the_connection_gets_what_was_missed(page, moments, stream):
     dashboard.end(events[-1][1]["score"])
     page.get_by_text("recording ended").wait_for()
     assert page.locator("#timeline").get_attribute("max") == "119"
-    dashboard.close()

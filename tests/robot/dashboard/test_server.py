@@ -8,19 +8,10 @@ import socket
 import threading
 import time
 
-import pytest
-
 from neurosym_robot.dashboard import dashboard as server
-from neurosym_robot.dashboard.dashboard import BATCH, Dashboard
+from neurosym_robot.dashboard.dashboard import BATCH
 from neurosym_robot.server import MOST, Ring
 from tests.robot.ros.tcpros.conftest import wait
-
-
-@pytest.fixture
-def dashboard(moments):
-    dashboard = Dashboard(moments, port=0)
-    yield dashboard
-    dashboard.close()
 
 
 def port_of(dashboard) -> int:

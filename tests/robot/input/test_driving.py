@@ -83,11 +83,3 @@ def test_who_stands_is_never_forecast_to_walk(drive):
     assert len(ends) > 60
     # A model of people who walk wanders a little; 3.2 s of walking are more than two metres.
     assert max(ends) < 0.5
-
-
-def test_a_robot_that_drives_without_a_fixed_frame_has_no_forecast():
-    notices: list[str] = []
-    source = PeopleSource(report=notices.append)
-    assert len(stream(Drive(0.0), source)) <= 3
-    assert source.refused["moving frame"] >= 110
-    assert "--fixed-frame" in notices[0]

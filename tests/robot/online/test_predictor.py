@@ -22,21 +22,13 @@ from neurosym_jax.models.anchors.network import AnchorTableConfig
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import Analytics, replay
-from neurosym_robot.tracking.following import Frame
+from neurosym_robot.tracking.following import Frame, frames_of_tracks
 from tests.compiling import compile_seconds
 from tests.networks import random_model
 from tests.robot.ros.tcpros.conftest import wait
 
-SHIPPED = Path(__file__).resolve().parents[3] / "checkpoints"
 RATE, PEOPLE, OBS = 10, 12, 4
 MEMORY = Path("/proc/self/statm")
-
-
-def stream(tracks):
-    """The frames of a recording: stamp, ids, xy."""
-    for stamp in np.unique(tracks.stamp):
-        present = tracks.stamp == stamp
-        yield stamp, tracks.id[present], tracks.position[present]
 
 
 def test_frame_by_frame_equals_batches_of_windows(model):
@@ -44,7 +36,8 @@ def test_frame_by_frame_equals_batches_of_windows(model):
     models = {"sgan": model(), "neurosym": model("as_described", "ped")}
     options = {"samples": 3, "seed": 7, "recording": tracks.recording, "compile": "needed"}
     predictor = Predictor(models, max_people=8, **options)
-    forecasts = [f for frame in stream(tracks) if (f := predictor.push(*frame)) is not None]
+    pushed = [predictor.push(*frame) for frame in frames_of_tracks(tracks)]
+    forecasts = [forecast for forecast in pushed if forecast is not None]
     assert len(forecasts) == len(np.unique(tracks.stamp)) - 12  # One with every frame.
     windows = cut_windows([resample(tracks, 0.4)], 4, 3)
     for (name, forecast), batch in itertools.product(models.items(), make_batches(windows)):
@@ -87,37 +80,20 @@ def test_equals_predict_with_people_coming_and_going(model):
     assert {1, 2, 3} <= sizes
 
 
-def test_nothing_compiles_after_the_start_and_crowds_are_reported(model):
-    rng = np.random.default_rng(0)
-    predictor = Predictor(model(), samples=2, max_people=8, max_tracks=30)
-    compiled = compile_seconds()
-    most = 0
-    for n in range(60):
-        people = rng.permutation(40)[: rng.integers(0, 40)] if n % 20 > 8 else np.arange(n % 13)
-        forecast = predictor.push(n * 0.4, people, np.stack([people, people * 0.0], 1), [0.0, 0.0])
-        if forecast is None:
-            continue
-        most = max(most, len(forecast.ids))
-        crowded = [id for id, why in forecast.dropped.items() if why == "crowded"]
-        assert not set(crowded) & set(forecast.ids.tolist())
-        if crowded:
-            assert len(forecast.ids) == 8
-            assert min(crowded) > max(forecast.ids)
-    assert most == 8
-    assert compile_seconds() == compiled
-
-
-def test_the_nearest_now_are_forecast_and_those_nearest_to_the_robot(model):
+@pytest.mark.parametrize(("x", "nearest"), [(2.0, [2, 2, 2, 1, 1]), (-9.0, [1, 1, 1, 1, 2])])
+def test_the_nearest_now_are_forecast_and_those_nearest_to_the_robot(model, x, nearest):
     """2 comes from afar and passes 1, who stands."""
     frames = [Frame(n * 0.4, np.array([1, 2]), np.array([[0.0, 0], [6 - n, 1]])) for n in range(8)]
-
-    def forecast_people(robot):
-        predictor = Predictor(model(), samples=2, max_people=1, compile="needed")
-        events = replay(frames, predictor, Analytics(predictor), robot=robot)
-        return [event.forecast.ids.item() for event in events if event.forecast]
-
-    assert forecast_people(lambda stamp: np.array([2.0, 0.0, 0.0])) == [2, 2, 2, 1, 1]
-    assert forecast_people(lambda stamp: np.array([-9.0, 0.0, 0.0])) == [1, 1, 1, 1, 2]
+    options = {"samples": 2, "max_people": 1, "compile": "needed"}
+    one, other = (Predictor(model(), **options) for _ in range(2))
+    robot = np.array([x, 0.0, 0.0])
+    events = replay(frames, one, Analytics(one), robot=lambda stamp: robot)
+    pushed = [other.push(*frame, focus=robot[:2]) for frame in frames]
+    for forecasts in ([event.forecast for event in events], pushed):
+        made = [forecast for forecast in forecasts if forecast is not None]
+        assert [forecast.ids.item() for forecast in made] == nearest
+        for forecast in made:
+            assert forecast.dropped == {3 - forecast.ids.item(): "crowded"}
 
 
 def test_the_past_is_kept_until_a_long_forecast_is_scored():
@@ -192,10 +168,10 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
 
 
 def test_names_of_models_side_by_side():
-    sgan, neurosym = SHIPPED / "sgan_zara1_8", SHIPPED / "neurosym_zara1_8"
+    sgan, neurosym = Path("sgan_zara1_8"), Path("neurosym_zara1_8")
     assert list(load_models((neurosym, sgan))) == ["NeuroSyM", "SGAN"]
     assert list(load_models((sgan,))) == ["SGAN"]
-    names = load_models((sgan, SHIPPED / "sgan_eth_8"))
+    names = load_models((sgan, Path("sgan_eth_8")))
     assert list(names) == ["sgan_zara1_8", "sgan_eth_8"]
 
 

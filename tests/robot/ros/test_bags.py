@@ -11,15 +11,15 @@ from numpy.testing import assert_array_equal
 from neurosym_jax.data.formats import data_files, files_in, is_folder, read_any
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.input.kinds import see
 from neurosym_robot.ros import bag_limits, messages
 from neurosym_robot.ros.bags import BagWriter, read_frames, read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS, seconds_of
 from neurosym_robot.ros.messages import make_trajectories
-from neurosym_robot.tracking.following import Frame, frames_of_tracks, tracks_of_frames
+from neurosym_robot.tracking.following import Frame, tracks_of_frames
 from studies.reliability import BAGS, bag_of_blanks
 from tests.repository import exhaustive
+from tests.robot.recordings import walkers, write_people
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -28,27 +28,13 @@ KINDS = ["bag", "db3", "mcap"]
 TOPIC = PEOPLE_TOPICS[0]
 
 
-def frames(length: int = 20) -> list[Frame]:
-    tracks = simulate("cross-path", 1, length / 10, people=3)
-    return [frame._replace(stamp=frame.stamp + 1.7e9) for frame in frames_of_tracks(tracks)]
-
-
-def write(path, topic=TOPIC, length=20):
-    """A bag of people; the path of what was written."""
-    with BagWriter(path) as bag:
-        for frame in frames(length):
-            bag.write(topic, frame.stamp, messages.make_people(bag.new, frame))
-    return bag.path
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_people_and_forecasts_there_and_back(tmp_path, kind):
-    expected = frames()
+    expected = walkers(2.0)
     with BagWriter(tmp_path / f"run.{kind}") as bag:
         for frame in expected:
             bag.write(TOPIC, frame.stamp, messages.make_people(bag.new, frame))
-            now = frame.stamp
-            trajectories = make_trajectories(bag.new, [now], frame.ids, frame.xy[:, None])
+            trajectories = make_trajectories(bag.new, [frame.stamp], frame.ids, frame.xy[:, None])
             bag.write("/forecast", frame.stamp, trajectories)
     assert bag.path.is_file() == (kind == "bag")
     got = list(read_frames(bag.path))
@@ -74,7 +60,7 @@ TOOLS = {"bag": "rosbag reindex", "db3": "ros2 bag reindex", "mcap": "mcap recov
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_bag_cut_short_is_refused_with_the_tool_that_mends_it(tmp_path, kind):
-    path = write(tmp_path / f"run.{kind}", length=200)
+    path = write_people(tmp_path / f"run.{kind}", walkers(20.0))
     file = path if path.is_file() else next(path.glob(f"*.{kind}"))
     content_of_file = file.read_bytes()
     for size in [*np.random.default_rng(0).integers(100, len(content_of_file) - 1, 8), 0]:
@@ -87,7 +73,7 @@ def test_a_bag_cut_short_is_refused_with_the_tool_that_mends_it(tmp_path, kind):
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
 def test_no_frame_is_lost_in_silence(tmp_path, kind):
-    path = write(tmp_path / f"run.{kind}", length=4)
+    path = write_people(tmp_path / f"run.{kind}", walkers(0.4))
     file = path if path.is_file() else next(path.glob(f"*.{kind}"))
     content_of_file, expected = file.read_bytes(), len(content(path))
     for at in [content_of_file.rindex(b"conn=") + 5] if kind == "bag" else range(90, 110):
@@ -99,7 +85,7 @@ def test_no_frame_is_lost_in_silence(tmp_path, kind):
 
 
 def test_one_message_less_than_the_metadata_say_is_refused(tmp_path):
-    path = write(tmp_path / "run.db3", length=4)
+    path = write_people(tmp_path / "run.db3", walkers(0.4))
     (file,) = path.glob("*.db3")
     with contextlib.closing(sqlite3.connect(file)) as base:
         base.execute("DELETE FROM messages WHERE id = (SELECT MAX(id) FROM messages)")
@@ -109,9 +95,10 @@ def test_one_message_less_than_the_metadata_say_is_refused(tmp_path):
 
 
 def test_whatever_reads_tracks_reads_bags(tmp_path):
-    first, second = write(tmp_path / "first.bag"), write(tmp_path / "second.mcap")
+    frames = walkers(2.0)
+    first, second = (write_people(tmp_path / name, frames) for name in ("first.bag", "second.mcap"))
     (tracks,) = read_any(first)
-    expected = tracks_of_frames(iter(frames()), "first")
+    expected = tracks_of_frames(iter(frames), "first")
     assert (tracks.recording, tracks.reading.format) == ("first", "bag")
     assert_array_equal(tracks.id, expected.id)
     assert_array_equal(tracks.position, expected.position)
@@ -138,7 +125,7 @@ def test_a_bag_that_takes_much_memory_is_refused(tmp_path, monkeypatch, kind):
 
 
 def test_which_topic_has_the_people(tmp_path):
-    frame = frames()[0]
+    frame = walkers(2.0)[0]
     odd = Frame(2.0, np.array([7, 7, 8]), np.array([[1.0, 0.0], [1, 1], [-3000, -3000]]))
     for name, named in (("run", PEOPLE_TOPICS[::-1]), ("two", ())):
         with BagWriter(tmp_path / f"{name}.bag") as bag:

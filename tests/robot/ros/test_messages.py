@@ -4,7 +4,6 @@ import dataclasses
 import functools
 import re
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,6 +25,7 @@ from neurosym_robot.ros.definitions import (
     typestore,
 )
 from neurosym_robot.ros.ros1 import Decoder
+from tests.repository import ROOT
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -225,7 +225,7 @@ def test_what_is_not_understood_is_refused_with_a_reason():
         assert reason in str(decoder.refuse({**poses, "md5sum": "1", **change}))
 
 
-ROS = Path(__file__).resolve().parents[3] / "ros"
+ROS = ROOT / "ros"
 PACKAGES = sorted(path.parent for path in ROS.glob("*/package.xml"))
 
 

@@ -22,11 +22,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.tracking.following import frames_of_tracks
+from tests.repository import ROOT
+from tests.robot.recordings import walkers
 
-ROOT = Path(__file__).resolve().parents[3]
 WITH_TRACES = ("-X", "faulthandler")
 MODEL = ROOT / "checkpoints" / "neurosym_zara1_8"
 IMPORTS = "import sys, rclpy, visualization_msgs.msg; print(sys.version_info[:2])"
@@ -56,10 +55,7 @@ def ros2() -> tuple[str, dict[str, str]]:
 @pytest.mark.slow
 def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     python, environment = ros2
-    frames = [
-        frame._replace(stamp=frame.stamp + 1.7e9)
-        for frame in frames_of_tracks(simulate("cross-path", 1, 8.0))
-    ]
+    frames = walkers(8.0)
     path = tmp_path / "frames.json"
     # The node sleeps for half a second.
     awake = [not 40 <= n < 45 for n in range(len(frames))]
