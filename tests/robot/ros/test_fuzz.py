@@ -68,11 +68,6 @@ def test_random_streams_never_crash_the_chain(model, stitch):
     assert stitch or all(health.values()), health
 
 
-@pytest.fixture
-def node(forecast_node):
-    return forecast_node()
-
-
 def people(node: ForecastNode, frame: Frame) -> bytes:
     store = node._store
     return bytes(store.serialize_ros1(messages.make_people(node._new, frame), PEOPLE))
@@ -125,8 +120,8 @@ def broken(data: bytes, rng: random.Random) -> bytes:
     return bytes(changed)
 
 
-def test_broken_messages_are_counted_and_the_next_one_is_forecast(node):
-    rng, forecasts = random.Random(0), node.analytics.forecasts
+def test_broken_messages_are_counted_and_the_next_one_is_forecast(forecast_node):
+    rng, node = random.Random(0), forecast_node()
     for n in range(300):
         work(node, rng.randbytes(rng.randrange(100)))
         message = people(node, Frame(1e9 + n, np.arange(3), np.full((3, 2), np.nan)))
@@ -138,7 +133,7 @@ def test_broken_messages_are_counted_and_the_next_one_is_forecast(node):
     assert node.source.refused["malformed"] == malformed + 2
     for n in range(20):
         work(node, people(node, Frame(2e9 + n / 10, np.arange(3), np.ones((3, 2)) * n)))
-    assert node.analytics.forecasts > forecasts
+    assert node.analytics.forecasts > 0
     assert "malformed" in node.status.line()
 
 
@@ -181,8 +176,6 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(
 def forecast_node(model):
     """`forecast_node(**options)` is our node, with a master that knows nobody."""
     pytest.importorskip("rosbags", reason="rosbags is not installed")
-    from neurosym_robot.ros.ros1 import ForecastNode
-
     with contextlib.ExitStack() as stack:
 
         def make(**options: Any) -> ForecastNode:
