@@ -116,7 +116,7 @@ def test_the_whole_way_and_back(folder, replayed):
 
 def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, capsys):
     """The tracker knows three people by more ids; stitched, they are nearly three again."""
-    options = {"out": tmp_path / "mended.bag"}
+    options = {"out": tmp_path / "mended.bag", "robot_frame": "base_link"}
     if importlib.util.find_spec("foxglove"):
         options["foxglove"] = tmp_path / "scene.mcap"
     run(recording=folder / "run", model=MODELS[:1], stitch=True, **options)
@@ -132,6 +132,9 @@ def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, ca
     assert forecast == after
     output = capsys.readouterr().out
     assert "until interrupted" not in output
+    wrong = output.partition("wrong with the stream: ")[2]
+    assert "robot's place unknown" in wrong
+    assert "tracks joined" in wrong
     if "foxglove" in options:
         assert "Foxglove can open" in output
         reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
