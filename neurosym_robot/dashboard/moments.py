@@ -46,7 +46,6 @@ from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import FAR
 
 MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
-MAX_LIKELY = 16  # events told of a forecast
 # Seconds on the page between what was before the clock was set back and what comes after.
 BREAK = 60.0
 CELLS = 2**26  # of a map; larger ones are refused
@@ -121,8 +120,7 @@ class Moments:
         elif stamp <= self._stamp:  # The clock was set back; time on the page goes on.
             self._start += stamp - self._stamp - BREAK
         self._stamp = stamp
-        xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
-        rows = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
+        rows = np.flatnonzero((np.abs(frame.xy) < FAR).all(axis=1))
         near = rows[:MAX_NAMED]
         missing = itertools.islice(now["missing"].items(), MAX_NAMED)
         status = {**now, "missing": {str(id): reason for id, reason in missing}}
@@ -133,8 +131,8 @@ class Moments:
         return _json(
             {
                 "t": round(self._stamp - self._start, 3),
-                "ids": [str(id) for id in np.asarray(frame.ids)[near].tolist()],
-                "xy": np.round(xy[near], 3).ravel().tolist(),
+                "ids": [str(id) for id in frame.ids[near].tolist()],
+                "xy": np.round(frame.xy[near], 3).ravel().tolist(),
                 "more": len(rows) - len(near),
                 "robot": None if event.robot is None else np.round(event.robot, 3).tolist(),
                 "now": status,
@@ -167,7 +165,7 @@ class Moments:
         for event in events:
             turns.append(counts[event.name])
             counts[event.name] += 1
-        likely = [events[n] for n in np.argsort(turns, kind="stable")[:MAX_LIKELY]]
+        likely = [events[n] for n in np.argsort(turns, kind="stable")]
         models = {}
         for name, result in forecast.models.items():
             futures, weights, central = result.weighted
