@@ -234,13 +234,11 @@ class BagWriter(contextlib.AbstractContextManager):
             self._writer: Any = rosbag1.Writer(self.path)
             compression: Any = (rosbag1.Writer.CompressionFormat.LZ4,)
         else:
-            plugin = getattr(rosbag2.StoragePlugin, "MCAP" if path.suffix == ".mcap" else "SQLITE3")
-            mode = "STORAGE" if path.suffix == ".mcap" else "MESSAGE"
-            self._writer = rosbag2.Writer(self.path, version=8, storage_plugin=plugin)
-            compression = (
-                getattr(rosbag2.CompressionMode, mode),
-                rosbag2.CompressionFormat.ZSTD,
-            )
+            storage, mode = rosbag2.StoragePlugin.SQLITE3, rosbag2.CompressionMode.MESSAGE
+            if path.suffix == ".mcap":
+                storage, mode = rosbag2.StoragePlugin.MCAP, rosbag2.CompressionMode.STORAGE
+            self._writer = rosbag2.Writer(self.path, version=8, storage_plugin=storage)
+            compression = mode, rosbag2.CompressionFormat.ZSTD
         if compress:
             self._writer.set_compression(*compression)
         self._connections: dict[str, Any] = {}
