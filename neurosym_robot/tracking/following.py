@@ -15,7 +15,6 @@ FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, 
 RESET = 5.0  # seconds: a stamp older by more means a clock set back, also if it comes alone
 MAX_SPEED = 5.0  # metres per second of a person between two observations
 SLACK = 1.0  # metres of error of a tracker, both observations together
-POINTS = 20  # newest points kept of a track: at 10 Hz twice what its velocity needs
 SMOOTH = 0.7  # share of the old velocity kept from frame to frame: noise is as large as a step
 REACH = 0.75  # maximum metres from the expected position
 FORGET = 1.0  # seconds after which a person without id who was not seen gets a new id
@@ -71,14 +70,6 @@ def tracks_of_frames(frames: Iterator[Frame], recording: str = "") -> Tracks:
 def is_jump(moved: Any, gap: Any) -> Any:
     """Whether a person cannot have `moved` [...] metres in `gap` [...] seconds."""
     return moved > MAX_SPEED * gap + SLACK
-
-
-def velocity(stamp: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """[2] metres per second, least squares through `position [n, 2]`; NaN for a single point."""
-    if len(stamp) < 2:
-        return np.full(2, np.nan)
-    time = stamp - stamp.mean()
-    return time @ position / (time @ time)
 
 
 class NearestIds:

@@ -15,16 +15,9 @@ from neurosym_jax.configuration import Checked, NotNegative
 from neurosym_jax.data.clock import resample
 from neurosym_jax.data.tracks import SNAP, Tracks
 from neurosym_jax.errors import InputError
-from neurosym_robot.tracking.following import (
-    FAR,
-    POINTS,
-    Frame,
-    frames_of_tracks,
-    is_jump,
-    synchronous,
-    velocity,
-)
+from neurosym_robot.tracking.following import FAR, Frame, frames_of_tracks, is_jump, synchronous
 
+POINTS = 20  # newest points kept of a track: at 10 Hz twice what its velocity needs
 FORGET = 60.0  # seconds after which the id of a person not seen means a new person
 BRIEF = 1.0  # seconds: who is seen for less in a whole recording is a ghost
 FRESH = 2**53  # ids given to people whose own is another person's are from here on
@@ -55,8 +48,10 @@ class _Person:
         """[2] metres, where the person is at `stamp` at constant velocity."""
         points = np.array(self.points)
         near = points[points[:, 0] >= points[-1, 0] - memory - 1e-3]
-        speed = np.nan_to_num(velocity(near[:, 0], near[:, 1:]))
-        return points[-1, 1:] + (stamp - points[-1, 0]) * speed
+        time = near[:, 0] - near[:, 0].mean()
+        # Least squares; a single point has no velocity.
+        velocity = time @ near[:, 1:] / (time @ time) if len(near) > 1 else 0.0
+        return points[-1, 1:] + (stamp - points[-1, 0]) * velocity
 
 
 class OnlineStitcher:
