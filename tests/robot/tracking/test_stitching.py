@@ -101,6 +101,14 @@ def test_the_nearest_pair_is_linked_first_and_each_track_once():
     assert ids.tolist() == [1, 2, FRESH + 1]
 
 
+def test_who_was_seen_three_times_walks_on_and_who_was_seen_once_stands():
+    for points, x in ((1, 0.1), (3, 1.2)):
+        stitcher = OnlineStitcher()
+        for n in range(points):
+            stitcher.push(n / 10, [1], [[n / 10, 0.0]])
+        assert stitcher.push(1.2, [2], [[x, 0.0]]).tolist() == [1]
+
+
 def test_nobody_is_withheld_and_sentinels_are_left_alone():
     stitcher = OnlineStitcher(max_tracks=2)
     xy = [[0.0, 0.0], [5.0, 0.0], [9.0, 0.0], [-3000.0, -3000.0]]
