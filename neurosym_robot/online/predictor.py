@@ -80,6 +80,7 @@ class Forecast:
     observed: np.ndarray  # [N, obs_len, 2] metres, resampled
     models: Mapping[str, ModelForecast]  # by name of the model
     dropped: Mapping[int, str]  # why others who are followed have none, as `Predictor.dropped`
+    latency: float  # seconds of this computer's clock, from the frame's arrival to this forecast
     extrapolated: np.ndarray
     """[N] int64: number of final steps in `observed` that were extrapolated at constant velocity,
     not seen."""
@@ -159,6 +160,7 @@ class Predictor:
 
     def forecast(self, focus: ArrayLike | None = None) -> Forecast | None:
         """The forecast of the newest frame; None, and everybody is `dropped`, without a window."""
+        began, waited = time.perf_counter(), self.waited
         people, observed, extrapolated = self.window.complete()
         self.dropped = self.window.incomplete(people)
         before = time.perf_counter()
@@ -175,13 +177,14 @@ class Predictor:
             return None
         index, stamp = self.window.index, self.window.stamp
         models = self._forecast(observed, index - self.window.steps + 1, slots)
-        return Forecast(stamp, index, people, observed, models, self.dropped, extrapolated)
+        took = time.perf_counter() - began - (self.waited - waited)
+        return Forecast(stamp, index, people, observed, models, self.dropped, took, extrapolated)
 
     def _example(self, size: int) -> Forecast:
         """The forecast of `size` people, for whom programs are compiled."""
         observed, seen = np.zeros((size, self.window.steps, 2)), np.zeros(size, int)
         models = self._forecast(observed, 0, size)
-        return Forecast(0.0, 0, np.arange(size), observed, models, {}, seen)
+        return Forecast(0.0, 0, np.arange(size), observed, models, {}, 0.0, seen)
 
     def _forecast(self, observed: np.ndarray, frame: int, slots: int) -> dict[str, ModelForecast]:
         """Forecasts by model; the window of N people, in `slots`, begins at step `frame`."""

@@ -123,7 +123,7 @@ def test_forecasts_become_a_costmap(tmp_path):
     # The first may turn to the left or to the right; the other stands.
     samples = observed[:, -1:] + np.array([[[[1, 1]], [[0, 0]]], [[[1, -1]], [[0, 0]]]])
     models = {"NeuroSyM": ModelForecast(samples, samples.mean(axis=0), 0)}
-    forecast = Forecast(1e9, 1, np.arange(2), observed, models, {}, np.zeros(2, int))
+    forecast = Forecast(1e9, 1, np.arange(2), observed, models, {}, 0.0, np.zeros(2, int))
     with BagWriter(tmp_path / "forecasts.db3") as bag:
         message = samples_message(bag.new, forecast, "NeuroSyM", 0.4, "odom")
         bag.write(costmap.TOPIC, 1e9, message)

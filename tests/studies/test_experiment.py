@@ -50,7 +50,7 @@ def test_scores_by_hand():
     samples = np.stack([future + np.array([0.0, shift]) for shift in (1.0, 2.0)])
     models = {"m": ModelForecast(samples, samples.mean(axis=0), 1)}
     ids, seen = np.array([1, 2]), np.zeros(2, int)
-    forecast = Forecast(0.0, 7, ids, walk[:, :8], models, {}, seen, future)
+    forecast = Forecast(0.0, 7, ids, walk[:, :8], models, {}, 1e-3, seen, future)
     lonely = dataclasses.replace(forecast, index=8, future=np.full_like(future, np.nan))
     scores = score([forecast, lonely], "m")
     assert scores.sequences == 1

@@ -60,7 +60,9 @@ def shown(seconds: float, people: int = 3, start: float = 1.7e9) -> Iterator[Sho
                 models[name] = ModelForecast(samples, samples.mean(axis=0), 2)
             fake.dropped = {7: "short", 9: "<script>"}
             nobody = np.zeros(people, int)
-            forecast = Forecast(frame.stamp, n, ids, path[:, :8], models, fake.dropped, nobody)
+            forecast = Forecast(
+                frame.stamp, n, ids, path[:, :8], models, fake.dropped, 1e-3, nobody
+            )
             status.published(1e-3 * (n % 5 + 1))
         analytics.add(forecast)
         yield ReplayEvent(frame, forecast), status.now()

@@ -42,7 +42,7 @@ class Stream:
             samples = np.random.default_rng(n).normal(size=(K, len(people), PRED, 2))
             models = {"a": ModelForecast(samples, samples.mean(axis=0), 0, runtime=0.02)}
             missing = self.window.incomplete(people)
-            forecast = Forecast(self.window.stamp, n, people, observed, models, missing, lost)
+            forecast = Forecast(self.window.stamp, n, people, observed, models, missing, 1e-3, lost)
         self.done += self.analytics.add(forecast)
         return forecast
 
@@ -196,8 +196,9 @@ def forecast_of(place, velocity, samples=20) -> Forecast:
     futures = way[:, 8:] + noise
     result = ModelForecast(futures, futures.mean(axis=0), 0)
     count = len(place)
-    ids, unseen = np.arange(count) + 3, np.zeros(count, int)
-    return Forecast(0.0, 0, ids, way[:, :8], {"m": result}, {}, unseen)
+    return Forecast(
+        0.0, 0, np.arange(count) + 3, way[:, :8], {"m": result}, {}, 0.0, np.zeros(count, int)
+    )
 
 
 def test_two_who_come_towards_each_other_pass():

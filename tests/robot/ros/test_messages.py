@@ -49,7 +49,7 @@ def forecast() -> Forecast:
     observed = 5e5 + rng.normal(size=(2, 3, 2))
     result = ModelForecast(samples, samples.mean(axis=0), 3)
     ids, lost = np.array([4, -8]), np.array([0, 1])
-    return Forecast(100.5, 9, ids, observed, {"SGAN": result}, {}, lost)
+    return Forecast(100.5, 9, ids, observed, {"SGAN": result}, {}, 0.0, lost)
 
 
 def received(store, message, kind=None):
