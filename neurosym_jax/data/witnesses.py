@@ -5,6 +5,7 @@ rate or a unit. Two that contradict each other are refused, and both are named.
 """
 
 import contextlib
+import glob
 import json
 import re
 from pathlib import Path
@@ -83,13 +84,9 @@ def _beside(path: Path) -> list[Path]:
     stem = path.stem.rpartition("_")[0] or path.stem
     return [
         other
-        for other in sorted(path.parent.glob(f"{_escaped(stem)}*[mM]eta*"))
+        for other in sorted(path.parent.glob(f"{glob.escape(stem)}*[mM]eta*"))
         if other != path and other.suffix.lower() in (".csv", ".json")
     ]
-
-
-def _escaped(text: str) -> str:
-    return re.sub(r"([\[\]*?])", r"[\1]", text)
 
 
 def _facts_in(path: Path) -> dict[str, str]:

@@ -8,7 +8,7 @@ threefry (element i of an array depends on i alone) that the tests check.
 
 import dataclasses
 import functools
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +32,12 @@ class NoiseSpec:
     per_agent: bool = False
     distribution: Literal["gaussian", "uniform"] = "gaussian"
     """Standard normal, or uniform on [-1, 1)."""
+
+    def draw(self, key: Array, shape: tuple[int, ...], dtype: Any = float) -> Array:
+        """Numbers [*shape] of the distribution; consumes `key`."""
+        if self.distribution == "gaussian":
+            return jax.random.normal(key, shape, dtype)
+        return jax.random.uniform(key, shape, dtype, minval=-1.0, maxval=1.0)
 
 
 def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int) -> Array:
@@ -71,10 +77,7 @@ def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: 
     for part in (identity[0], identity[1], slot):
         key = jax.random.fold_in(key, part)
     # Always float32: under x64 the default type would be float64, which has other numbers.
-    shape, dtype = (samples, spec.dim), jnp.float32
-    if spec.distribution == "gaussian":
-        return jax.random.normal(key, shape, dtype)
-    return jax.random.uniform(key, shape, dtype, minval=-1.0, maxval=1.0)
+    return spec.draw(key, (samples, spec.dim), jnp.float32)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 4), compiler_options=COMPILED_QUICKLY)

@@ -64,8 +64,7 @@ def variety_loss(
     for number, scenes in enumerate(augment(groups, move_key, recipe)):
         scenes = jax.tree.map(jnp.asarray, scenes)
         slots = scenes.valid.shape if spec.per_agent else scenes.valid.shape[:1]
-        draw = jax.random.normal if spec.distribution == "gaussian" else _uniform
-        noise = draw(jax.random.fold_in(noise_key, number), (samples, *slots, spec.dim))
+        noise = spec.draw(jax.random.fold_in(noise_key, number), (samples, *slots, spec.dim))
         forecast = jax.vmap(forecaster.forecast, in_axes=(None, 0, 1), out_axes=1)
         futures = forecast(params, scenes.replace(future=None), noise)
         distance = safe_root(jnp.square(futures - scenes.known_future[None]).sum(-1))
@@ -73,7 +72,3 @@ def variety_loss(
         total += jnp.where(scenes.valid[None], error, 0).sum(-1).min(0).sum()
         people += scenes.valid.sum(dtype=people.dtype)
     return total / people, {}
-
-
-def _uniform(key: Array, shape: tuple[int, ...]) -> Array:
-    return jax.random.uniform(key, shape, minval=-1.0, maxval=1.0)

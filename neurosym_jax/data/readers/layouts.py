@@ -84,15 +84,4 @@ class MotResults(Layout):
     """Results of trackers as MOTChallenge has them: boxes in pixels, and -1 at the end."""
 
     title = "MOTChallenge's results (`frame,id,left,top,width,height,confidence,-1,-1,-1`)"
-    layout = (
-        "frame",
-        "id",
-        "left",
-        "top",
-        "width",
-        "height",
-        "confidence",
-        "none",
-        "none2",
-        "none3",
-    )
+    layout = (*Mot.layout[:7], "none", "none2", "none3")

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from neurosym_jax.configuration import Checked, Size, Whole
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
+from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.models.sgan.layers import CELLS, LSTM, Cell
 from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.sgan.pooling import NoPooling, Pooling, PoolNet, Social
@@ -74,6 +75,11 @@ class GeneratorConfig(Lengths):
             raise InputError(f"pooling {pooling!r} has no symbols for a weighting to weight")
         if self.weighting is None and self.symbolic:
             object.__setattr__(self, "weighting", Cnd())
+
+    @property
+    def noise(self) -> NoiseSpec:
+        """The noise that each sample begins with."""
+        return NoiseSpec(self.noise_dim, self.noise_mix_type == "ped", self.noise_type)
 
     @property
     def pools(self) -> bool:

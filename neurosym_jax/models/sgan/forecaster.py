@@ -68,8 +68,7 @@ class GeneratorForecaster(TwoStageForecaster):
     @property
     def noise(self) -> NoiseSpec:
         """The config's."""
-        config = self.config
-        return NoiseSpec(config.noise_dim, config.noise_mix_type == "ped", config.noise_type)
+        return self.config.noise
 
     @property
     def state_size(self) -> int:

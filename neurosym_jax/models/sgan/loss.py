@@ -212,14 +212,10 @@ def draw_group_noise(
     config: GeneratorConfig, groups: Groups, key: Array, samples: int
 ) -> list[Array]:
     """Noise of each group [k, scenes, dim], per agent [k, scenes, slots, dim]; consumes `key`."""
-    axes = 2 if config.noise_mix_type == "ped" else 1
+    axes = 2 if config.noise.per_agent else 1
     shapes = [scene.valid.shape[:axes] for scene in groups]
-    shape = (samples, sum(map(math.prod, shapes)), config.noise_dim)
     # One draw for all groups: each draw adds a second of compiling to the step.
-    if config.noise_type == "gaussian":
-        noise = jax.random.normal(key, shape)
-    else:
-        noise = jax.random.uniform(key, shape, minval=-1.0, maxval=1.0)
+    noise = config.noise.draw(key, (samples, sum(map(math.prod, shapes)), config.noise_dim))
     return split(noise, shapes, axis=1)
 
 
