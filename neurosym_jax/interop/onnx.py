@@ -3,7 +3,7 @@
 `to_onnx` traces a function for arguments whose sizes may be symbols (`jax.export.symbolic_shape`),
 computes what depends on constants alone, and writes the rest with `onnx.helper`. It knows the
 operations that our networks consist of and refuses others by name; a changed network needs no
-change here. Loops of a known length are unrolled, others become a `Scan`. ONNX Runtime lacks
+change here. Short loops are unrolled, others become a `Scan`. ONNX Runtime lacks
 operators for small integers, so all integers are int32; a product of booleans is one of floats.
 """
 
@@ -22,7 +22,7 @@ __all__ = ["to_onnx"]
 
 OPSET, IR_VERSION = 18, 9
 UNROLLED = 64
-"""Longest loop that is written out step by step."""
+"""Longest loop over an array that is written out step by step."""
 
 # Operations that are one operator of ONNX, argument by argument.
 OPERATORS = {
@@ -238,7 +238,8 @@ class _Graph:
         split = params["num_consts"], params["num_consts"] + params["num_carry"]
         constants, carry, rows = inputs[: split[0]], inputs[split[0] : split[1]], inputs[split[1] :]
         count, length = len(carry), params["length"]
-        if isinstance(length, int) and length <= UNROLLED:
+        # ONNX has no loop without an array to loop over.
+        if isinstance(length, int) and (length <= UNROLLED or not rows):
             stacks = [[] for _ in eqn.outvars[count:]]
             steps = range(length)[:: -1 if params["reverse"] else 1]
             for step in steps:

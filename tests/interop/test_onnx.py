@@ -104,6 +104,7 @@ def test_operations_one_by_one():
         "a loop backwards": lambda x: jax.lax.scan(
             lambda c, r: (c + r, c * r), x[0], x, reverse=True
         )[1],
+        "a long loop over nothing": lambda x: jax.lax.fori_loop(0, 70, lambda _, c: 1 - c / 2, x),
         "a mapping of steps": lambda x: jax.lax.map(lambda column: column.max(), x.T),
         "logarithms": lambda x: jnp.log1p(jnp.abs(x)) + jnp.expm1(x) + jax.nn.softmax(x, axis=0),
         "finite": lambda x: jnp.where(jnp.isfinite(1 / (x - x[0])), x**3, -x),
