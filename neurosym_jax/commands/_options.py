@@ -12,7 +12,7 @@ import json
 import re
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -25,7 +25,7 @@ from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 
-__all__ = ["Positional", "Reading", "description", "every_option", "given", "open_data"]
+__all__ = ["Positional", "Reading", "description", "every_option", "flags", "given", "open_data"]
 __all__ += ["options_text", "refuse_given", "refuse_unused", "short_help", "with_file"]
 
 PLUGIN = "--plugin FILE.py|MODULE"
@@ -110,6 +110,16 @@ def given(options: Any) -> dict[str, Any]:
         elif value != field.default:
             values[field.name] = json.loads(json.dumps(value, default=str))
     return values
+
+
+def flags(options: Mapping[str, Any]) -> list[str]:
+    """The words of a command that give options by name, as `given` returns them."""
+    words: list[str] = []
+    for name, value in options.items():
+        values = value if isinstance(value, list | tuple) else [] if value is True else [value]
+        texts = (f"{item:.12g}" if isinstance(item, float) else str(item) for item in values)
+        words += [f"--{name.replace('_', '-')}", *texts]
+    return words
 
 
 def options_text(options: Any) -> str:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from neurosym_jax.commands._options import Positional, Reading, given
+from neurosym_jax.commands._options import Positional, Reading, flags, given
 from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.evidence import pace_of, steps_of
 from neurosym_jax.data.formats import FORMATS, files_in, is_folder, read_any
@@ -133,17 +133,12 @@ def _print_next(path: Path, recordings: Sequence[Tracks], people: int, read: Rea
         uses = FORMATS[reading.format].uses
         guesses = {name: guess for name, guess in guesses.items() if guess and name in uses}
         options = guesses | options
-    words = [] if people > 1 else ["--min-agents", "1"]
-    for name, value in options.items():
-        values = value if isinstance(value, list | tuple) else [] if value is True else [value]
-        texts = (f"{item:.12g}" if isinstance(item, float) else item for item in values)
-        words += [f"--{name.replace('_', '-')}", *texts]
-    flags = " ".join(shlex.quote(word) for word in words)
-    file = shlex.quote(str(path))
+    options = ({} if people > 1 else {"min_agents": 1}) | options
+    words, file = shlex.join(flags(options)), shlex.quote(str(path))
     print("\nnext:")
-    print(f"  neurosym evaluate --data {file} --checkpoint {RECOMMENDED} {flags}".rstrip())
+    print(f"  neurosym evaluate --data {file} --checkpoint {RECOMMENDED} {words}".rstrip())
     if people > 1:
-        print(f"  neurosym symbols {file} --model {RECOMMENDED} --forecast {flags}".rstrip())
+        print(f"  neurosym symbols {file} --model {RECOMMENDED} --forecast {words}".rstrip())
 
 
 def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from neurosym_jax.commands._options import (
     Reading,
+    flags,
     given,
     open_data,
     options_text,
@@ -146,14 +147,11 @@ def closing_line(options: Options, run: Run, source: Source, folder: Path) -> st
         datasets = ()
     words = ["neurosym", "evaluate", "--checkpoint", str(folder)]
     if not datasets:
-        place = "NEW_RECORDING"
-        said = f"nothing is left to test on: test on a new recording: {shlex.join(words)} --data "
-        return f"{said}{place}"
+        new = f"{shlex.join(words)} --data NEW_RECORDING"
+        return f"nothing is left to test on: test on a new recording: {new}"
     words += ["--data", str(options.data)] if options.data else []
     words += ["--test-on", *map(str, datasets)] if options.train_on else []
-    for option, value in given(options.read).items():
-        values = value if isinstance(value, list) else [] if value is True else [value]
-        words += [f"--{option.replace('_', '-')}", *map(str, values)]
+    words += flags(given(options.read))
     words += [] if run.config.period == PERIOD else ["--period", f"{run.config.period:g}"]
     words += [word for plugin in loaded() for word in ("--plugin", plugin)]
     return f"test it: {shlex.join(words)}"

@@ -27,8 +27,8 @@ JUMP = 5.0
 """Speed to the first forecast position, m/s, that no test set's median reaches."""
 SHIFT = 0.05
 """Metres of error at the first step above which a shift by one step can be told."""
-PLURAL = {"samples": 4, "ids": 1, "frames": 1}
-"""Arrays that a file must have, and their dimensions."""
+NEEDED = ("samples", "ids", "frames")
+"""Arrays that a file must have."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def read_forecasts(path: Path) -> ForecastFile:
     except (OSError, ValueError, EOFError) as error:
         reason = printable(str(error))[:200]
         raise InputError(f"{path}: cannot be read as .npz or .ndjson ({reason})") from None
-    if missing := [name for name in PLURAL if name not in arrays]:
+    if missing := [name for name in NEEDED if name not in arrays]:
         names = ", ".join(sorted(arrays)[:12]) or "none"
         raise InputError(f"{path}: array {missing[0]!r} is missing (its arrays: {names})")
     samples = arrays["samples"]

@@ -156,12 +156,7 @@ class Difference:
     @property
     def over_seeds(self) -> Estimate | None:
         """The difference of other trainings, on the same scenes; None for a single seed."""
-        n = len(self.seeds)
-        if n == 1:
-            return None
-        return Estimate(
-            self.mean, self.seeds.var(axis=0, ddof=1) / n, np.full(len(self.mean), n - 1)
-        )
+        return _of_sample(self.seeds) if len(self.seeds) > 1 else None
 
     @property
     def over_both(self) -> Estimate:
@@ -250,20 +245,19 @@ def against_best(
 
 def student_half(values: Sequence[float]) -> float:
     """Half of Student's 95 % interval of the mean of `values` [n], n > 1."""
-    low, high = _of_sample(values).interval(0)
+    low, high = _of_sample(np.array([values], float).T).interval(0)
     return (high - low) / 2
 
 
 def student_p(values: Sequence[float]) -> float:
     """Two-sided p value of Student's test that the mean of `values` [n], n > 1, is 0."""
-    return _of_sample(values).p_value(0)
+    return _of_sample(np.array([values], float).T).p_value(0)
 
 
-def _of_sample(values: Sequence[float]) -> Estimate:
-    """The mean of independent `values` [n]."""
-    sample = np.asarray(values, float)[:, None]
-    n = len(sample)
-    return Estimate(sample.mean(axis=0), sample.var(axis=0, ddof=1) / n, np.array([n - 1]))
+def _of_sample(values: np.ndarray) -> Estimate:
+    """The means of n independent rows `values [n, M]`, n > 1."""
+    n, metrics = values.shape
+    return Estimate(values.mean(axis=0), values.var(axis=0, ddof=1) / n, np.full(metrics, n - 1))
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:

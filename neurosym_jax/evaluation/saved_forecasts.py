@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.forecasts import last_frames, recording_names
 from neurosym_jax.evaluation.plan import Test
-from neurosym_jax.evaluation.trajnet import write_trajnet
+from neurosym_jax.evaluation.trajnet import DECIMALS, write_trajnet
 from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.files import new_file, refuse_unwritable
@@ -23,8 +23,6 @@ from neurosym_jax.runtime.process import cpu_cores, refuse_beyond_memory
 
 __all__ = ["check_forecasts_file", "forecasts_of", "save_forecasts", "to_xarray"]
 
-DECIMALS = 4
-"""Decimals of metres in files."""
 ENDINGS = (".npz", ".nc", ".ndjson")
 DIMENSIONS = {
     "samples": ("sample", "agent", "time", "xy"),

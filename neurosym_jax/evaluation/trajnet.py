@@ -26,7 +26,7 @@ from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.files import new_file
 from neurosym_jax.scene import scene_identity
 
-__all__ = ["write_trajnet"]
+__all__ = ["DECIMALS", "write_trajnet"]
 
 DECIMALS = 4
 """Decimals of metres in files."""
@@ -34,16 +34,16 @@ Points = dict[tuple[int, int], np.ndarray]
 """[2] metres by (frame, person)."""
 
 
-class SceneForecast(NamedTuple):
-    """A scene, and the forecast of its N people, of whom the primary comes first."""
+class ObservedScene(NamedTuple):
+    """A scene, and its N people as they were observed, of whom the primary comes first."""
 
     scene: OfficialScene
     people: np.ndarray
     """[N] ids."""
+    observed: np.ndarray
+    """[N, obs_len, 2] metres."""
     frames: np.ndarray
-    """[T] forecast frames."""
-    samples: np.ndarray
-    """[k, N, T, 2] metres, the most probable sample first."""
+    """[T] frames to forecast."""
 
 
 def write_trajnet(target: Path, model: Model, test: Test, samples: int, seed: int) -> Path:
@@ -53,22 +53,18 @@ def write_trajnet(target: Path, model: Model, test: Test, samples: int, seed: in
     """
     points, scenes = _official(test) or _of_windows(test)
     truth = target.with_stem(f"{target.stem}_truth")
-    listed = [scene for scene, *_ in scenes]
+    listed = [seen.scene for seen in scenes]
     with new_file(truth) as beside:
         rows = (_track(frame, person, xy) for (frame, person), xy in sorted(points.items()))
         beside.write_text(_lines(map(_scene, listed)) + _lines(rows), encoding="utf-8")
     with new_file(target) as beside, beside.open("w", encoding="utf-8") as file:
         file.write(_lines(map(_scene, listed)))
-        for forecast in _forecasts(model, test, scenes, samples, seed):
-            file.write(_lines(_predictions(forecast)))
+        for seen, futures in _forecasts(model, test, scenes, samples, seed):
+            file.write(_lines(_predictions(seen, futures)))
     return truth
 
 
-Seen = tuple[OfficialScene, np.ndarray, np.ndarray, np.ndarray]
-"""A scene, ids [N], observed positions [N, obs_len, 2] and forecast frames [T]."""
-
-
-def _official(test: Test) -> tuple[Points, list[Seen]] | None:
+def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
     """The points and the scenes of a TrajNet++ recording; None where the test set is another."""
     windows = test.windows
     (reading, *others) = windows.reading
@@ -103,7 +99,7 @@ def _official(test: Test) -> tuple[Points, list[Seen]] | None:
             [points.get((frame, person), nothing) for frame in past.tolist()] for person in people
         ]
         observed = np.stack([_filled(np.array(walk))[-obs_len:] for walk in walks])
-        scenes.append((scene, np.array(people), observed, future))
+        scenes.append(ObservedScene(scene, np.array(people), observed, future))
     return points, scenes
 
 
@@ -125,7 +121,7 @@ def _filled(path: np.ndarray) -> np.ndarray:
     return filled
 
 
-def _of_windows(test: Test) -> tuple[Points, list[Seen]]:
+def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
     """The points and a scene for each window. Of several recordings, frames and people are numbered
     consecutively, because a file is one recording."""
     windows = test.windows
@@ -153,45 +149,47 @@ def _of_windows(test: Test) -> tuple[Points, list[Seen]]:
                     for frame, xy in zip([*frames.tolist(), *future.tolist()], path)
                 }
             ends = int(frames[0]), int(future[-1])
-            scene = OfficialScene(int(at), int(people[0]), *ends, round(1 / windows.period, 6), 0)
+            fps, tag = round(1 / windows.period, 6), [0, []]
+            scene = OfficialScene(int(at), int(people[0]), *ends, fps, tag)
             observed = windows.position[rows, : windows.obs_len]
-            scenes.append((scene._replace(tag=[0, []]), people, observed, future))
+            scenes.append(ObservedScene(scene, people, observed, future))
         shift = max(frame for frame, _ in points) + 1 if renumbered else 0
     return points, scenes
 
 
 def _forecasts(
-    model: Model, test: Test, scenes: list[Seen], samples: int, seed: int
-) -> Iterator[SceneForecast]:
-    """Forecast all scenes, with the noise of the windows where the scenes are these."""
-    observed = [positions for _, _, positions, _ in scenes]
-    bounds = np.cumsum([0, *map(len, observed)])
+    model: Model, test: Test, scenes: list[ObservedScene], samples: int, seed: int
+) -> Iterator[tuple[ObservedScene, np.ndarray]]:
+    """Each scene and [k, N, T, 2] metres, its most probable sample first.
+
+    The noise is that of the windows where the scenes are these.
+    """
+    bounds = np.cumsum([0, *(len(seen.people) for seen in scenes)])
     name = test.windows.reading[0].recording
     own = len(scenes) == test.windows.scenes and (bounds == test.windows.bounds).all()
-    starts = np.array([scene.id for scene, *_ in scenes])
+    starts = np.array([seen.scene.id for seen in scenes])
     windows = Windows(
-        np.concatenate(observed),
-        np.concatenate([people for _, people, _, _ in scenes]),
+        np.concatenate([seen.observed for seen in scenes]),
+        np.concatenate([seen.people for seen in scenes]),
         bounds,
         test.windows.identity if own else scene_identity(name, starts),
         test.test_set.obs_len,
         test.windows.period,
     )
     futures, likely = forecast_windows(model, windows, make_batches(windows), samples, seed)
-    for number, (scene, people, _, frames) in enumerate(scenes):
+    for number, seen in enumerate(scenes):
         own_samples = futures[:, slice(*bounds[number : number + 2])]
         if likely is not None:  # The evaluator takes number 0 for the best guess.
             own_samples = own_samples[np.argsort(-likely[:, number], kind="stable")]
-        yield SceneForecast(scene, people, frames, own_samples)
+        yield seen, own_samples
 
 
-def _predictions(forecast: SceneForecast) -> Iterator[dict[str, Any]]:
-    scene, people, frames, samples = forecast
+def _predictions(seen: ObservedScene, samples: np.ndarray) -> Iterator[dict[str, Any]]:
     for number, sample in enumerate(samples):
-        for person, path in zip(people.tolist(), sample):
-            for frame, xy in zip(frames.tolist(), path):
+        for person, path in zip(seen.people.tolist(), sample):
+            for frame, xy in zip(seen.frames.tolist(), path):
                 row = _track(frame, person, xy)
-                row["track"] |= {"prediction_number": number, "scene_id": scene.id}
+                row["track"] |= {"prediction_number": number, "scene_id": seen.scene.id}
                 yield row
 
 

@@ -18,6 +18,7 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -42,6 +43,8 @@ FILES = CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
 HUB_LICENCES = {"MIT": "mit", "CC BY-NC-SA 3.0, restricted": "cc-by-nc-sa-3.0"}
 """Our names of data's licences, and the Hub's."""
+OPTIONAL = ("seed", "seen", "neighbours", "data", "step")
+"""Fields of a model that its file has where they are known."""
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
 
 
@@ -84,13 +87,7 @@ def save_model(
         "dataset": model.dataset,
         "plugins": list(model.plugins),
     }
-    optional = {
-        "seed": model.seed,
-        "seen": model.seen,
-        "neighbours": model.neighbours,
-        "data": dict(model.data),
-        "step": model.step,
-    }
+    optional = {name: getattr(model, name) for name in OPTIONAL} | {"data": dict(model.data)}
     fields |= {name: value for name, value in optional.items() if value not in ("", None, {})}
     text = json.dumps(fields, indent=2, allow_nan=False)
     if from_json(type(model.config), json.loads(text)["config"], CONFIG) != model.config:
@@ -195,18 +192,9 @@ def _read(folder: Path) -> Model:
         parameters = nested_parameters(load_file(folder / PARAMS))
     except (SafetensorError, AttributeError, KeyError, ValueError, TypeError) as error:
         raise InputError(f"{PARAMS}: cannot be read ({error})") from None
-    model = Model(
-        config,
-        parameters,
-        fields.dataset,
-        fields.forecaster,
-        fields.plugins,
-        fields.seed,
-        fields.neighbours,
-        seen=fields.seen,
-        data=fields.data or {},
-        step=fields.step,
-    )
+    optional: dict[str, Any] = {name: getattr(fields, name) for name in OPTIONAL}
+    optional["data"] = fields.data or {}
+    model = Model(config, parameters, fields.dataset, fields.forecaster, fields.plugins, **optional)
     _refuse_misfit(model)
     return model
 

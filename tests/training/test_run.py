@@ -155,7 +155,7 @@ def test_the_last_line_tests_on_what_was_not_seen(files, tmp_path):
         ({"data": files, "dataset": "check"}, f"{begin} --data {files}"),
         (
             {"data": files, "dataset": "check", "period": 0.2, "read": ReadOptions(max_gap=2.0)},
-            f"{begin} --data {files} --max-gap 2.0 --period 0.2",
+            f"{begin} --data {files} --max-gap 2 --period 0.2",
         ),
         ({"data": files, "dataset": "general"}, nothing),
         ({"data": files / "walk.txt"}, nothing),
