@@ -15,7 +15,6 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.commands import train as train_command
-from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.evaluation.intervals import ErrorsByScene
 from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.evaluation.scoring import Score
@@ -40,29 +39,8 @@ def walks(people, steps, period=0.4, speed=1.0, seed=0):
     return pl.DataFrame({"time": frame * period, "id": person, "x": x, "y": 2.0 * person + bend})
 
 
-def scenes_of(table, least, length, skip=1):
-    """Number of windows of so many steps in which at least so many people are all the time."""
-    moments = table.sort("time").partition_by("time", maintain_order=True)
-    frames = [set(moment["id"]) for moment in moments]
-    spans = (frames[at : at + length] for at in range(0, len(frames) - length + 1, skip))
-    return sum(len(set.intersection(*span)) >= least for span in spans)
-
-
 def evaluated(model, table, **options):
     return nj.evaluate(model, table, baselines=(), **options).row(0, named=True)
-
-
-def test_an_evaluation_leaves_out_scenes_of_fewer_people():
-    table = walks(4, 30).filter((pl.col("id") < 2) | (pl.col("time") < 6))
-    for least in (2, 3, 4):
-        row = evaluated(STILL, table, min_agents=least)
-        assert row["scenes"] == scenes_of(table, least, 7), least
-
-
-def test_an_evaluation_fills_gaps_as_long_as_the_caller_says():
-    table = walks(2, 30).filter((pl.col("id") == 0) | ((pl.col("time") - 4.0).abs() > 0.1))
-    assert evaluated(STILL, table)["scenes"] == 24
-    assert evaluated(STILL, table, max_gap=0.5)["scenes"] == 24 - 7
 
 
 def test_an_evaluation_has_the_steps_of_the_model():
@@ -70,13 +48,6 @@ def test_an_evaluation_has_the_steps_of_the_model():
     slow = Model(Lengths(4, 3, period=0.8), {}, None, "constant_velocity")
     # Of 12 s: 16 steps of 0.8 s, 31 of 0.4 s.
     assert [evaluated(model, table)["scenes"] for model in (slow, STILL)] == [16 - 6, 31 - 6]
-
-
-def test_windows_begin_at_every_nth_step():
-    table = walks(2, 30)
-    for skip in (1, 2, 5):
-        windows = nj.windows_from(table, 4, 3, skip=skip)
-        assert windows.scenes == scenes_of(table, 2, 7, skip)
 
 
 def test_intervals_count_blocks_of_whole_windows():
@@ -214,28 +185,3 @@ def test_a_format_of_a_plugin_is_known_in_a_fresh_process(tmp_path):
     done = run_python(*words, cwd=tmp_path, check=False, NEUROSYM_NO_CACHE="1")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "mine" in done.stdout
-
-
-def test_options_of_reading_reach_every_door(tmp_path):
-    """A unit that is given halves nothing and doubles nothing: metres are a hundredth of these."""
-    table = walks(2, 20).with_columns(pl.col("x", "y") * 100)
-    table.write_csv(tmp_path / "a.csv")
-    read = ReadOptions(unit="cm")
-    (tracks,) = nj.data.read_any(tmp_path / "a.csv", read)
-    windows = nj.windows_from(tmp_path / "a.csv", 4, 3, read=read)
-    np.testing.assert_allclose(tracks.position, walks(2, 20)["x", "y"], atol=1e-9)
-    assert np.ptp(windows.position[..., 0]) < 20
-    row = evaluated(STILL, tmp_path / "a.csv", unit="cm")
-    assert row["joint_ade"] == pytest.approx(evaluated(STILL, walks(2, 20))["joint_ade"], rel=1e-4)
-
-
-def test_the_seed_and_the_number_of_samples_reach_the_forecaster():
-    sampled = Model(Lengths(4, 3), {}, None, "constant_velocity_sampled")
-    table = walks(3, 30)
-    errors = {
-        (samples, seed): evaluated(sampled, table, samples=samples, seed=seed)["joint_ade"]
-        for samples, seed in itertools.product((1, 20), (0, 1))
-    }
-    assert len(set(errors.values())) == 4
-    assert errors[20, 0] < errors[1, 0]
-    assert errors[20, 1] < errors[1, 1]

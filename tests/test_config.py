@@ -80,6 +80,7 @@ REFUSED = [
     *((network, text, f"{NAMED}not ") for text in ("{", "[1]", "null", "3", "")),
     (network, '{"obs_len": 8, "obs_len": 9}', f"{NAMED}the key 'obs_len' stands twice"),
     (recipe, {"seed": -1}, "seed must lie in"),
+    (recipe, {"seed": None}, "seed must be a whole number, not None"),
     (recipe, {"max_agents": 0}, "max_agents must be at least 1 or be null, not 0"),
     (recipe, {"clip_norm": float("nan")}, "clip_norm must be a finite number, not nan"),
     (recipe, {"learning_rate": -0.01}, "learning_rate must be positive, not -0.01"),

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from neurosym_jax.data import cut_windows, make_tracks, on_grid, read_any, resample, windows_from
+from neurosym_jax.data import cut_windows, make_tracks, on_grid, resample, windows_from
 from neurosym_jax.data.tracks import describe_readings
 
 STRIDE = 10  # frames in 0.4 s
@@ -149,11 +149,3 @@ def test_25_frames_a_second_keep_the_first_moment():
     for grid in grids:
         assert grid.step is not None
         np.testing.assert_allclose(grid.stamp[grid.id == 0], 0.12 + 0.4 * np.arange(40), atol=1e-9)
-
-
-def test_whole_files_stay_as_they_are(shared):
-    """Of the benchmark's files none needs a grid but its own."""
-    for path in sorted((shared / "data/eth_ucy/all").glob("crowds*.txt")):
-        (tracks,) = read_any(path)
-        grid = on_grid(tracks)
-        np.testing.assert_array_equal(grid.position, tracks.position)

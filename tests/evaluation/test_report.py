@@ -7,8 +7,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from neurosym_jax.data.formats import read_any
-from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import TestSet as Case
@@ -94,21 +92,6 @@ def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match="need xarray: pip install"):
         check_forecasts_file(tmp_path / "other.nc")
-
-
-def test_trajnet_has_what_happened_and_what_was_forecast(test_set, tmp_path):
-    _, _, sampled, truth = save_forecasts(tmp_path / "out.ndjson", [test_set], 3, 0)
-    (tracks,) = read_any(truth, ReadOptions(allow=("slow", "held")))
-    assert len(np.unique(tracks.id)) == 7
-    assert len(tracks.id) == 7 * 14
-    rows = [json.loads(line) for line in sampled.read_text().splitlines()]
-    scenes = [row["scene"] for row in rows if "scene" in row]
-    assert len(scenes) == test_set.windows.scenes
-    assert all(scene["e"] - scene["s"] == 9 and scene["fps"] == 2.5 for scene in scenes)
-    forecasts = [row["track"] for row in rows if "prediction_number" in row.get("track", {})]
-    assert len(forecasts) == 3 * test_set.windows.agents * 6
-    first_scene = [track for track in forecasts if track["scene_id"] == 0]
-    assert min(track["f"] for track in first_scene) == scenes[0]["s"] + 4
 
 
 def test_trajnet_has_the_most_probable_forecast_first(tmp_path):

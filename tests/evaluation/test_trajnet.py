@@ -113,8 +113,8 @@ def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
     (walk := tmp_path / "walk.txt").write_text("\n".join(lines))
     forecast, truth = saved(walk, None, tmp_path / "out.ndjson")
     scenes = read_scenes(forecast)
-    assert [(scene.start, scene.end, scene.person) for scene in scenes] == [
-        (780 + 10 * at, 970 + 10 * at, 4) for at in range(3)
+    assert [(scene.start, scene.end, scene.person, scene.fps) for scene in scenes] == [
+        (780 + 10 * at, 970 + 10 * at, 4, 2.5) for at in range(3)
     ]
     assert {row["p"] for row in rows_of(truth)} == {4, 8}
     assert {row["f"] for row in rows_of(truth)} == {780 + 10 * step for step in range(22)}

@@ -15,7 +15,7 @@ from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import flat_parameters, refuse_misfit
-from neurosym_jax.models.sgan.config import POOLINGS, GeneratorConfig
+from neurosym_jax.models.sgan.config import GeneratorConfig
 from tests.networks import random_model
 
 MODEL = random_model(GeneratorConfig(pooling="pool_net,hidden_dim=16"), "zara1")
@@ -152,30 +152,6 @@ def header(**entries):
 def test_wrong_values_under_a_right_digest(copy, change, message):
     sign(copy, params=change) if isinstance(change, bytes) else sign(copy, change)
     assert message in refusal(copy)
-
-
-@pytest.mark.parametrize(
-    ("kind", "weighting"), [("as_described", "quantised"), ("neurosym_ros", "cnd_shipped")]
-)
-def test_a_folder_names_variant_and_weighting(tmp_path, kind, weighting):
-    config = GeneratorConfig(pooling=f"{kind},hidden_dim=16", weighting=weighting, pred_len=4)
-    model, folder = random_model(config), tmp_path / "m"
-    save_model(folder, model)
-    fields = json.loads((folder / "config.json").read_text())["config"]
-    assert POOLINGS.name_of(config.pooling) == kind
-    assert fields["pooling"] == {"kind": kind, **vars(config.pooling)}
-    assert fields["weighting"] == {"kind": weighting, **vars(config.weighting)}
-    loaded = load_model(folder)
-    assert loaded.config == config
-    jax.tree.map(assert_array_equal, loaded.params, model.params)
-    other = "neurosym_ros" if kind == "as_described" else "as_described"
-    for broken, message in (
-        ({"weighting": {"kind": "cnd", "tabel": "cnd"}}, "unknown field 'tabel'"),
-        ({"pooling": "pool_net"}, "has no symbols for a weighting"),
-        ({"pooling": f"{other},hidden_dim=15"}, "describes another network"),
-    ):
-        sign(folder, lambda all, broken=broken: all.update(config={**fields, **broken}))
-        assert message in refusal(folder)
 
 
 def test_parameters_of_a_forecaster_that_has_no_initial_ones(tmp_path):

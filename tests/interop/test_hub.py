@@ -7,7 +7,6 @@ import re
 import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from unittest import mock
 
 import pytest
 import yaml
@@ -133,17 +132,6 @@ def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
     files["README.md"] += b"edited in the browser"
     again = run("nj.interop.from_pretrained('me/walkers')", tmp_path / "again", endpoint)
     assert "damaged: its files do not match the digest" in again
-
-
-def test_an_upload_is_the_folder_of_a_model(model, monkeypatch):
-    hub, uploaded = mock.Mock(), {}
-    hub.upload_folder = lambda repo_id, folder_path: (
-        uploaded.update(name=repo_id, family=load_model(folder_path).family)
-        or mock.Mock(commit_url="its page")
-    )
-    monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
-    assert push_to_hub(model("none"), "me/walkers") == "its page"
-    assert uploaded == {"name": "me/walkers", "family": "generator"}
 
 
 def test_a_missing_model_is_named_in_one_line(monkeypatch):

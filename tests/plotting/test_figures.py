@@ -211,19 +211,10 @@ def test_an_underlay_lies_where_its_homography_says(tmp_path, horizon):
     assert (alpha[(heights > 0.1) & (heights < 3)] == 0.6).any()
 
 
-@pytest.mark.parametrize(
-    ("image", "numbers", "message"),
-    [
-        ("any.png", "1 2 3", "h.txt: 3 x 3 numbers"),
-        ("any.png", "1 2 3\n2 4 6\n0 0 1", "h.txt: .* an inverse"),
-        ("h.txt", "1 0 0\n0 1 0\n0 0 1", "h.txt: cannot be read as an image"),
-    ],
-)
-def test_an_underlay_that_cannot_be_read_is_refused(tmp_path, image, numbers, message):
-    imsave(tmp_path / "any.png", np.zeros((3, 3)))
-    (tmp_path / "h.txt").write_text(numbers)
-    with pytest.raises(InputError, match=message):
-        plotting.read_underlay(tmp_path / image, tmp_path / "h.txt")
+def test_an_image_that_cannot_be_read_is_refused(tmp_path):
+    np.savetxt(tmp_path / "h.txt", np.eye(3))
+    with pytest.raises(InputError, match=r"h\.txt: cannot be read as an image"):
+        plotting.read_underlay(tmp_path / "h.txt", tmp_path / "h.txt")
 
 
 def test_a_talk_has_larger_letters_and_as_many_dots(tmp_path):

@@ -17,12 +17,6 @@ def double():
 
 
 @pytest.fixture(scope="session")
-def released(shared):
-    """200 random pairs `k`, `l`, with the symbols and weights of NeuroSyM's released code."""
-    return np.load(shared / "golden" / "torch" / "qtc.npz")
-
-
-@pytest.fixture(scope="session")
 def real_windows(shared):
     """(positions padded to one size, valid, arrays of the released code) of 24 real windows."""
     arrays = np.load(shared / "golden" / "qtc" / "neurosym_golden.npz")

@@ -313,8 +313,3 @@ def test_damaged_states_are_never_begun_over(table, done, tmp_path, capsys):
         train_run(table, tmp_path / "run")
     assert (tmp_path / "run/metrics.jsonl").read_bytes() == before
     assert load_model(done).step in (2, 4)
-
-
-def test_no_seed_is_no_seed():
-    with pytest.raises(InputError, match="seed must be a whole number, not None"):
-        AnchorRecipe(seed=None)  # pyright: ignore[reportArgumentType]

@@ -94,14 +94,6 @@ def test_tensorboard_has_the_rows(files, tmp_path, monkeypatch):
     assert events(tmp_path) == expected
 
 
-def test_a_model_knows_its_rate(files):
-    names = {"train_on": ("walk",), "validate_on": ("check",), **LENGTHS}
-    for period in (0.4, 0.2):
-        run, _ = make_run(Options(data=files, period=period, **names))
-        assert run.config.period == run.training.period == run.validation.period == period
-    assert run.training.scenes > 100
-
-
 def test_one_recording_of_thor_left_out(shared):
     name = "CLiFF-LHMP_thor3_exp-3-run-2"
     with pytest.warns(InputWarning, match="goals_positions"):
