@@ -1,12 +1,14 @@
 """Errors and warnings about a user's input; commands print each as a single line."""
 
 import contextlib
+import importlib
 import reprlib
 import shlex
 from collections.abc import Iterator
+from typing import Any
 
-__all__ = ["InputError", "InputWarning", "TrainingError", "brief", "option", "printable"]
-__all__ += ["spoken_as_flags"]
+__all__ = ["InputError", "InputWarning", "TrainingError", "brief", "option", "optional_module"]
+__all__ += ["printable", "spoken_as_flags"]
 
 _spoken = {"flags": False}  # of the process: threads read for a command, too
 
@@ -44,6 +46,19 @@ def option(name: str, value: object = "") -> str:
         flag = f"--{name.replace('_', '-')}"
         return " ".join([flag, *(shlex.quote(str(part)) for part in values if part is not True)])
     return f"{name}={value!r}" if values else name
+
+
+def optional_module(name: str, what: str, extra: str) -> Any:
+    """Import the module `name` of a library that the package's `extra` brings.
+
+    Raises:
+        InputError: saying `what` needs it and how it is installed, where it is not.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        install = f"pip install 'neurosym-jax[{extra}]'"
+        raise InputError(f"{what} needs {name}: {install}") from None
 
 
 def printable(text: str) -> str:

@@ -21,7 +21,7 @@ from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.sources import GENERAL, EthUcy, Files, Folders, Source, Synthetic
 from neurosym_jax.data.tracks import PERIOD, describe_readings
 from neurosym_jax.data.windows import cut_windows, make_batches
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import forecaster_of
@@ -171,17 +171,13 @@ def _unseen(run: Run, source: Source) -> list[str]:
 
 def _tensorboard(folder: Path, stack: contextlib.ExitStack) -> Callable[[dict[str, Any]], None]:
     """A function that writes a row of metrics to an event file in `folder`, closed by `stack`."""
-    try:
-        from tensorboardX import SummaryWriter  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        needed = "pip install 'neurosym-jax[tensorboard]'"
-        raise InputError(f"--log tensorboard needs tensorboardX: {needed}") from None
+    library = optional_module("tensorboardX", "--log tensorboard", "tensorboard")
     writers: list[Any] = []
 
     def write(row: dict[str, Any]) -> None:
         if not writers:
             # Steps beyond the saved state that a run resumes from are hidden.
-            writers.append(SummaryWriter(str(folder), purge_step=row["step"]))
+            writers.append(library.SummaryWriter(str(folder), purge_step=row["step"]))
             stack.callback(writers[0].close)
         for name in sorted(row.keys() - {"step"}):
             writers[0].add_scalar(name, row[name], row["step"])

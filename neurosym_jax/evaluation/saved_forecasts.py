@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.evaluation.forecasts import last_frames, recording_names
 from neurosym_jax.evaluation.plan import Test
 from neurosym_jax.evaluation.trajnet import DECIMALS, write_trajnet
@@ -135,8 +135,4 @@ def to_xarray(samples: ArrayLike, *, period: float = 0.4, **arrays: ArrayLike) -
 
 
 def _xarray() -> Any:
-    try:
-        import xarray  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise InputError(".nc files need xarray: pip install 'neurosym-jax[frames]'") from None
-    return xarray
+    return optional_module("xarray", "a .nc file", "frames")

@@ -30,9 +30,7 @@ NEAR = 8.0
 def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     """[] mean log score of the QTC_C1 state at each step, nats, and [] the number of pairs."""
 
-    settings = dataclasses.replace(SETTINGS, period=scene.period)
-
-    def states(*paths: Array) -> Array:
+    def states(settings: SymbolSettings, *paths: Array) -> Array:
         return state_steps(settings, *paths).astype(jnp.int16)
 
     return _log_score(states, len(all_states("c1")), forecast, scene)
@@ -41,9 +39,7 @@ def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
 def event_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     """[] mean log score of the events, nats, and [] the number of pairs."""
 
-    settings = dataclasses.replace(SETTINGS, period=scene.period)
-
-    def happens(*paths: Array) -> Array:
+    def happens(settings: SymbolSettings, *paths: Array) -> Array:
         first = event_steps(settings, tuple(EVENTS), *paths)
         return jnp.moveaxis(first < forecast.shape[2], 0, -1)
 
@@ -54,16 +50,17 @@ def _log_score(
     classes_of: Callable[..., Array], classes: int, forecast: Array, scene: Scene
 ) -> tuple[Array, Array]:
     """The mean score of the scene's pairs, whose paths have the classes `[N, N, ...]`."""
+    settings = dataclasses.replace(SETTINGS, period=scene.period)
     last = jnp.asarray(scene.observed)[:, -1]
 
     def of(future: Array) -> Array:
         path = jnp.concatenate([last[:, None], future], axis=1)
-        return classes_of(path[:, None], path)
+        return classes_of(settings, path[:, None], path)
 
     true = of(jnp.asarray(scene.known_future))
     # One sample after the other, for [k, N, N, T, 2] numbers of a crowd are many.
     hits = jax.lax.map(lambda future: of(future) == true, forecast).sum(axis=0)
-    smoothing = SETTINGS.smoothing
+    smoothing = settings.smoothing
     scores = -jnp.log((hits + smoothing / classes) / (len(forecast) + smoothing))
     near = jnp.square(last[:, None] - last[None]).sum(axis=-1) <= NEAR**2
     pairs = near & other_pairs(scene.valid)

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import optional_module
 from neurosym_jax.forecasting.model import Model, forecast_scene
 from neurosym_jax.interop.onnx import to_onnx
 from neurosym_jax.scene import make_scene
@@ -32,14 +32,12 @@ def export_model(model: Model, samples: int = 20) -> bytes:
         InputError: for k that the model cannot make, a model that needs more than positions, and
             without flatbuffers.
     """
+    optional_module("flatbuffers", "exporting", "export")  # JAX imports it.
     program = program_of(model, samples)
     arguments = _arguments(model, str(model.forecaster.count(samples)))
-    try:
-        with jax.enable_x64(False):
-            exported = jax.export.export(jax.jit(program), platforms=("cpu", "cuda"))
-            return bytes(exported(*arguments.values()).serialize())
-    except ImportError:
-        raise InputError("exporting needs flatbuffers: pip install neurosym-jax[export]") from None
+    with jax.enable_x64(False):
+        exported = jax.export.export(jax.jit(program), platforms=("cpu", "cuda"))
+        return bytes(exported(*arguments.values()).serialize())
 
 
 def export_onnx(model: Model, samples: int = 20) -> bytes:

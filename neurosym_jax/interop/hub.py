@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.errors import InputError, printable
+from neurosym_jax.errors import InputError, optional_module, printable
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import FILES, load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
@@ -45,12 +45,9 @@ def push_to_hub(model: Model, name: str, *, private: bool = False, card: str | N
 @contextlib.contextmanager
 def _hub(name: str) -> Iterator[Any]:
     """The module huggingface_hub, whose errors become one line that names the repository."""
+    hub = optional_module("huggingface_hub", f"{name}: the Hub", "hub")
     try:
-        import huggingface_hub  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise InputError(f"{name}: the Hub needs pip install neurosym-jax[hub]") from None
-    try:
-        yield huggingface_hub
+        yield hub
     except InputError:
         raise
     except Exception as error:

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.interop.onnx_operations import TRANSLATIONS
 
 __all__ = ["to_onnx"]
@@ -56,10 +56,7 @@ def to_onnx(
     Raises:
         InputError: without onnx, and for an operation that has no translation.
     """
-    try:
-        import onnx
-    except ImportError:
-        raise InputError("exporting to ONNX needs onnx: pip install neurosym-jax[onnx]") from None
+    onnx = optional_module("onnx", "exporting to ONNX", "onnx")
     with jax.enable_x64(False):
         closed = jax.jit(function).trace(*arguments.values()).jaxpr
         graph = _Graph(onnx)

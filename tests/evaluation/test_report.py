@@ -90,7 +90,7 @@ def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
     )
     assert own.time.values[0] == 0.5
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match="need xarray: pip install"):
+    with pytest.raises(InputError, match="needs xarray: pip install"):
         check_forecasts_file(tmp_path / "other.nc")
 
 

@@ -138,7 +138,7 @@ def test_a_missing_model_is_named_in_one_line(monkeypatch):
     with pytest.raises(InputError, match="absent: no such checkpoint"):
         from_pretrained("absent")
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)
-    with pytest.raises(InputError, match=r"me/walkers: the Hub needs pip install .*\[hub\]"):
+    with pytest.raises(InputError, match=r"me/walkers: the Hub needs huggingface_hub: .*\[hub\]"):
         from_pretrained("me/walkers")
     with pytest.raises(InputError, match="the Hub needs"):
         push_to_hub(load_model("sgan_simulations_8"), "me/walkers")

@@ -157,5 +157,5 @@ def test_the_command_and_what_is_refused(tmp_path, capsys, monkeypatch):
     with pytest.raises(InputError, match="ONNX: the operation sort has no translation"):
         to_onnx(lambda x: (jnp.sort(x),), argument, ["y"], {})
     monkeypatch.setitem(__import__("sys").modules, "onnx", None)
-    with pytest.raises(InputError, match=r"needs onnx: pip install neurosym-jax\[onnx\]"):
+    with pytest.raises(InputError, match=r"needs onnx: pip install 'neurosym-jax\[onnx\]'"):
         run(SMALL, tmp_path / "b.onnx")

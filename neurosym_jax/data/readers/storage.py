@@ -21,7 +21,7 @@ from neurosym_jax.data.schema import names_tracks, plain_name
 from neurosym_jax.data.table import Table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.witnesses import RATES
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, optional_module
 
 __all__ = ["FRAME", "Json", "Storage", "is_frame", "table_of"]
 
@@ -151,8 +151,6 @@ def _table_in_storage(path: Path, magic: bytes) -> Table:
         columns, facts = {"sqlite": _in_sqlite, "hdf5": _in_hdf5}.get(kind, _in_columns)(path)
     except (sqlite3.Error, OSError, pl.exceptions.PolarsError, KeyError) as error:
         raise InputError(f"{path}: cannot be read as {kind} ({error})") from None
-    except ImportError as error:
-        raise InputError(f"{path}: {error} (pip install 'neurosym-jax[hdf5]')") from None
     return _table(path, columns, facts)
 
 
@@ -192,7 +190,7 @@ def _in_sqlite(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
 
 def _in_hdf5(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
     """The data set `trajectory`, or the only one with named fields, and its attribute fps."""
-    h5py = importlib.import_module("h5py")
+    h5py = optional_module("h5py", f"{path}: HDF5", "hdf5")
     with h5py.File(path) as file:
         sets = {
             name: item for name, item in file.items() if getattr(item, "dtype", None) is not None
