@@ -4,7 +4,7 @@ from collections import Counter
 
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import models_at_hand
+from neurosym_jax.forecasting.model_places import DOWNLOADED, models_at_hand
 
 __all__ = ["run"]
 
@@ -18,7 +18,6 @@ FAMILIES = {
     "sgan-20vp": "SGAN as published, with pooling (the same download)",
 }
 OTHERS = "others"
-DOWNLOADS = {"sgan-models": "sgan-20v", "sgan-p-models": "sgan-20vp"}
 
 
 def run(all: bool = False) -> None:
@@ -33,7 +32,8 @@ def run(all: bool = False) -> None:
     """
     print("recommended: take this one; it is the anchors model for your data set and horizon\n")
     if not all:
-        names = [DOWNLOADS.get(name.partition("/")[0], name) for name, _ in models_at_hand()]
+        downloads = {folder.name: name for name, folder in DOWNLOADED.items()}
+        names = [downloads.get(name.partition("/")[0], name) for name, _ in models_at_hand()]
         longest_first = sorted(FAMILIES, key=len, reverse=True)
         counts = Counter(next(filter(name.startswith, longest_first), OTHERS) for name in names)
         for family, meaning in FAMILIES.items():

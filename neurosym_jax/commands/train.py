@@ -40,9 +40,6 @@ from neurosym_jax.training.run import Run
 
 __all__ = ["Options", "closing_line", "configured", "make_run", "run"]
 
-LENGTH = 8
-"""Steps observed, and forecast, where nothing says how many."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Options:
@@ -213,19 +210,19 @@ def configured(options: Options) -> tuple[Any, Any, Model | None]:
     """
     chosen = {"pooling": options.pooling, "weighting": options.weighting}
     changes = [f"{name}={value}" for name, value in chosen.items() if value is not None]
-    lengths = {"obs_len": options.obs_len, "pred_len": options.pred_len}
+    stated = {name: getattr(options, name) for name in ("obs_len", "pred_len", "period")}
+    lengths = {name: value for name, value in stated.items() if value is not None}
     if options.init is None:
         init = None
-        steps = {name: LENGTH if value is None else value for name, value in lengths.items()}
-        period = PERIOD if options.period is None else options.period
-        config = make_config(options.model or "sgan", **steps, changes=[*changes, *options.network])
-        config = dataclasses.replace(config, period=period)
+        config = make_config(
+            options.model or "sgan", **lengths, changes=[*changes, *options.network]
+        )
     else:
         refuse_unused(options, ["model", *chosen, "network"], "with --init, which has its network")
         init = load_model(options.init, dataset=options.dataset, pred_len=options.pred_len)
         config = init.config
-        for name, value in {**lengths, "period": options.period}.items():
-            if value not in (None, has := getattr(config, name)):  # As its numbers mean it.
+        for name, value in lengths.items():
+            if value != (has := getattr(config, name)):  # As its numbers mean it.
                 flag = name.replace("_", "-")
                 raise InputError(f"--{flag} {value}: the model {options.init} has {has}")
     forecaster = forecaster_of(config)

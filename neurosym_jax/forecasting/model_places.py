@@ -10,7 +10,7 @@ from neurosym_jax.data.readers.eth_ucy import SCENES
 from neurosym_jax.data.sources import GENERAL, data_folder, find
 from neurosym_jax.errors import InputError, InputWarning
 
-__all__ = ["RECOMMENDED", "find_checkpoints", "find_model", "models_at_hand"]
+__all__ = ["DOWNLOADED", "RECOMMENDED", "find_checkpoints", "find_model", "models_at_hand"]
 __all__ += ["shipped_models", "shipped_name", "state_of_run"]
 
 RECOMMENDED = "recommended"

@@ -29,7 +29,12 @@ def make_recipe(
 
 
 def make_config(
-    model: str = "sgan", *, obs_len: int = 8, pred_len: int = 8, changes: Sequence[str] = ()
+    model: str = "sgan",
+    *,
+    obs_len: int = 8,
+    pred_len: int = 8,
+    period: float = 0.4,
+    changes: Sequence[str] = (),
 ) -> Any:
     """The configuration of a model by name: `sgan`, `neurosym`, `anchors`, or a plugin's.
 
@@ -37,6 +42,7 @@ def make_config(
         model: which.
         obs_len: observed steps.
         pred_len: steps to forecast.
+        period: seconds between steps.
         changes: of the published sizes, each NAME=VALUE of a field of the configuration, such as
             `pooling=social` or `weighting=cnd`.
 
@@ -46,8 +52,8 @@ def make_config(
     """
     configs = known_configs()
     refuse(Literal[*configs], {"model": model})
-    config = dataclasses.replace(configs[model], obs_len=obs_len, pred_len=pred_len)
-    config = changed(config, changes, "config", model)
+    lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
+    config = changed(dataclasses.replace(configs[model], **lengths), changes, "config", model)
     if (other := forecaster_of(config).model) != model:
         raise InputError(f"model {model!r}: {', '.join(changes)} makes it {other!r}")
     return config

@@ -94,6 +94,10 @@ def test_tensorboard_has_the_rows(files, tmp_path, monkeypatch):
     assert events(tmp_path) == expected
 
 
+def test_a_change_of_the_network_may_be_its_period():
+    assert train.configured(Options(network=("period=0.2",)))[0].period == 0.2
+
+
 def test_one_recording_of_thor_left_out(shared):
     name = "CLiFF-LHMP_thor3_exp-3-run-2"
     with pytest.warns(InputWarning, match="goals_positions"):
