@@ -15,16 +15,13 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.commands import train as train_command
-from neurosym_jax.evaluation.intervals import ErrorsByScene
-from neurosym_jax.evaluation.report import write_report
-from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.anchors.network import AnchorTableConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.training.sweep_report import compare_sweep, write_errors
+from neurosym_jax.training.sweep_report import compare_sweep
 from tests.repository import run_python
-from tests.rows import result_row
+from tests.rows import write_sweep
 
 STILL = Model(Lengths(4, 3), {}, None, "constant_velocity")
 
@@ -127,21 +124,14 @@ def test_additional_recordings_have_the_steps_of_the_run(tmp_path):
     assert len({reading.recording for reading in training.reading}) == 2
 
 
-SWEPT = ("joint_ade", "joint_fde")
-
-
 def sweep(folder, differences, frames=160):
     """A sweep of two models whose errors differ by `differences [seeds, frames]`."""
-    rows, errors = [], []
-    for seed, difference in enumerate(differences):
-        for model, values in (("SGAN", np.full(frames, 1.0)), ("NeuroSyM", 1.0 + difference)):
-            identity = np.stack([np.zeros(frames), np.arange(frames)], 1).astype(np.uint32)
-            scores = {name: Score(3 * values, np.full(frames, 3.0)) for name in SWEPT}
-            errors.append(ErrorsByScene(scores, identity, 16))
-            means = dict(zip(SWEPT, errors[-1].mean.tolist()))
-            rows.append(result_row(model, "eth", means, f"{model}_{seed}", training_seed=seed))
-    write_report(folder / "sweep.json", rows, {})
-    write_errors(folder, errors)
+    runs = [
+        (model, "eth", seed, {"joint_ade": values})
+        for seed, difference in enumerate(differences)
+        for model, values in (("SGAN", np.full(frames, 1.0)), ("NeuroSyM", 1.0 + difference))
+    ]
+    write_sweep(folder, runs)
     compare_sweep(folder, "SGAN")
     return pl.read_csv(folder / "report.csv").filter(metric="joint_ade").row(0, named=True)
 

@@ -25,7 +25,7 @@ from neurosym_jax.symbolic.states import alpha_table
 from neurosym_jax.symbolic.weighting import Parameters, Weighting, initial_parameters
 
 __all__ = ["WEIGHTINGS", "Cnd", "CndShipped", "Learned", "Ones", "Quantised", "Shuffled", "Soft"]
-__all__ += ["Zeros", "make_weighting", "register_weighting", "to_wrong_pairs"]
+__all__ += ["Zeros", "make_weighting", "register_weighting"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,8 +166,9 @@ class Soft(Quantised):
 class Shuffled(Cnd):
     """The weights of `quantised` with the wrong pairs, and the last step first.
 
-    Each neighbour of an agent gets those of the next nearer one, the nearest those of the farthest:
-    the same weights in the same scene, without their meaning.
+    Each neighbour of an agent gets those of the next nearer one at the last position, the nearest
+    those of the farthest: the same weights in the same scene, without their meaning. The order
+    follows from the scene alone: neither rotation nor padding nor the order of agents changes it.
     """
 
     title = "shuffled"
@@ -178,22 +179,13 @@ class Shuffled(Cnd):
     ) -> Array:
         """See `Cnd.observed`."""
         observed = super().observed(parameters, positions, valid, period)
-        return to_wrong_pairs(observed, positions[:, -1], valid)
-
-
-def to_wrong_pairs(observed: Array, last: Array, valid: Array) -> Array:
-    """`observed [N, N, T-1]` of `shuffled`, by the last positions `last [N, 2]`.
-
-    Each agent keeps its weights in another order, which follows from the scene alone: neither
-    rotation nor padding nor the order of the agents changes it.
-    """
-    others = other_pairs(valid)
-    square_distance = jnp.square(last[:, None] - last[None]).sum(axis=-1)
-    order = jnp.argsort(jnp.where(others, square_distance, jnp.inf), axis=1)
-    rank = jnp.argsort(order, axis=1)
-    count = jnp.maximum(others.sum(axis=1, keepdims=True), 1)
-    source = jnp.take_along_axis(order, (rank - 1) % count, axis=1)
-    return jnp.take_along_axis(observed[..., ::-1], source[..., None], axis=1)
+        others, last = other_pairs(valid), positions[:, -1]
+        square_distance = jnp.square(last[:, None] - last[None]).sum(axis=-1)
+        order = jnp.argsort(jnp.where(others, square_distance, jnp.inf), axis=1)
+        rank = jnp.argsort(order, axis=1)
+        count = jnp.maximum(others.sum(axis=1, keepdims=True), 1)
+        source = jnp.take_along_axis(order, (rank - 1) % count, axis=1)
+        return jnp.take_along_axis(observed[..., ::-1], source[..., None], axis=1)
 
 
 @dataclasses.dataclass(frozen=True)

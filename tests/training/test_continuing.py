@@ -70,6 +70,16 @@ def scripted(monkeypatch, scores, losses=None):
     )
 
 
+def interrupt_at(step):
+    """A function of rows that is a Ctrl-C at this step."""
+
+    def interrupt(row):
+        if row["step"] == step:
+            raise KeyboardInterrupt
+
+    return interrupt
+
+
 def steps_of(folder):
     return [json.loads(line)["step"] for line in (folder / "metrics.jsonl").open()]
 
@@ -173,12 +183,7 @@ def test_a_schedule_that_ended_goes_on_and_says_so(table, tmp_path, capsys):
 
 def test_after_an_interruption_the_best_state_is_the_model(table, tmp_path):
     """ml-agents 980, coqui 99: Ctrl-C loses the model. Also where one's own function raises."""
-
-    def interrupt(row):
-        if row["step"] == 4:
-            raise KeyboardInterrupt
-
-    rows = []
+    rows, interrupt = [], interrupt_at(4)
     with pytest.raises(KeyboardInterrupt):
         train_run(
             with_recipe(table, steps=8), tmp_path, on_row=lambda r: (rows.append(r), interrupt(r))
@@ -232,14 +237,9 @@ def test_smaller_steps_stay_smaller_after_resumption(table, tmp_path, monkeypatc
     with monkeypatch.context() as patched:
         bad = [np.nan, 1.0, 1.0]
         scripted(patched, [3.0, 2.0], lambda done, count: np.full(count, bad.pop(0)))
-
-        def interrupt(row):
-            if row["step"] == 4:
-                raise KeyboardInterrupt
-
         longer = with_recipe(table, steps=6)
         with pytest.raises(KeyboardInterrupt):
-            train_run(longer, tmp_path, on_row=interrupt)
+            train_run(longer, tmp_path, on_row=interrupt_at(4))
     used = []
     with monkeypatch.context() as patched:
         scripted(patched, [2.5, 1.0])
@@ -259,14 +259,9 @@ def test_patience_counts_from_the_best_and_survives_resumption(table, tmp_path, 
     train_run(patient, tmp_path / "whole")
     assert steps_of(tmp_path / "whole") == [2, 4, 6, 8, 10, 12]
     assert load_model(tmp_path / "whole").step == 6
-
-    def interrupt(row):
-        if row["step"] == 10:
-            raise KeyboardInterrupt
-
     scripted(monkeypatch, scores)
     with pytest.raises(KeyboardInterrupt):
-        train_run(patient, tmp_path / "cut", on_row=interrupt)
+        train_run(patient, tmp_path / "cut", on_row=interrupt_at(10))
     scripted(monkeypatch, scores[4:])
     train_run(patient, tmp_path / "cut", resume=True)
     assert steps_of(tmp_path / "cut") == [2, 4, 6, 8, 10, 12]

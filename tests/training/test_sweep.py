@@ -15,13 +15,10 @@ from neurosym_jax.commands._options import options_text, with_file
 from neurosym_jax.commands._running import load_plugins
 from neurosym_jax.commands.sweep import plan_runs, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.intervals import ErrorsByScene
-from neurosym_jax.evaluation.report import write_report
-from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.training.sweep import unfinished
-from neurosym_jax.training.sweep_report import compare_sweep, write_errors
-from tests.rows import result_row
+from neurosym_jax.training.sweep_report import compare_sweep
+from tests.rows import write_sweep
 
 CHOSEN = sweep.Options(weighting=("cnd", "ones"), dataset=("cross-path",), seed=(0, 1))
 
@@ -123,22 +120,12 @@ BETTER = {"SGAN": 0.0, "NeuroSyM, ones": 0.01, "NeuroSyM, cnd": 0.1}
 def folder(tmp_path):
     """A sweep of three models of which one is 9 cm better than the others, on two test sets."""
     draw = np.random.default_rng(0)
-    rows, errors = [], []
+    runs = []
     cases = itertools.product(BETTER, (("eth", 70), ("zara1", 160)), range(3))
     for model, (scene, count), seed in cases:
         draws = 0.5 - BETTER[model] + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
-        identity = np.stack([np.zeros(count), np.arange(count)], 1).astype(np.uint32)
-        scores = {
-            name: Score(3 * column, np.full(count, 3.0)) for name, column in zip(METRICS, draws.T)
-        }
-        errors.append(ErrorsByScene(scores, identity, 16))
-        means, name = dict(zip(METRICS, errors[-1].mean.tolist())), f"{model}_{scene}_{seed}"
-        rows.append(result_row(model, scene, means, name, training_seed=seed))
-    constant = {"model": "constant velocity", "checkpoint": None, "training_seed": None}
-    rows.insert(0, {**rows[0], **constant})
-    errors.insert(0, errors[0])
-    write_report(tmp_path / "sweep.json", rows, {})
-    write_errors(tmp_path, errors)
+        runs.append((model, scene, seed, dict(zip(METRICS, draws.T))))
+    write_sweep(tmp_path, [("constant velocity", "eth", None, runs[0][-1]), *runs])
     return tmp_path
 
 
