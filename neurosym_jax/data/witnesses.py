@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.reading import METRES
+from neurosym_jax.data.reading import metres_in
 from neurosym_jax.data.schema import Schema, plain_name, role_of
 from neurosym_jax.data.table import Table, read_table
 from neurosym_jax.errors import InputError
@@ -42,7 +42,8 @@ def facts_of(table: Table, schema: Schema) -> dict[str, str]:
     facts = dict[str, str]()
 
     def add(key: str, value: str, witness: str) -> None:
-        if key in facts and _amount(facts[key]) != _amount(value):
+        number = metres_in if key == "unit" else float
+        if key in facts and number(facts[key]) != number(value):
             raise InputError(
                 f"{table.path}: {facts[key + '_by']} says {key} {facts[key]}, {witness} {value}: "
                 "which is right?"
@@ -71,10 +72,6 @@ def facts_of(table: Table, schema: Schema) -> dict[str, str]:
         for key, value in _facts_in(path).items():
             add(key, value, path.name)
     return facts
-
-
-def _amount(value: str) -> float:
-    return METRES.get(value) or float(value)
 
 
 def _beside(path: Path) -> list[Path]:

@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -68,6 +69,23 @@ def test_as_text(tmp_path, library, name):
         assert tracks.reading == dataclasses.replace(other.reading, file=None)
         for outcome in ("recording", "stamp", "id", "position", "extras"):
             np.testing.assert_equal(getattr(tracks, outcome), getattr(other, outcome))
+
+
+def test_objects_of_pedpy_and_movingpandas_are_known_by_what_they_have():
+    """The first has its rate beside the table; the second a frame a person, indexed by time."""
+    pytest.importorskip("pandas")
+    frame = frame_of("pandas", table(t=None, frame=CROWD.step))
+    pedpy = SimpleNamespace(data=frame, frame_rate=2.5)
+    timed = frame_of("pandas", table(t=STAMPS)).set_index("t")
+    people = [SimpleNamespace(df=part) for _, part in timed.groupby("id")]
+    movingpandas = SimpleNamespace(trajectories=people)
+    (expected,) = read_any(frame_of("pandas", table()))
+    for data in (pedpy, movingpandas):
+        (tracks,) = read_any(data)
+        np.testing.assert_array_equal(tracks.id, expected.id)
+        np.testing.assert_array_equal(tracks.position, expected.position)
+        seconds = tracks.stamp - tracks.stamp.min()
+        np.testing.assert_allclose(seconds, expected.stamp - expected.stamp.min(), atol=1e-6)
 
 
 def test_wherever_recordings_are_taken(tmp_path):

@@ -7,7 +7,7 @@ import contextlib
 import importlib
 import json
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -84,7 +84,9 @@ def table_of(data: Any) -> Table:
     if _is_pedpy(data):
         facts, data = {"fps": str(float(data.frame_rate))}, data.data
     elif _is_moving(data):
-        data = _joined([track.df for track in getattr(data, "trajectories", [data])])
+        frames = (track.df for track in getattr(data, "trajectories", [data]))
+        timed = [frame.rename_axis(index="t").reset_index() for frame in frames]
+        data = importlib.import_module("pandas").concat(timed)
     if hasattr(data, "collect"):
         data = data.collect()
     if hasattr(data, "to_pydict"):
@@ -99,12 +101,6 @@ def table_of(data: Any) -> Table:
     else:
         columns = {name: _texts(data[name]) for name in data.columns}
     return _table(FRAME, columns, facts)
-
-
-def _joined(frames: Sequence[Any]) -> Any:
-    """Pandas frames of one trajectory each, whose index is the time."""
-    concat = importlib.import_module("pandas").concat
-    return concat([frame.rename_axis(index="t").reset_index() for frame in frames])
 
 
 def _columns_of_pandas(columns: Mapping[str, Any]) -> Any:
