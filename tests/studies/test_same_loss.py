@@ -60,6 +60,8 @@ def test_the_table_says_who_is_ahead_of_sgan(study):
             last = step == study.TESTED[-1]
             lines.append(("hotel", "variety", network, seed, step, "test", error if last else 9.0))
             lines.append(("hotel", "variety", network, seed, step, "val", 9.0))
+    # A seed that not all arms have yet does not count.
+    lines.append(("hotel", "variety", "sgan", 6, study.TESTED[-1], "test", 99.0))
     columns = ("place", "loss", "network", "seed", "step", "split", "value")
     rows = pl.DataFrame(lines, schema=columns, orient="row").with_columns(
         metric=pl.lit("joint_ade")
@@ -68,6 +70,7 @@ def test_the_table_says_who_is_ahead_of_sgan(study):
     answers = {network: cells[-1].strip(" |") for _, network, *cells in table}
     assert answers == {"sgan": "", "ijcnn": "**behind**", "ros": "**ahead**", "described": "open"}
     means = {network: float(cells[1]) for _, network, *cells in table}
+    assert means["sgan"] == pytest.approx(0.45, abs=0.005)
     assert means["ros"] == pytest.approx(0.9 * 0.45, abs=0.005)
     percent = {network: cells[2] for _, network, *cells in table}
     assert percent["ijcnn"].startswith("+")
