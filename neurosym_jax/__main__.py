@@ -2,8 +2,8 @@
 
 Other packages add theirs by entry points in the group `neurosym_jax.commands`. A command's file
 has a function `run`, whose parameters are the options or, where it has a dataclass `Options`, that;
-and sometimes `prepare` (see `commands/_running.py`). The first line of its docstring is its line in
-the list. It is imported only when it is called.
+and sometimes `prepare_arguments` (see `commands/_running.py`). The first line of its docstring is
+its line in the list. It is imported only when it is called.
 """
 
 import ast
@@ -58,7 +58,7 @@ def _run(arguments: list[str]) -> None:
         command = importlib.import_module(modules[name])
         from neurosym_jax.commands._running import run_command
 
-        prepare = getattr(command, "prepare", list)
+        prepare = getattr(command, "prepare_arguments", list)
         called = (command.Options, command.run) if hasattr(command, "Options") else (command.run,)
         run_command(*called, arguments=rest, prog=f"neurosym {name}", prepare=prepare)
     else:

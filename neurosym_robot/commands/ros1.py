@@ -9,7 +9,7 @@ from neurosym_robot.ros.ros1 import ForecastNode
 from neurosym_robot.ros.tcpros import CallError, Refused, call, master_uri, node_name
 
 
-def prepare(arguments: Sequence[str]) -> list[str]:
+def prepare_arguments(arguments: Sequence[str]) -> list[str]:
     """`a:=b` as `--remap a:=b`, `__name:=` as `--name`, and the master's parameters as options.
 
     Raises:

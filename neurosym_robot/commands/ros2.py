@@ -16,7 +16,7 @@ from neurosym_robot.ros.ros2 import ForecastNode, import_rclpy, message_type, no
 Message = Literal["People", "Humans", "TrackedPersons", "Agents", "Detection3DArray", "PoseArray"]
 
 
-def prepare(arguments: Sequence[str]) -> list[str]:
+def prepare_arguments(arguments: Sequence[str]) -> list[str]:
     """The part between `--ros-args` and `--` as one option, and its parameters as options."""
     rest, ros_arguments = list(arguments), []
     while "--ros-args" in rest:
