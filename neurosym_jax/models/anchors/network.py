@@ -132,6 +132,12 @@ class AnchorConfig(AnchorTableConfig):
         """Whether people see each other."""
         return self.geometry or self.symbols
 
+    def pair_features(
+        self, observed: Array, velocity: Array, heading: Array, valid: Array, near: Array | None
+    ) -> tuple[Array, Array, Array]:
+        """What the attention sees, see `frames.pair_features`; a subclass may add features."""
+        return pair_features(self, observed, velocity, heading, valid, near)
+
 
 class AnchorNetwork(nn.Module):
     """k joint forecasts of one scene, their log-probabilities, and points of each person."""
@@ -163,7 +169,7 @@ class AnchorNetwork(nn.Module):
         own = [hertz * past.reshape(past.shape[0], -1), hertz * length(steps), speeds, roughness]
         state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
         if config.interacts:
-            pairs, gate, crowd = pair_features(config, observed, velocity, heading, valid, near)
+            pairs, gate, crowd = config.pair_features(observed, velocity, heading, valid, near)
             if alpha is not None:
                 gate = gate * jnp.maximum(alpha, 0)
             pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
