@@ -13,6 +13,7 @@ import polars as pl
 from neurosym_jax.evaluation.intervals import holm
 
 __all__ = ["ENERGY", "INTERACTING", "LEVEL", "MARGIN", "Comparison", "Runs", "adjusted", "answer"]
+__all__ += ["p_text", "percent_text"]
 
 INTERACTING = "interacting joint_ade"
 """The primary metric."""
@@ -24,7 +25,7 @@ LEVEL = 0.05
 ALIVE = 0.95
 """Least share of people with a near neighbour whom a run's network changes for it."""
 DEAD = 0.1
-"""An arm with a larger share of runs below `ALIVE` answers nothing."""
+"""An arm with a larger share of runs below `ALIVE` answers nothing, if a part says no other."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,21 +48,24 @@ class Comparison:
     """Per cent: the least margin within which nine of ten such studies would show equivalence,
     were there no difference."""
     answered: bool
-    """Whether at most a tenth of each arm's runs ignore neighbours."""
+    """Whether few enough of each arm's runs ignore neighbours."""
 
 
 class Runs:
     """The table of runs, without those whose network ignores neighbours."""
 
-    def __init__(self, rows: pl.DataFrame):
-        """Hold `rows` of set, arm, seed, metric and value."""
+    def __init__(self, rows: pl.DataFrame, tolerated: float = DEAD):
+        """Hold `rows` of set, arm, seed, metric and value.
+
+        An arm with a larger share of dead runs than `tolerated` answers nothing.
+        """
         # `right` weights almost all pairs 0, so most neighbours must change nobody.
         near = rows.filter(pl.col("arm") != "encounter, right", metric="neighbour_near")
         dead = pl.col("value") < ALIVE
         arms = near.group_by("set", "arm", maintain_order=True).agg(dead.sum(), runs=dead.len())
         self.dead = arms.filter(pl.col("value") > 0)
         """Rows of set, arm, value (runs that are left out) and runs."""
-        silent = self.dead.filter(pl.col("value") > DEAD * pl.col("runs"))
+        silent = self.dead.filter(pl.col("value") > tolerated * pl.col("runs"))
         self._silent = set(silent.select("set", "arm").iter_rows())
         self.rows = rows.join(near.filter(dead), on=["set", "arm", "seed"], how="anti")
 
@@ -118,3 +122,13 @@ def answer(comparison: Comparison) -> str:
     if comparison.p < LEVEL:
         return "helps" if comparison.percent < 0 else "harms"
     return f"no effect beyond {MARGIN:g} %" if comparison.p_equivalent < LEVEL else "open"
+
+
+def percent_text(comparison: Comparison) -> str:
+    """The difference in per cent and half its interval, `−0.5 ± 1.3`."""
+    return f"{comparison.percent:+.1f} ± {comparison.half:.1f}".replace("-", "−")
+
+
+def p_text(value: float) -> str:
+    """A p value, `.012` or `< .001`."""
+    return "< .001" if value < 0.001 else f"{value:.3f}".removeprefix("0")

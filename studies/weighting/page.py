@@ -21,6 +21,8 @@ from studies.weighting.comparison import (
     Runs,
     adjusted,
     answer,
+    p_text,
+    percent_text,
 )
 from studies.weighting.scores import EVENTS
 from studies.weighting.text import ANSWER, TEXT
@@ -97,9 +99,9 @@ def _questions(comparisons: Sequence[Comparison]) -> str:
             comparison.dataset,
             f"{comparison.arm} − {comparison.reference}",
             str(comparison.seeds),
-            _percent(comparison),
-            _p(comparison.p),
-            _p(comparison.p_equivalent),
+            percent_text(comparison),
+            p_text(comparison.p),
+            p_text(comparison.p_equivalent),
             f"{comparison.reach:.1f}",
             f"**{answer(comparison)}**",
         ]
@@ -125,16 +127,8 @@ def _table(comparisons: Sequence[Comparison]) -> str:
 
 
 def _cell(comparison: Comparison) -> str:
-    text = _percent(comparison)
+    text = percent_text(comparison)
     return f"**{text}**" if comparison.p_equivalent < LEVEL else text
-
-
-def _percent(comparison: Comparison) -> str:
-    return f"{comparison.percent:+.1f} ± {comparison.half:.1f}".replace("-", "−")
-
-
-def _p(value: float) -> str:
-    return "< .001" if value < 0.001 else f"{value:.3f}".removeprefix("0")
 
 
 def _inputs(runs: Runs) -> Figure:
