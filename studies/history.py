@@ -56,7 +56,7 @@ __all__ += ["symbol_history"]
 HEAD = ("set", "arm", "seed", "metric", "value")
 METRICS = (INTERACTING, ENERGY, "all joint_ade", "all energy_score", "neighbour_near")
 PLACES = ("corridors", "zara2", "univ")
-SEEDS = range(8)
+SEEDS = range(24)
 MEAN = "mean"
 """The set of the mean over places."""
 Pair = tuple[str, str]
@@ -243,7 +243,8 @@ def report(rows: pl.DataFrame) -> str:
         for endpoints in _by_pair(adjusted(compare("interacting", places, QUESTIONS))):
             row = _labels(endpoints[0])
             for comparison in endpoints:
-                row += [percent_text(comparison), p_text(comparison.p), f"**{answer(comparison)}**"]
+                verdict = answer(comparison).replace("no effect beyond", "within")
+                row += [percent_text(comparison), p_text(comparison.p), f"**{verdict}**"]
             answers.append(row)
     further = [
         [people, *_labels(endpoints[0])[1:], *map(percent_text, endpoints)]
