@@ -15,7 +15,7 @@ import functools
 import itertools
 import sys
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -60,8 +60,11 @@ SEEDS = range(24)
 MEAN = "mean"
 """The set of the mean over places."""
 Pair = tuple[str, str]
+"""An arm and its reference."""
+Endpoints = tuple[Comparison, Comparison]
+"""A comparison by joint ADE, and the same by the energy score."""
 QUESTIONS: tuple[Pair, ...] = (("symbols", "now"), ("both", "geometry"))
-"""The primary comparisons, an arm and its reference."""
+"""The primary comparisons."""
 FURTHER: tuple[Pair, ...] = (("geometry", "now"), ("symbols", "geometry"))
 RECIPE = dataclasses.replace(
     ANCHORS, steps=800, learning_rate=2e-3, batch_scenes=64, batch_people=320
@@ -213,8 +216,8 @@ def with_mean(rows: pl.DataFrame) -> pl.DataFrame:
     as much as at the place where it does least.
     """
     counts = rows.filter(metric=METRICS[0]).group_by("seed").len()
-    whole = counts.filter(pl.col("len") == len(PLACES) * len(ARMS))
-    rows = rows.join(whole, on="seed", how="semi")
+    seeds = counts.filter(pl.col("len") == len(PLACES) * len(ARMS))
+    rows = rows.join(seeds, on="seed", how="semi")
     level = rows.filter(arm="now").group_by("set", "metric").agg(level=pl.col("value").mean())
     ratio = pl.col("value") / pl.col("level")
     near = pl.col("metric") == "neighbour_near"
@@ -231,25 +234,25 @@ def report(rows: pl.DataFrame) -> str:
     """Tables of the answers, and of the mean's further comparisons; networks left out, if any."""
     runs = Runs(with_mean(rows), TOLERATED)
 
-    def compare(people: str, places: Sequence[str], pairs: Sequence[Pair]) -> list[Comparison]:
-        """All of them by joint ADE, then all by the energy score."""
-        metrics = (f"{people} joint_ade", f"{people} energy_score")
-        arguments = itertools.product(metrics, places, pairs)
-        compared = [runs.compare(place, *pair, metric) for metric, place, pair in arguments]
-        return [comparison for comparison in compared if comparison is not None]
+    def compare(people: str, places: Sequence[str], pairs: Sequence[Pair]) -> list[Endpoints]:
+        endpoints = []
+        for place, pair in itertools.product(places, pairs):
+            joint = runs.compare(place, *pair, f"{people} joint_ade")
+            energy = runs.compare(place, *pair, f"{people} energy_score")
+            if joint is not None and energy is not None:
+                endpoints.append((joint, energy))
+        return endpoints
 
     answers = []
     for places in ((MEAN,), PLACES):
-        for endpoints in _by_pair(adjusted(compare("interacting", places, QUESTIONS))):
-            row = _labels(endpoints[0])
-            for comparison in endpoints:
-                verdict = answer(comparison).replace("no effect beyond", "within")
-                row += [percent_text(comparison), p_text(comparison.p), f"**{verdict}**"]
-            answers.append(row)
+        endpoints = compare("interacting", places, QUESTIONS)
+        corrected = adjusted([*itertools.chain(*endpoints)])
+        for joint, energy in zip(corrected[::2], corrected[1::2]):
+            answers.append([joint.dataset, *_arms(joint), *_answer(joint), *_answer(energy)])
     further = [
-        [people, *_labels(endpoints[0])[1:], *map(percent_text, endpoints)]
+        [people, *_arms(joint), percent_text(joint), percent_text(energy)]
         for people, pairs in (("interacting", FURTHER), ("all", QUESTIONS))
-        for endpoints in _by_pair(compare(people, [MEAN], pairs))
+        for joint, energy in compare(people, [MEAN], pairs)
     ]
     left_out = [
         f"{dead} of {count} of `{arm}` on {place}"
@@ -264,15 +267,13 @@ def report(rows: pl.DataFrame) -> str:
 Networks left out: {"; ".join(left_out) or "none"}."""
 
 
-def _by_pair(comparisons: list[Comparison]) -> Iterable[tuple[Comparison, Comparison]]:
-    """Each pair of arms by both endpoints."""
-    half = len(comparisons) // 2
-    return zip(comparisons[:half], comparisons[half:])
+def _arms(comparison: Comparison) -> list[str]:
+    return [f"{comparison.arm} − {comparison.reference}", str(comparison.seeds)]
 
 
-def _labels(comparison: Comparison) -> list[str]:
-    arms = f"{comparison.arm} − {comparison.reference}"
-    return [comparison.dataset, arms, str(comparison.seeds)]
+def _answer(comparison: Comparison) -> list[str]:
+    verdict = answer(comparison).replace("no effect beyond", "within")
+    return [percent_text(comparison), p_text(comparison.p), f"**{verdict}**"]
 
 
 if __name__ == "__main__":

@@ -83,16 +83,18 @@ def people(seed=0):
 def features_of(arm, observed, valid=VALID, near=None):
     velocity = observed[:, -1] - observed[:, -2]
     heading = heading_of(velocity, 0.05)
-    return study.ARMS[arm].pair_features(observed, velocity, heading, valid, near)[0]
+    return jax.jit(study.ARMS[arm].pair_features)(observed, velocity, heading, valid, near)[0]
 
 
 def test_arms_see_what_they_are_named_for():
-    now, symbols, geometry, both = (features_of(arm, people()) for arm in study.ARMS)
-    assert [part.shape[-1] for part in (now, symbols, geometry, both)] == [12, 65, 61, 114]
-    for part in (symbols, geometry, both):
-        np.testing.assert_array_equal(part[..., :12], now)
-    histories = jnp.concatenate([symbols[..., 12:], geometry[..., 12:]], -1)
-    np.testing.assert_array_equal(both[..., 12:], histories)
+    features = {arm: features_of(arm, people()) for arm in study.ARMS}
+    widths = {arm: values.shape[-1] for arm, values in features.items()}
+    assert widths == {"now": 12, "symbols": 65, "geometry": 61, "both": 114}
+    histories = [features[arm][..., 12:] for arm in ("symbols", "geometry")]
+    histories = jnp.concatenate(histories, -1)
+    np.testing.assert_array_equal(features["both"][..., 12:], histories)
+    for values in features.values():
+        np.testing.assert_array_equal(values[..., :12], features["now"])
     assert (jnp.ptp(histories, axis=(0, 1)) > 0).mean() > 0.9
 
 
@@ -122,9 +124,10 @@ def test_who_is_absent_or_far_has_no_history(arm):
     apply = jax.jit(lambda observed: network.apply(params, observed, VALID).samples[:, 0])
 
     def effect_of_the_past(metres):
-        still = people()[0, -1] + jnp.array([metres, 0.0]) + jnp.zeros((8, 1))
-        came = still.at[:4].add(jnp.array([0.0, 2.0]) * jnp.array([4, 3, 2, 1])[:, None] / 4)
-        return jnp.abs(apply(people().at[3].set(still)) - apply(people().at[3].set(came))).max()
+        standing = people()[0, -1] + jnp.array([metres, 0.0]) + jnp.zeros((8, 1))
+        way = jnp.array([0.0, 2.0]) * jnp.array([4, 3, 2, 1])[:, None] / 4
+        tracks = (people().at[3].set(track) for track in (standing, standing.at[:4].add(way)))
+        return jnp.abs(jnp.subtract(*map(apply, tracks))).max()
 
     assert effect_of_the_past(2.0) > 1e-3
     assert effect_of_the_past(10.1) == 0
@@ -147,7 +150,7 @@ def test_a_command_does_the_runs_that_its_table_lacks_seed_by_seed(tmp_path, mon
     monkeypatch.setattr(study, "train", train)
     monkeypatch.setattr(study, "score", score)
     monkeypatch.setattr(study, "load", lambda place, data: (place, place))
-    resumed, whole = tmp_path / "resumed.csv", tmp_path / "whole.csv"
+    resumed, uninterrupted = tmp_path / "resumed.csv", tmp_path / "uninterrupted.csv"
     with mock.patch.dict(FORECASTERS):
         with pytest.raises(KeyboardInterrupt):
             study.run_all(tmp_path, resumed)
@@ -155,8 +158,8 @@ def test_a_command_does_the_runs_that_its_table_lacks_seed_by_seed(tmp_path, mon
         study.run_all(tmp_path, resumed)
         study.run_all(tmp_path, resumed)
         assert len(done) == 25
-        study.run_all(tmp_path, whole)
-    assert resumed.read_text() == whole.read_text()
+        study.run_all(tmp_path, uninterrupted)
+    assert resumed.read_text() == uninterrupted.read_text()
     assert done[:4] == [(0, "corridors", *past) for past in [(0, 0), (1, 0), (0, 1), (1, 1)]]
     assert [seed for seed, *_ in done[25:]] == [0] * 12 + [1] * 12
     assert done[19] == done[20]
