@@ -250,7 +250,7 @@ def report(rows: pl.DataFrame) -> str:
         for joint, energy in zip(corrected[::2], corrected[1::2]):
             answers.append([joint.dataset, *_arms(joint), *_answer(joint), *_answer(energy)])
     further = [
-        [people, *_arms(joint), percent_text(joint), percent_text(energy)]
+        [people, _arms(joint)[0], percent_text(joint), percent_text(energy)]
         for people, pairs in (("interacting", FURTHER), ("all", QUESTIONS))
         for joint, energy in compare(people, [MEAN], pairs)
     ]
@@ -259,7 +259,7 @@ def report(rows: pl.DataFrame) -> str:
         for place, arm, dead, count in runs.dead.filter(pl.col("set") != MEAN).iter_rows()
     ]
     head = ["arms", "seeds", "joint ADE, %", "p", "answer", "energy score, %", "p", "answer"]
-    further_head = ["people", "arms", "seeds", "joint ADE, %", "energy score, %"]
+    further_head = ["people", "arms", "joint ADE, %", "energy score, %"]
     return f"""{markdown_table(["place", *head], answers, right=6)}
 
 {markdown_table(further_head, further, right=2)}

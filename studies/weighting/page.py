@@ -11,6 +11,7 @@ from scipy.stats import sem, t
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.plotting.style import INK, LABEL, SMALL, WIDTH, dress, new_figure, save_figure
 from neurosym_jax.runtime.files import write_text
+from studies.history import report
 from studies.weighting.arms import CONTROLS, REAL, TENTHS
 from studies.weighting.comparison import (
     ENERGY,
@@ -50,11 +51,12 @@ INPUTS = (
 
 
 def write(table: Path) -> None:
-    """Write `weighting.md` and its three figures beside `table`."""
+    """Write `weighting.md` and its figures beside `table` and that of `studies.history`."""
     runs = Runs(pl.read_csv(table))
     primary = adjusted(_on(runs, REAL, QUESTIONS))
     further = _on(runs, REAL, FURTHER)
-    energy = _on(runs, REAL, (*QUESTIONS, *FURTHER), ENERGY)
+    energy = _on(runs, REAL, FURTHER, ENERGY)
+    primary_energy = _on(runs, REAL, QUESTIONS, ENERGY)
     strata = [
         comparison
         for pair in QUESTIONS[1:]
@@ -68,12 +70,13 @@ def write(table: Path) -> None:
     save_figure(_forest(strata, "people of an event"), table.with_name("weighting_events.png"))
     text = TEXT.format(
         answer=ANSWER,
-        primary=_questions(primary),
-        further=_table([*primary, *further, *energy]),
+        primary=_questions(primary, primary_energy),
+        further=_table([*further, *energy]),
+        history=report(pl.read_csv(table.with_name("history.csv"))),
         tenths=_table(tenths),
         weak=_table(weak),
         dead="; ".join(
-            f"{dead} of {count} of `{arm}` on {name}"
+            f"{dead} of {count} `{arm}` on {name}"
             for name, arm, dead, count in runs.dead.iter_rows()
         )
         or "none",
@@ -92,8 +95,8 @@ def _on(
     return [comparison for comparison in comparisons if comparison is not None]
 
 
-def _questions(comparisons: Sequence[Comparison]) -> str:
-    """A row for each primary comparison, with its answer."""
+def _questions(comparisons: Sequence[Comparison], energy: Sequence[Comparison]) -> str:
+    """A row for each primary comparison, with its answer, and the same by the energy score."""
     rows = [
         [
             comparison.dataset,
@@ -104,11 +107,13 @@ def _questions(comparisons: Sequence[Comparison]) -> str:
             p_text(comparison.p_equivalent),
             f"{comparison.reach:.1f}",
             f"**{answer(comparison)}**",
+            _cell(secondary),
         ]
-        for comparison in comparisons
+        for comparison, secondary in zip(comparisons, energy)
     ]
-    head = ["data", "arms", "seeds", "difference, %", "p, different", f"p, within {MARGIN:g} %"]
-    return markdown_table([*head, "margin in reach, %", "answer"], rows, right=6)
+    head = ["data", "arms", "seeds", "joint ADE, %", "p, different", f"p, within {MARGIN:g} %"]
+    head += ["margin in reach, %", "answer", "energy score, %"]
+    return markdown_table(head, rows, right=7)
 
 
 def _table(comparisons: Sequence[Comparison]) -> str:

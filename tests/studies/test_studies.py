@@ -66,6 +66,7 @@ def test_numbers_on_pages_are_what_their_studies_print(capsys):
 
 
 def test_the_study_of_weighting_writes_its_page(tmp_path):
+    shutil.copy(DOCS / "history.csv", tmp_path)
     table = Path(shutil.copy(DOCS / "weighting.csv", tmp_path))
     write_weighting(table)
     assert table.with_suffix(".md").read_text("utf-8") == (DOCS / "weighting.md").read_text("utf-8")
