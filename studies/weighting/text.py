@@ -86,6 +86,6 @@ univ, without it, it raises the energy score.
 {history}
 
 All arms of `anchors` see the present geometry; the others add states (with durations and changes)
-over 2.8 s, positions and velocities, or both. *p*: Holm. Longer histories are not answered. Eight
+over 2.8 s, positions and velocities, or both. *p*: Holm. Longer histories are open. Eight
 seeds became 19 before any comparison.
 """
