@@ -135,7 +135,10 @@ class AnchorConfig(AnchorTableConfig):
     def pair_features(
         self, observed: Array, velocity: Array, heading: Array, valid: Array, near: Array | None
     ) -> tuple[Array, Array, Array]:
-        """What the attention sees, see `frames.pair_features`; a subclass may add features."""
+        """Features of j seen by i `[N, N, F]`, nearness `[N, N]` and number around `[N]`.
+
+        See `frames.pair_features`; a subclass may add features.
+        """
         return pair_features(self, observed, velocity, heading, valid, near)
 
 
