@@ -6,7 +6,8 @@ python -m studies.fine_tuning docs/fine_tuning.csv                          # th
 DATA is ETH/UCY as SGAN arranges it, MORE what `studies.more_data` writes, THOR a folder with THÖR
 and THÖR-MAGNI. Of six places that the model has not learned, the first 10, 25 or 50 % of the
 recording are learned from (`prepare` keeps a part of them for validation) and the last 40 % are
-tested on: from nothing, from the model, and the model as it is. A seed is one training of each.
+tested on: from the model, from nothing where the part is a half, and the model as it is. A seed is
+one training of each.
 The CSV grows row by row, and what it has is not done again.
 """
 
@@ -89,7 +90,10 @@ def rows_of(
     except InputError:
         yield TOO_SHORT, 0, [np.nan, np.nan]
         return
-    for arm, recipe, init in (("from nothing", NOTHING, None), ("fine-tuned", FROM_MODEL, model)):
+    arms = [("fine-tuned", FROM_MODEL, model)]
+    if share == SHARES[-1]:
+        arms.append(("from nothing", NOTHING, None))
+    for arm, recipe, init in arms:
         recipe = dataclasses.replace(recipe, seed=seed)
         run = Run(model.config, recipe, learned, validated, init=init)
         with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(None):

@@ -44,8 +44,9 @@ class Recipe(Checked):
     """Validations in a row without a better one, after which training ends; 0 for never."""
     freeze: tuple[str, ...] = ()
     """Modules of the network that do not learn, by name, such as encoder."""
-    select_by: Literal["ade", "ade_fde"] = "ade_fde"
-    """Joint validation error that chooses the best state."""
+    select_by: Literal["ade", "ade_fde", "energy"] | None = None
+    """Validation error that chooses the best state: joint ADE, its sum with joint FDE, or the
+    energy score; default: energy of networks with a distribution of their own, else ade_fde."""
     fde_weight: NotNegative = 0.5
     """Weight of the FDE beside the ADE in the loss."""
 

@@ -30,7 +30,7 @@ STALLED = 5
 def validate(run: Run, params: Any, batches: Sequence[Batch]) -> Row:
     """Errors on the validation windows, best of k and of the distribution.
 
-    `val_score` chooses the best state.
+    `val_score` chooses the best state, see `Recipe.select_by`.
     """
     forecaster = run.forecaster
     metrics = (*ERRORS, *(EFFECT if forecaster.sees_neighbours else ()))
@@ -39,7 +39,9 @@ def validate(run: Run, params: Any, batches: Sequence[Batch]) -> Row:
         forecaster, params, batches, samples=samples, seed=seed, metrics=metrics
     )
     means = {name.removeprefix("joint_"): result.mean(name) for name in result.scores}
-    score = means["ade"] + (means["fde"] if run.recipe.select_by == "ade_fde" else 0)
+    usual = "energy" if forecaster.calibrated else "ade_fde"
+    by = {"ade": ("ade",), "ade_fde": ("ade", "fde"), "energy": ("energy_score",)}
+    score = sum(means[name] for name in by[run.recipe.select_by or usual])
     needed = ("ade", "fde")
     finite = {name: x for name, x in means.items() if name in needed or np.isfinite(x)}
     return {"val_score": score, **{f"val_{name}": value for name, value in finite.items()}}

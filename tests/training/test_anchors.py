@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import types
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +23,7 @@ from neurosym_jax.models.anchors.loss import (
 )
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorForecast, AnchorTableConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.training import validation
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.stream import augment
 from tests.repository import exhaustive
@@ -37,6 +39,21 @@ def one_class():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loss, "CLASSES", (6,))
         yield
+
+
+@pytest.mark.parametrize(
+    ("points", "select_by", "score"),
+    [(0, None, 4), (4, None, 8), (4, "ade_fde", 4), (4, "ade", 1), (0, "energy", 8)],
+)
+def test_the_best_state_is_chosen_by_what_the_network_is_for(
+    run, points, select_by, score, monkeypatch
+):
+    errors = {"joint_ade": 1.0, "joint_fde": 3.0, "energy_score": 8.0}
+    result = types.SimpleNamespace(scores=errors, mean=errors.get)
+    monkeypatch.setattr(validation, "score_forecaster", lambda *_, **options: result)
+    config = AnchorConfig(4, 3, samples=3, points=points)
+    trained = dataclasses.replace(run, config=config, recipe=AnchorRecipe(select_by=select_by))
+    assert validation.validate(trained, {}, [])["val_score"] == score
 
 
 def test_overlapping_people_cost_by_their_distance():
