@@ -235,7 +235,7 @@ def cases():
             yield pytest.param(command, option, marks=marks)
 
 
-@pytest.mark.parametrize(("command", "option"), cases())
+@pytest.mark.parametrize(("command", "option"), [*cases()])
 def test_it_changes_what_is_done(command, option, data, inner, tmp_path, capsys):
     case = CASES[command][option]
     assert_it_matters(command, BASE[command], case, inner[command], data, tmp_path, capsys)
