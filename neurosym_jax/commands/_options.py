@@ -29,6 +29,8 @@ __all__ = ["Positional", "Reading", "description", "every_option", "flags", "giv
 __all__ += ["options_text", "refuse_given", "refuse_unused", "short_help", "with_file"]
 
 PLUGIN = "--plugin FILE.py|MODULE"
+KEYED = {"--set", "--network", "--columns"}
+"""Options with a list of KEY=VALUE."""
 Reading = Annotated[ReadOptions, OmitArgPrefixes]
 """How a command reads recordings: each field is an option of the command."""
 
@@ -132,6 +134,8 @@ def options_text(options: Any) -> str:
 def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str]:
     """`arguments`, of which the first may name a file of options; those after it override it.
 
+    Those of `KEYED` override the same keys, and add others.
+
     Raises:
         InputError: for a file that cannot be read, an unknown option, or one that stands twice.
     """
@@ -162,9 +166,28 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
             read.append(flag if value == "true" else f"--no-{flag[2:]}")
         elif flag == "--plugin":
             read += [part for text in texts for part in (flag, text)]
+        elif flag in KEYED and (at := _place(flag, others)) is not None:
+            others = _with_pairs(others, at, texts)
         else:
             read += [flag, *texts]
     return [*read, *others]
+
+
+def _place(flag: str, words: Sequence[str]) -> int | None:
+    """Where `flag` stands among `words`, also as `--flag=VALUE` or with underscores."""
+    names = [word.partition("=")[0].replace("_", "-") for word in words]
+    return names.index(flag) if flag in names else None
+
+
+def _with_pairs(words: Sequence[str], at: int, pairs: Sequence[str]) -> list[str]:
+    """`words` with those KEY=VALUE `pairs` added to the option at `at` whose key it has not."""
+    flag, equals, value = words[at].partition("=")
+    values = words[at + 1 :]
+    count = next((n for n, word in enumerate(values) if word.startswith("--")), len(values))
+    own, rest = ([value], values) if equals else (values[:count], values[count:])
+    keys = {pair.partition("=")[0] for pair in own}
+    added = [pair for pair in pairs if pair.partition("=")[0] not in keys]
+    return [*words[:at], flag, *added, *own, *rest]
 
 
 class _Texts(yaml.BaseLoader):

@@ -362,9 +362,15 @@ def test_a_file_is_a_command_line_that_options_override(data, inner, tmp_path, c
     )
     read = f"--train-on {data}/a/tables/odd.csv --validate-on {data}/b/tables/odd.csv"
     read += f" --columns {TABLE} --obs-len 4 --resume --set ema=0.5 rotate=0 max_agents=null"
+    changed = read.replace("ema=0.5 rotate=0", "rotate=0 ema=0.9 jitter=0.1")
+    lines = [f"{file} --seed 1", f"{read} --seed 1", f"{read} --seed 7", f"{changed} --seed 7"]
+    lines += [f"{file} --set ema=0.9 jitter=0.1", f"{file} --set=ema=0.9", f"{file} --seed 7"]
     outcomes = [
         done(["train", *shlex.split(line)], inner["train"], tmp_path / str(at), capsys)
-        for at, line in enumerate((f"{file} --seed 1", f"{read} --seed 1", f"{read} --seed 7"))
+        for at, line in enumerate(lines)
     ]
     assert outcomes[0] == outcomes[1] != outcomes[2]
     assert not outcomes[0][1]
+    # Changes of a recipe add to those of the file.
+    assert outcomes[3] == outcomes[4]
+    assert len({str(outcome) for outcome in outcomes}) == 4
