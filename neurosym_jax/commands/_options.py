@@ -25,8 +25,8 @@ from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 
-__all__ = ["Positional", "Reading", "description", "every_option", "flags", "given", "open_data"]
-__all__ += ["options_text", "refuse_given", "refuse_unused", "short_help", "with_file"]
+__all__ = ["Positional", "Reading", "description", "every_option", "flag_names", "flags", "given"]
+__all__ += ["open_data", "options_text", "refuse_given", "refuse_unused", "short_help", "with_file"]
 
 PLUGIN = "--plugin FILE.py|MODULE"
 KEYED = {"--set", "--network", "--columns"}
@@ -149,8 +149,8 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
         raise InputError(f"{path}: cannot be read: {reason}") from None
     if not isinstance(values, dict):
         raise InputError(f"{path}: must have a line `option: value` for each option")
-    flags = [flag.split() for _, flag, *_ in every_option(options) if flag.startswith("--")]
-    kinds = {flag: kind for flag, *kind in [*flags, PLUGIN.split()]}
+    listed = [flag.split() for _, flag, *_ in every_option(options) if flag.startswith("--")]
+    kinds = {flag: kind for flag, *kind in [*listed, PLUGIN.split()]}
     read: list[str] = []
     for name, value in values.items():
         flag = f"--{name.replace('_', '-')}"
@@ -166,28 +166,27 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
             read.append(flag if value == "true" else f"--no-{flag[2:]}")
         elif flag == "--plugin":
             read += [part for text in texts for part in (flag, text)]
-        elif flag in KEYED and (at := _place(flag, others)) is not None:
-            others = _with_pairs(others, at, texts)
+        elif flag in KEYED and flag in (names := flag_names(others)):
+            others = _with_pairs(others, names.index(flag), texts)
         else:
             read += [flag, *texts]
     return [*read, *others]
 
 
-def _place(flag: str, words: Sequence[str]) -> int | None:
-    """Where `flag` stands among `words`, also as `--flag=VALUE` or with underscores."""
-    names = [word.partition("=")[0].replace("_", "-") for word in words]
-    return names.index(flag) if flag in names else None
+def flag_names(words: Sequence[str]) -> list[str]:
+    """The words as `every_option` names options: without `=VALUE`, and with hyphens."""
+    return [word.partition("=")[0].replace("_", "-") for word in words]
 
 
-def _with_pairs(words: Sequence[str], at: int, pairs: Sequence[str]) -> list[str]:
-    """`words` with those KEY=VALUE `pairs` added to the option at `at` whose key it has not."""
-    flag, equals, value = words[at].partition("=")
-    values = words[at + 1 :]
+def _with_pairs(words: Sequence[str], place: int, pairs: Sequence[str]) -> list[str]:
+    """`words` with those KEY=VALUE `pairs` added to the option at `place` whose key it has not."""
+    flag, equals, value = words[place].partition("=")
+    values = words[place + 1 :]
     count = next((n for n, word in enumerate(values) if word.startswith("--")), len(values))
     own, rest = ([value], values) if equals else (values[:count], values[count:])
     keys = {pair.partition("=")[0] for pair in own}
     added = [pair for pair in pairs if pair.partition("=")[0] not in keys]
-    return [*words[:at], flag, *added, *own, *rest]
+    return [*words[:place], flag, *added, *own, *rest]
 
 
 class _Texts(yaml.BaseLoader):

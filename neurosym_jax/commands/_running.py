@@ -12,7 +12,13 @@ from typing import Any, NoReturn
 
 import tyro
 
-from neurosym_jax.commands._options import description, every_option, short_help, with_file
+from neurosym_jax.commands._options import (
+    description,
+    every_option,
+    flag_names,
+    short_help,
+    with_file,
+)
 from neurosym_jax.errors import InputError, printable, spoken_as_flags
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.ending import interruptible
@@ -107,10 +113,10 @@ def _refuse_repeated(options: Callable[..., Any], arguments: Sequence[str]) -> N
     Raises:
         InputError: naming the first.
     """
-    flags = [word.partition("=")[0].replace("_", "-") for word in arguments]
+    names = flag_names(arguments)
     for _, flag, *_ in every_option(options):
         name, *value = flag.split()
-        if value[-1:] == ["..."] and flags.count(name) > 1:
+        if value[-1:] == ["..."] and names.count(name) > 1:
             raise InputError(f"{name}: is given twice; give it once, with all its values")
 
 
