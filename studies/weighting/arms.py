@@ -70,7 +70,7 @@ def _generator(pooling: str, weighting: str | None, recipe: Recipe, **seeds: int
 
 
 def _papers(weighting: str | None, seeds: int, pooling: str = "as_described") -> Arm:
-    further = dict.fromkeys(PLACES, 4 if seeds == 24 else 0)
+    further = dict.fromkeys(PLACES, 4 if weighting in ("ones", "quantised", "shuffled") else 0)
     return _generator(pooling, weighting, WHOLE, corridors=seeds, zara2=seeds, **further)
 
 
