@@ -1,6 +1,8 @@
 """The distribution of the `anchors` networks that ship: points, trained on networks that stay.
 
-NPROC=1 python -m studies.points DATA HERMES OUT [NAME ...]    # OUT/NAME of checkpoints/anchors_*
+NPROC=1 python -m studies.points DATA HERMES OUT [NAME ...] [--seed N]
+
+writes OUT/NAME of checkpoints/anchors_*, by default of all.
 
 DATA is ETH/UCY as SGAN arranges it, HERMES the folder `hermes` of `studies.more_data`, from which
 the general networks learned, too. A network's other parameters stay as they are, and so do its
@@ -10,12 +12,12 @@ validation: the averaged parameters of the last step are kept. Finished networks
 
 import dataclasses
 import functools
-import sys
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import tyro
 from jax import Array
 
 from neurosym_jax.data.formats import recordings_in
@@ -77,7 +79,7 @@ def step(
     return update(recipe, state, gradient), value
 
 
-def with_points(model: Model, windows: Windows, recipe: AnchorRecipe = RECIPE) -> Model:
+def with_points(model: Model, windows: Windows, recipe: AnchorRecipe) -> Model:
     """`model` with points, trained on `windows`."""
     forecaster = model.forecaster
     forecaster = type(forecaster)(dataclasses.replace(model.config, points=POINTS))
@@ -93,20 +95,27 @@ def with_points(model: Model, windows: Windows, recipe: AnchorRecipe = RECIPE) -
     return dataclasses.replace(model, config=forecaster.config, params=params)
 
 
-def main(data: Path, hermes: Path, out: Path, names: list[str]) -> None:
+def main(
+    data: tyro.conf.Positional[Path],
+    hermes: tyro.conf.Positional[Path],
+    out: tyro.conf.Positional[Path],
+    names: tyro.conf.Positional[tuple[str, ...]] = (),
+    seed: int = 0,
+) -> None:
     """Write the models `names`, by default all that ship."""
+    recipe = dataclasses.replace(RECIPE, seed=seed)
     for name in names or sorted(path.name for path in CHECKPOINTS.glob("anchors_*")):
         if (out / name).exists():
             continue
         print(name, flush=True)
         model = load_model(CHECKPOINTS / name)
-        changed = with_points(model, learned_windows(data, hermes, model))
+        changed = with_points(model, learned_windows(data, hermes, model), recipe)
         card = (CHECKPOINTS / name / CARD).read_text(encoding="utf-8").split("\n## Distribution")[0]
-        note = {name: getattr(RECIPE, name) for name in ("steps", "seed", "stretch")}
+        note = {name: getattr(recipe, name) for name in ("steps", "seed", "stretch")}
         save_model(out / name, changed, card.rstrip() + "\n" + NOTE.format(points=POINTS, **note))
 
 
 if __name__ == "__main__":
     tune()
     enable_compilation_cache()
-    main(*map(Path, sys.argv[1:4]), sys.argv[4:])
+    tyro.cli(main, prog="python -m studies.points")
