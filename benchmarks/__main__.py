@@ -31,13 +31,13 @@ Name = Literal[
     "age",
     "start",
     "reading",
-    "crowds",
+    "scaling",
     "onnx",
     "numeric",
     "trainings",
 ]
 NAMES: tuple[Name, ...] = get_args(Name)[:-3]
-ON_GPU: tuple[Name, ...] = ("numeric", "crowds", "training", "zoo")
+ON_GPU: tuple[Name, ...] = ("numeric", "scaling", "training", "zoo")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,10 +47,10 @@ class BenchmarkOptions:
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
     """What to measure: the evaluation of the published checkpoints, training iterations, QTC and
     alpha of all pairs, online latency, the age of a forecast, whole processes, reading and
-    windowing, crowds. Three run where they are named: onnx, exported models in ONNX Runtime;
+    windowing, scaling. Three run where they are named: onnx, exported models in ONNX Runtime;
     numeric, the tests of numbers; and trainings, whole ones."""
     gpu: bool = False
-    """Measure what depends on an accelerator: numeric, crowds, training, and zoo where there are
+    """Measure what depends on an accelerator: numeric, scaling, training, and zoo where there are
     --data and --checkpoints. Without a GPU it runs on the CPU."""
     data: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """ETH/UCY as SGAN arranges it; zoo and reading need it, training takes it."""

@@ -38,10 +38,6 @@ better. 95 % intervals over test windows; bold where they exclude zero.
 
 {events}
 
-The same minus that of `anchors`:
-
-{anchors}
-
 ## States
 
 Log score of the QTC_C1 state of a pair, in nats, by horizon; lower is better.
@@ -78,8 +74,7 @@ def document(scores: dict[str, Any]) -> str:
         for name, group in groups.items()
     )
     return HEAD.format(
-        events=_events(groups, "Markov chain"),
-        anchors=_events(groups, "anchors"),
+        events=_events(groups),
         states=_states(groups),
         sizes=sizes,
         minutes=scores["seconds"] / 60,
@@ -118,13 +113,13 @@ def _means(groups: dict[str, Any], name: str) -> list[dict[str, float]]:
     return list(groups[name]["means"].values())
 
 
-def _events(groups: dict[str, Any], other: str) -> str:
+def _events(groups: dict[str, Any]) -> str:
     rows = []
     for event in EVENTS:
         cells = []
         for group in groups.values():
-            mean, low, high = group["differences"][other][f"log {event} 0"]
+            mean, low, high = group["differences"]["Markov chain"][f"log {event} 0"]
             text = f"{mean:+.2f} ({low:+.2f} to {high:+.2f})"
             cells.append(f"**{text}**" if low > 0 or high < 0 else text)
         rows.append([event.replace("_", " "), *cells])
-    return markdown_table([f"minus {other}", *groups], rows)
+    return markdown_table(["minus Markov chain", *groups], rows)
