@@ -38,12 +38,15 @@ RUNS = (("anchors", 0), ("sgan", 0), ("anchor_table", 0), ("anchors", 1), ("anch
 RUNS += (("neurosym", 0),)
 """Models and seeds, in the order of training."""
 BASELINES = ("constant_velocity", "constant_velocity_sampled")
-METRICS = {
-    "Joint": ("joint_ade", "joint_fde"),
-    "Marginal": ("marginal_ade", "marginal_fde"),
-    "Central forecast": ("central_ade", "central_fde"),
+METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "central_ade", "central_fde")
+METRICS += ("energy_score",)
+PARTS = {
+    "Joint ADE / FDE": ("joint_ade", "joint_fde"),
+    "Marginal ADE": ("marginal_ade",),
+    "ADE of the central forecast": ("central_ade",),
     "Energy score": ("energy_score",),
 }
+"""Parts of the page, and what of `METRICS` they show."""
 PAIRED = {"joint ADE, %": "joint_ade", "energy score, %": "energy_score"}
 # The first two paragraphs are written by hand from the numbers; check them when they change.
 HEAD = """# Places left out whole
@@ -59,7 +62,7 @@ joint FDE. By the energy score the table is best on eth, Stanford's scenes, THÖ
 sampled constant velocity on the campus, and NeuroSyM in the corridors. The central forecast
 of `anchors` is behind constant velocity on the campus and on Stanford's scenes.
 
-ADE / FDE in metres at 8 + 12, steps of 0.4 s, best of 20, of models that learned from nothing of
+Errors in metres at 8 + 12, steps of 0.4 s, best of 20, of models that learned from nothing of
 the place that they are tested at. "Campus" is UCY's university with three recordings, "Zara" the
 street with three, "corridors" four runs of HERMES. Stanford (23 recordings), THÖR (two) and
 THÖR-MAGNI (one) are tested with the models that learned from ETH/UCY alone. Anchors: the mean of
@@ -74,10 +77,10 @@ Difference to `anchors` at each place, in per cent of anchors' value there: the 
 
 {paired}
 
-All means are in `left_out.csv` beside this page. `python -m studies.places DATA MORE THOR OUT`
-trains and tests all of it; its first lines say what the folders hold. The recipes were chosen with
-pairs of ETH/UCY's data sets left out, and earlier forms of `anchors` were looked at on Stanford's
-scenes, THÖR and HERMES: none of the places is a fresh test."""
+All means, FDE too, are in `left_out.csv` beside this page. `python -m studies.places DATA MORE THOR
+OUT` trains and tests all of it; its first lines say what the folders hold. The recipes were chosen
+with pairs of ETH/UCY's data sets left out, and earlier forms of `anchors` were looked at on
+Stanford's scenes, THÖR and HERMES: none of the places is a fresh test."""
 
 
 def train(data: Path, extra: Path, out: Path, place: str, model: str, seed: int) -> None:
@@ -116,7 +119,7 @@ def page(means: pl.DataFrame) -> str:
     """The page, of a row for each model and place."""
     places = means["dataset"].unique(maintain_order=True).to_list()
     parts = [
-        f"## {title}\n\n{_table(means, metrics, places)}\n" for title, metrics in METRICS.items()
+        f"## {title}\n\n{_table(means, metrics, places)}\n" for title, metrics in PARTS.items()
     ]
     errors = {
         model: rows.select(PAIRED.values()).to_numpy()
@@ -175,11 +178,10 @@ def run() -> None:
     for name, (folder, recordings, place) in tests.items():
         runs = sorted((out / (place or "corridors")).glob("*/model"))
         rows.append(test(folder, sorted(recordings), out / f"{name}.json", runs))
-    metrics = [metric for part in METRICS.values() for metric in part]
     models = pl.concat(rows, how="diagonal_relaxed").group_by(
         "dataset", "model", maintain_order=True
     )
-    means = models.agg(pl.col(metrics).mean(), trainings=pl.len())
+    means = models.agg(pl.col(METRICS).mean(), trainings=pl.len())
     means.write_csv(TABLE, float_precision=5)
 
 

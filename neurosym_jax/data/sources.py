@@ -151,7 +151,7 @@ def _part(folder: Path, split: Split) -> Path | None:
 
 
 def open_source(
-    data: Path | None,
+    data: str | Path | None,
     scene: str | None = None,
     model_scene: str | None = None,
     read: ReadOptions = AS_IT_SAYS,
@@ -178,7 +178,7 @@ def open_source(
                     "is, or fetch it once: python -m neurosym_jax download eth-ucy"
                 )
             return Synthetic(**shared)
-    data = find(data)
+    data = find(Path(data))
     if not os.path.exists(data):
         hint = f": `neurosym download {data}` fetches it" * (str(data) in COLLECTIONS)
         raise InputError(f"{data}: no such file or folder{hint}")

@@ -13,7 +13,7 @@ import polars as pl
 from neurosym_jax.evaluation.intervals import holm
 
 __all__ = ["ENERGY", "INTERACTING", "LEVEL", "MARGIN", "Comparison", "Runs", "adjusted", "answer"]
-__all__ += ["p_text", "percent_text"]
+__all__ += ["compared", "p_text", "percent_text"]
 
 INTERACTING = "interacting joint_ade"
 """The primary metric."""
@@ -78,31 +78,40 @@ class Runs:
         self, dataset: str, arm: str, reference: str, metric: str = INTERACTING
     ) -> Comparison | None:
         """The comparison over the seeds that both arms have; None for fewer than three."""
-        from scipy.stats import t, ttest_1samp  # They take half a second to import.
-
         first, second = (self.values(dataset, name, metric) for name in (arm, reference))
         common = sorted(set(first) & set(second))
-        if (n := len(common)) < 3:
+        if len(common) < 3:
             return None
         percent = np.array([first[seed] - second[seed] for seed in common])
         percent *= 100 / np.mean([second[seed] for seed in common])
-        error = percent.std(ddof=1) / np.sqrt(n)
-        below = ttest_1samp(percent, MARGIN, alternative="less").pvalue
-        above = ttest_1samp(percent, -MARGIN, alternative="greater").pvalue
-        return Comparison(
-            dataset,
-            arm,
-            reference,
-            metric,
-            n,
-            float(percent.mean()),
-            float(t.ppf(0.975, n - 1) * error),
-            float(ttest_1samp(percent, 0).pvalue),
-            float(max(below, above)),
-            # Both one-sided tests have to succeed: each may fail in one of twenty.
-            float(2 * t.ppf(0.95, n - 1) * error),
-            not {(dataset, arm), (dataset, reference)} & self._silent,
-        )
+        answered = not {(dataset, arm), (dataset, reference)} & self._silent
+        return compared(dataset, arm, reference, metric, percent, answered)
+
+
+def compared(
+    dataset: str, arm: str, reference: str, metric: str, percent: np.ndarray, answered: bool = True
+) -> Comparison:
+    """The comparison that differences [n] in per cent make, one of each seed (or place)."""
+    from scipy.stats import t, ttest_1samp  # They take half a second to import.
+
+    n = len(percent)
+    error = percent.std(ddof=1) / np.sqrt(n)
+    below = ttest_1samp(percent, MARGIN, alternative="less").pvalue
+    above = ttest_1samp(percent, -MARGIN, alternative="greater").pvalue
+    return Comparison(
+        dataset,
+        arm,
+        reference,
+        metric,
+        n,
+        float(percent.mean()),
+        float(t.ppf(0.975, n - 1) * error),
+        float(ttest_1samp(percent, 0).pvalue),
+        float(max(below, above)),
+        # Both one-sided tests have to succeed: each may fail in one of twenty.
+        float(2 * t.ppf(0.95, n - 1) * error),
+        answered,
+    )
 
 
 def adjusted(comparisons: Sequence[Comparison]) -> list[Comparison]:

@@ -12,7 +12,7 @@ from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.plotting.style import INK, LABEL, SMALL, WIDTH, dress, new_figure, save_figure
 from neurosym_jax.runtime.files import write_text
 from studies.history import report
-from studies.weighting.arms import CONTROLS, REAL, TENTHS
+from studies.weighting.arms import CONTROLS, PLACES, REAL, TENTHS
 from studies.weighting.comparison import (
     ENERGY,
     INTERACTING,
@@ -22,13 +22,14 @@ from studies.weighting.comparison import (
     Runs,
     adjusted,
     answer,
+    compared,
     p_text,
     percent_text,
 )
 from studies.weighting.scores import EVENTS
 from studies.weighting.text import ANSWER, TEXT
 
-__all__ = ["write"]
+__all__ = ["places", "write"]
 
 QUESTIONS = (
     ("papers, quantised", "papers"),
@@ -42,7 +43,11 @@ FURTHER = (
     *(("papers, quantised", "papers, shuffled"), ("papers, quantised", "papers, cnd")),
     *(("anchors, geometry", "anchors, nothing"), ("encounter, quantised", "encounter")),
 )
+WEIGHTS = (("papers, quantised", "papers"), ("papers, quantised", "papers, shuffled"))
+"""The comparisons of the protocol's fourth part."""
 NAMES = {INTERACTING: "joint ADE", ENERGY: "energy score"}
+SEEDS_OF_PLACES, MANY = 4, 50
+"""Of each arm at a place; and the people from which on a place is no matter of luck."""
 INPUTS = (
     ("without symbols", ("anchors, nothing", "anchors, geometry")),
     ("with symbols", ("anchors, symbols", "anchors, both")),
@@ -72,6 +77,7 @@ def write(table: Path) -> None:
         answer=ANSWER,
         primary=_questions(primary, primary_energy),
         further=_table([*further, *energy]),
+        places=places(pl.read_csv(table)),
         history=report(pl.read_csv(table.with_name("history.csv"))),
         tenths=_table(tenths),
         weak=_table(weak),
@@ -114,6 +120,45 @@ def _questions(comparisons: Sequence[Comparison], energy: Sequence[Comparison]) 
     head = ["data", "arms", "seeds", "joint ADE, %", "p, different", f"p, within {MARGIN:g} %"]
     head += ["margin in reach, %", "answer", "energy score, %"]
     return markdown_table(head, rows, right=7)
+
+
+def places(rows: pl.DataFrame) -> str:
+    """The comparisons of weights at each place and, tested, their means over places.
+
+    Places with too few runs are left out. Only the planned means are corrected (Holm).
+    """
+    runs = Runs(rows.filter(pl.col("seed") < SEEDS_OF_PLACES))
+    columns = [(*pair, name) for pair in WEIGHTS for name in ("joint_ade", "energy_score")]
+
+    def of(place: str, people: str) -> list[Comparison]:
+        found = (runs.compare(place, *pair, f"{people} {metric}") for *pair, metric in columns)
+        return [comparison for comparison in found if comparison is not None]
+
+    def means(lines: Iterable[list[Comparison]]) -> list[Comparison]:
+        return [
+            compared("mean", *column, np.array([comparison.percent for comparison in of_places]))
+            for column, of_places in zip(columns, zip(*lines))
+        ]
+
+    counts = rows.filter(metric=INTERACTING).group_by("set").agg(pl.col("counted").max())
+    people = dict(counts.iter_rows())
+    lines = {name: of(name, "interacting") for name in PLACES + REAL}
+    lines = {name: line for name, line in lines.items() if len(line) == len(columns)}
+    many = (line for name, line in lines.items() if people[name] >= MANY)
+    table = [[name, f"{people[name]:,}", *map(percent_text, line)] for name, line in lines.items()]
+    table += [
+        ["mean", "", *map(_tested, adjusted(means(lines.values())))],
+        [f"{MANY} people or more", "", *map(percent_text, means(many))],
+        ["all people", "", *map(percent_text, means(of(name, "all") for name in lines))],
+    ]
+    pairs = [" − ".join(arm.removeprefix("papers, ") for arm in pair) for *pair, _ in columns]
+    names = [NAMES[f"interacting {name}"] for *_, name in columns]
+    head = [f"{pair}, {name}, %" for pair, name in zip(pairs, names)]
+    return markdown_table(["place", "people", *head], table, right=5)
+
+
+def _tested(comparison: Comparison) -> str:
+    return f"{percent_text(comparison)} **{answer(comparison)}**"
 
 
 def _table(comparisons: Sequence[Comparison]) -> str:

@@ -22,7 +22,7 @@ from neurosym_jax.simulation import scenarios
 def test_each_file_is_a_scene(tmp_path):
     for name in ("b.txt", "a.csv"):
         (tmp_path / name).write_text("0 1 2 3\n1 1 2 3\n")
-    source = open_source(tmp_path)
+    source = open_source(str(tmp_path))
     assert source.scenes == ("a", "b")
     (tracks,) = source.recordings("b")
     assert tracks.recording == "b"
@@ -41,7 +41,7 @@ def test_leave_one_recording_out(tmp_path):
     (tmp_path / "d.txt").write_text("0 1 2 3\n")
     with pytest.raises(InputError, match="a: the only recording, so nothing is left to train"):
         open_source(tmp_path / "a.txt").recordings("a", "train")
-    source = open_source(tmp_path)
+    source = open_source(str(tmp_path))
     positions = {
         split: {
             tracks.recording: tracks.position[tracks.id == 1, 0].tolist()

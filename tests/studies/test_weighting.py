@@ -1,6 +1,8 @@
 """The study of weightings: its control, its groups of people, and what its tests say."""
 
 import importlib
+import itertools
+from typing import Any
 from unittest import mock
 
 import jax
@@ -12,7 +14,10 @@ from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, make_weighting
 from studies.weighting.comparison import Runs, adjusted, answer
 from studies.weighting.control import LENGTHS, PEOPLE, control
+from studies.weighting.page import places
 from studies.weighting.scores import groups_of, interacting
+
+METRICS = ("joint_ade", "energy_score")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -100,6 +105,40 @@ def test_an_arm_with_too_many_dead_networks_answers_nothing(tmp_path):
     comparison = runs.compare("zara2", "new", "old")
     assert comparison.seeds == 10
     assert answer(adjusted([comparison])[0]) == "not answered"
+
+
+def test_the_unit_of_six_places_is_the_place():
+    """Gains grow by half a per cent from place to place; hotel has two runs of an arm only."""
+    names = ("eth", "hotel", "univ", "zara1", "corridors", "zara2")
+    rows: list[tuple[Any, ...]] = [(name, "papers", 0, "neighbour_near", 1, 90) for name in names]
+    for (place, name), seed in itertools.product(enumerate(names), range(2, 8)):
+        arms = {
+            "papers": 1.04 + place / 200,
+            "papers, quantised": 1 + 0.001 * (-1) ** seed,
+            "papers, shuffled": 1 + 0.001 * (-1) ** place,
+        }
+        for arm, people, metric in itertools.product(arms, ("interacting", "all"), METRICS):
+            # Only the first four seeds count.
+            error = arms[arm] if seed < 6 else 9.0
+            count = 7 if name == "eth" else 90
+            if name != "hotel" or seed > 3:
+                rows.append((name, arm, seed - 2, f"{people} {metric}", error, count))
+    columns = ["set", "arm", "seed", "metric", "value", "counted"]
+    frame = pl.DataFrame(rows, columns, orient="row", strict=False)
+    head, _, *lines = (
+        line.replace("| |", "|").strip("| ").split(" | ") for line in places(frame).splitlines()
+    )
+    assert head[2:4] == ["quantised − papers, joint ADE, %", "quantised − papers, energy score, %"]
+    table = {name: cells for name, *cells in lines}
+    assert [*table] == [
+        *("eth", "univ", "zara1", "corridors", "zara2", "mean", "50 people or more", "all people")
+    ]
+    assert table["eth"][:2] == ["7", "−3.8 ± 0.2"]
+    percents = [-4 / 1.04, -5 / 1.05, -5.5 / 1.055, -6 / 1.06, -6.5 / 1.065]
+    half = 2.7764 * np.std(percents, ddof=1) / np.sqrt(5)
+    assert table["mean"][0] == f"−{-np.mean(percents):.1f} ± {half:.1f} **helps**"
+    assert table["mean"][2].endswith("**no effect beyond 2 %**")
+    assert table["50 people or more"][0].startswith(f"−{-np.mean(percents[1:]):.1f}")
 
 
 def runs_with(tmp_path, mean, spread, dead):
