@@ -12,7 +12,17 @@ import polars as pl
 
 from neurosym_jax.evaluation.intervals import holm
 
-__all__ = ["ENERGY", "INTERACTING", "LEVEL", "MARGIN", "Comparison", "Runs", "adjusted", "answer"]
+__all__ = [
+    "ALIVE",
+    "ENERGY",
+    "INTERACTING",
+    "LEVEL",
+    "MARGIN",
+    "Comparison",
+    "Runs",
+    "adjusted",
+    "answer",
+]
 __all__ += ["compared", "p_text", "percent_text"]
 
 INTERACTING = "interacting joint_ade"

@@ -57,24 +57,27 @@ def test_the_table_says_who_is_ahead_of_sgan(study):
     for network, factor in {"sgan": 1.0, "ijcnn": 1.2, "ros": 0.9, "described": 1.0}.items():
         for seed, step in itertools.product(range(6), study.TESTED):
             error = factor * (0.4 + 0.02 * seed) * (1 + draw.normal(0, 0.01))
-            last = step == study.TESTED[-1]
-            lines.append(("hotel", "variety", network, seed, step, "test", error if last else 9.0))
-            lines.append(("hotel", "variety", network, seed, step, "val", 9.0))
+            last, slope = step == study.TESTED[-1], 0.97 if network == "ros" else 0.99
+            start = ("hotel", "variety", network, seed, step)
+            lines.append((*start, "test", "joint_ade", error if last else 9.0))
+            lines.append((*start, "val", "joint_ade", slope ** (step / 1000)))
+            near = 0.0 if seed == 2 and network == "sgan" else 0.96
+            lines.append((*start, "test", "neighbour_near", near))
     # A seed that not all arms have yet does not count.
-    lines.append(("hotel", "variety", "sgan", 6, study.TESTED[-1], "test", 99.0))
-    columns = ("place", "loss", "network", "seed", "step", "split", "value")
-    rows = pl.DataFrame(lines, schema=columns, orient="row").with_columns(
-        metric=pl.lit("joint_ade")
-    )
-    table = [line.split(" | ") for line in study.report(rows).splitlines()[2:]]
-    answers = {network: cells[-1].strip(" |") for _, network, *cells in table}
-    assert answers == {"sgan": "", "ijcnn": "**behind**", "ros": "**ahead**", "described": "open"}
-    means = {network: float(cells[1]) for _, network, *cells in table}
+    lines.append(("hotel", "variety", "sgan", 6, study.TESTED[-1], "test", "joint_ade", 99.0))
+    rows = pl.DataFrame(lines, schema=list(study.HEAD), orient="row")
+    table, _, notes = study.report(rows).partition("\n\n")
+    cells = dict(line.strip("| ").split(" | ") for line in table.splitlines()[2:])
+    means = {name: float(cell.split()[0]) for name, cell in cells.items()}
     assert means["sgan"] == pytest.approx(0.45, abs=0.005)
     assert means["ros"] == pytest.approx(0.9 * 0.45, abs=0.005)
-    percent = {network: cells[2] for _, network, *cells in table}
-    assert percent["ijcnn"].startswith("+")
-    assert percent["ros"].startswith("−")
+    assert [cells[name].split("(")[1][0] for name in ("ijcnn", "ros")] == ["+", "−"]
+    assert [cells[name].partition(") ")[2] for name in ("ijcnn", "ros", "described")] == [
+        *("**behind**", "**ahead**", "")
+    ]
+    assert notes == (
+        "Seeds: 6. Curves that are flat: 3 of 4.\nNetworks that ignore neighbours: variety 1 of 24."
+    )
 
 
 def test_the_first_release_pools_states_only(study):
