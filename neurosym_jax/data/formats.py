@@ -17,7 +17,7 @@ from neurosym_jax.errors import InputError, InputWarning, option, printable
 from neurosym_jax.plugins import Registry, load_entry_points
 
 __all__ = ["FORMATS", "data_files", "files_in", "format_of", "is_folder", "read_any"]
-__all__ += ["recordings_in", "register_format"]
+__all__ += ["recordings_in", "refuse_useless", "register_format"]
 
 # Endings of the files that are taken from a folder.
 SUFFIXES = (".txt", ".csv", ".tsv", ".ndjson", ".json", ".gz", ".parquet", ".feather")
@@ -91,11 +91,7 @@ def read_any(
     form = columns.Columns() if is_frame(data) else format_of(path, options)
     if is_frame(data) and options.format not in (None, "columns"):
         raise InputError(f"{path}: it is a {form.title}, not {option('format', options.format)}")
-    for name in columns.Columns.uses - form.uses:
-        if getattr(options, name):
-            raise InputError(
-                f"{path}: {option(name)} is of no use for {form.title}, which fixes it"
-            )
+    refuse_useless(path, form, options)
     if isinstance(form, columns.Columns) and is_frame(data):
         recordings = form.take(table_of(data), options, frame_period)
     else:
@@ -117,6 +113,15 @@ def read_any(
         reading = dataclasses.replace(reading, file=file, format=name, warnings=lines)
         judged.append(dataclasses.replace(tracks, reading=reading))
     return judged
+
+
+def refuse_useless(path: Path, form: Format, options: ReadOptions) -> None:
+    """Refuse an option of reading that a format does not use; InputError names it."""
+    for name in columns.Columns.uses - form.uses:
+        if getattr(options, name):
+            raise InputError(
+                f"{path}: {option(name)} is of no use for {form.title}, which fixes it"
+            )
 
 
 def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
