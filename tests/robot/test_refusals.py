@@ -126,6 +126,7 @@ CASES = [
     (lambda at: show(at, fixed_frame="map"), "--fixed-frame: has no effect on a file of tracks"),
     (lambda at: show(at, robot_frame="base"), "--robot-frame: has no effect on a file of tracks"),
     (lambda at: show(at, fixed_frame="map", out=at, reach=3), "--reach: has no effect on a file"),
+    (lambda at: show(at, only="a=b"), "--only: has no effect on a file of tracks"),
     (lambda at: ReplayFile(at / "page.html", None), "already there"),
     (lambda at: ReplayFile(at / "a.txt", None), r"\.html"),
     (lambda at: ReplayFile(at / "tracks.txt" / "b.html", MOMENTS), "cannot be written"),
