@@ -121,6 +121,7 @@ CASES = [
     (lambda at: run(at, reach=3), "--reach: has no effect without --fixed-frame or --robot-frame"),
     (lambda at: run(at, port=9, html=at), "--port: has no effect without --dashboard"),
     (lambda at: run(at, host="all", html=at), "--host: .* without --dashboard or --foxglove"),
+    (lambda at: run(at, host="all", foxglove=at / "a.mcap"), "--host: .* on a file for Foxglove"),
     (lambda at: run(at, map=at, out=at), "--map: has no effect without --dashboard or --html"),
     (lambda at: run(at, at_least=0.7), "--at-least: has no effect without --out or --html or"),
     (lambda at: show(at, fixed_frame="map"), "--fixed-frame: has no effect on a file of tracks"),
