@@ -100,7 +100,10 @@ def evaluate(
     if recordings is None:
         if loaded or not files:
             raise InputError("recordings: there are none to test on")
-        tests = [test_of_file(*next(iter(files.items())), baselines)]
+        chosen = {**lengths, "min_agents": min_agents - 2, **read}
+        if unused := [name for name, value in chosen.items() if value]:
+            raise InputError(f"{unused[0]}: has no effect on the windows of a file of forecasts")
+        tests = [test_of_file(*next(iter(files.items())), baselines, samples)]
     else:
         options = ReadOptions(**read)
         tracks = recordings_in(recordings, options)
@@ -149,13 +152,16 @@ def _apart(models: Any) -> tuple[dict[str, Model], dict[str, Predictor]]:
     return loaded, {name: model for name, model in models.items() if name not in loaded}
 
 
-def test_of_file(name: str, file: ForecastFile, baselines: Sequence[str] | None) -> Test:
+def test_of_file(
+    name: str, file: ForecastFile, baselines: Sequence[str] | None, samples: int
+) -> Test:
     """The test set that a file holds itself, with what happened, and its baselines."""
     windows = windows_of(file)
     obs_len, pred_len = windows.obs_len, windows.position.shape[1] - windows.obs_len
-    recordings = {reading.recording for reading in windows.reading} - {""}
+    recordings = sorted({reading.recording for reading in windows.reading} - {""})
     test_set = TestSet("+".join(recordings) or name, obs_len, pred_len)
-    return Test(test_set, baselines_of(baselines, obs_len, pred_len), windows)
+    entries = baselines_of(baselines, obs_len, pred_len, samples=samples)
+    return Test(test_set, entries, windows)
 
 
 def add_forecasts(
