@@ -102,6 +102,9 @@ def read_any(
             tracks.recording, printable(str(path)), rows=len(tracks.id)
         )
         lines = reading.warnings
+        for name, value in (("unit", options.unit_of), ("fps", options.fps_of)):
+            if (text := getattr(options, name)) and value(path.stem) is None:
+                lines = (*lines, f"{option(name, text)} does not name {printable(path.stem)}")
         for guard, refused, line in judge(tracks, options):
             if refused and guard not in options.allow:
                 waive = option("allow", (guard,))

@@ -143,7 +143,7 @@ def _seconds(
 ) -> np.ndarray:
     """[R] seconds in a column of times."""
     path, name, unit = table.path, table.names[place], options.time_unit
-    if options.fps is not None:
+    if options.fps_of(path.stem) is not None:
         raise InputError(f"{path}: {option('fps')} counts frames, and {name!r} is a time")
     if named in _SECONDS:
         if unit and unit != named:

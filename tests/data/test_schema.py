@@ -13,7 +13,7 @@ import pytest
 import tyro
 
 from neurosym_jax.data import ReadOptions, read_any
-from neurosym_jax.errors import InputError, spoken_as_flags
+from neurosym_jax.errors import InputError, InputWarning, spoken_as_flags
 from studies.mistakes.crowd import CROWD, make_crowd
 
 pytestmark = pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
@@ -400,6 +400,10 @@ def test_a_unit_for_each_file_and_two_that_disagree(tmp_path):
         read_any(tmp_path / f"{name}.csv", read)[0].position.tolist() for name in ("gates", "quad")
     ]
     assert result == [[[50, 100]], [[1, 2]]]
+    other = ReadOptions(unit="gate=0.5", fps="gate=5")  # A time needs no rate.
+    with pytest.warns(InputWarning, match="unit='gate=0.5' does not name gates"):
+        (tracks,) = read_any(tmp_path / "gates.csv", other)
+    assert tracks.reading.warnings[1:] == ("fps='gate=5' does not name gates",)
     path = tmp_path / "cm.csv"
     path.write_text("t,id,x_cm,y_cm\n0,1,100,200\n")
     with pytest.raises(
