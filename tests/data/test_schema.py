@@ -365,6 +365,27 @@ def test_rows_in_an_object_with_other_fields(tmp_path):
         assert tracks.position.tolist() == [[0, 2], [1, 2], [2, 2]]
 
 
+def test_a_name_that_stands_twice_in_an_object_keeps_its_part(tmp_path):
+    """The last x would be a velocity's, the last id a camera's, the last row all of a table."""
+    path, at = tmp_path / "a.json", [(0.4 * step, step, 2.0) for step in range(3)]
+    parts = [
+        {"t": t, "p": {"id": 7, "x": x, "y": y}, "camera": {"id": 0}, "velocity": {"x": 1, "y": 0}}
+        for t, x, y in at
+    ]
+    path.write_text(json.dumps(parts))
+    (tracks,) = read_any(path, ReadOptions(columns=("x=p.x", "y=p.y", "id=p.id")))
+    assert (tracks.id.tolist(), tracks.position[:, 0].tolist()) == ([7] * 3, [0, 1, 2])
+    way = {"t": [t for t, *_ in at], "position": [xy for _, *xy in at], "velocity": [[1, 0]] * 3}
+    path.write_text(json.dumps({"id": 7, **way}))
+    (tracks,) = read_any(path)
+    assert tracks.position[:, 0].tolist() == [0, 1, 2]
+    path.write_text(
+        json.dumps({n: {"t": t, "id": 7, "x": x, "y": y} for n, (t, x, y) in enumerate(at)})
+    )
+    with pytest.raises(InputError, match=r"There are '0\.t', '0\.id'"):
+        read_any(path)
+
+
 @pytest.mark.parametrize(("text", "commas"), [("a, b", False), ("1,5", True), ("1,5 and .5", True)])
 def test_commas_are_decimal_between_digits_alone(tmp_path, text, commas):
     """Positions are whole numbers, and a column that nobody asked for has commas."""
