@@ -404,7 +404,7 @@ def test_rates_of_videos_that_only_velocities_tell(tmp_path, rate):
 
 def test_not_seen_is_no_position(tmp_path):
     path = tmp_path / "a.csv"
-    path.write_text("t,id,x,y\n0,1,1,2\n0.4,1,,\n0.8,1,nan,nan\n1.2,1,3,4\n")
+    path.write_text("t,id,x,y\n0,1,1,2\n0.4,1,,\n0.8,1,nan,NA\n1.2,1,3,4\n")  # NA is R's.
     (tracks,) = read_any(path)
     assert tracks.position.tolist() == [[1, 2], [3, 4]]
     assert tracks.reading.warnings == ("2 rows have no position, and are taken as not seen",)
