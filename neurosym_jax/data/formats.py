@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from neurosym_jax.data.readers.storage import FRAME, is_frame, table_of
 from neurosym_jax.data.reading import AS_IT_SAYS, Format, ReadOptions, read_head
 from neurosym_jax.data.schema import names_in_comments, names_tracks
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
-from neurosym_jax.errors import InputError, InputWarning, option, printable
+from neurosym_jax.errors import InputError, InputWarning, brief, option, printable
 from neurosym_jax.plugins import Registry, load_entry_points
 
 __all__ = ["FORMATS", "data_files", "files_in", "format_of", "is_folder", "read_any"]
@@ -137,6 +138,8 @@ def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
         path = Path(data)
         data = data_files(path, options) if is_folder(path) else [path]
         return [tracks for path in data for tracks in read_any(path, options)]
+    if not isinstance(data, Iterable):
+        raise InputError(f"{brief(data)}: is no recording: give a file, table or `make_tracks`")
     return [tracks for item in data for tracks in recordings_in(item, options)]
 
 

@@ -62,7 +62,7 @@ def is_frame(data: object) -> bool:
     """Whether `data` is a table of pandas, polars, pyarrow, GeoPandas, PedPy or MovingPandas."""
     if isinstance(data, type):
         return False
-    framed = hasattr(data, "columns") or hasattr(data, "collect_schema")
+    framed = hasattr(data, "collect_schema") or hasattr(data, "columns")  # Polars warns of it.
     rows = any(hasattr(data, name) for name in ("itertuples", "iter_rows", "collect", "to_pydict"))
     return (framed and rows) or _is_pedpy(data) or _is_moving(data)
 
