@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from neurosym_jax.commands._options import Reading, open_data, refuse_unused
+from neurosym_jax.commands._options import Reading, given, open_data, refuse_unused
 from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.sources import EthUcy, Source, Synthetic
@@ -48,8 +48,6 @@ PROTOCOLS = {
 """SGAN's (Gupta et al., CVPR 2018); and that of E. Weng, H. Hoshino, D. Ramanan and K. Kitani,
 "Joint Metrics Matter", ICCV 2023."""
 
-OF_WINDOWS = ("obs_len", "pred_len", "period", "min_agents", "test_on", "cluster")
-"""Options without effect where a file of forecasts has the windows."""
 
 AFTER_THE_FIRST_RUN = """
 ADE is the mean error of the positions in metres, FDE the error at the last
@@ -142,11 +140,8 @@ def run(options: Options) -> list[Row]:
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
     with contextlib.ExitStack() as stack:
         if files and not (options.data or options.checkpoint or options.dataset or options.all):
-            where = "on the windows of --forecasts (--data names recordings)"
-            refuse_unused(options, OF_WINDOWS, where)
-            refuse_unused(options.read, vars(options.read), where)
-            file = next(iter(files.items()))
-            tests = [test_of_file(*file, options.baselines, options.samples)]
+            file = *next(iter(files.items())), options.baselines, options.samples
+            tests = [test_of_file(*file, given(options))]
         else:
             steps = [file.steps for file in files.values()]
             source, models, planned, least = _plan(options, steps)

@@ -120,7 +120,11 @@ def read_any(
 
 
 def refuse_useless(path: Path, form: Format, options: ReadOptions) -> None:
-    """Refuse an option of reading that a format does not use; InputError names it."""
+    """Refuse options of reading that a format does not use.
+
+    Raises:
+        InputError: naming the first.
+    """
     for name in columns.Columns.uses - form.uses:
         if getattr(options, name):
             raise InputError(
@@ -129,7 +133,11 @@ def refuse_useless(path: Path, form: Format, options: ReadOptions) -> None:
 
 
 def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
-    """The recordings in a file, folder, dataframe (see `read_any`), tracks, or several of these."""
+    """The recordings in a file, folder, dataframe (see `read_any`), tracks, or several of these.
+
+    Raises:
+        InputError: as `read_any`, and for what is none of these.
+    """
     if isinstance(data, Tracks):
         return [data]
     if is_frame(data):

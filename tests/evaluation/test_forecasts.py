@@ -223,13 +223,13 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     for options, message in (
         ({"label": ("x=y",)}, "--label x=y: NAME=PATH, of one of these paths"),
         ({"partial": True, "forecasts": ()}, "--partial"),
-        ({"obs_len": 3}, "--obs-len: has no effect on the windows of --forecasts"),
-        ({"read": ReadOptions(unit="mm")}, "--unit: has no effect on the windows of --forecasts"),
+        ({"obs_len": 3}, "obs_len: has no effect on windows of a file"),
+        ({"read": ReadOptions(unit="mm")}, "unit: has no effect on windows of a file"),
     ):
         with pytest.raises(InputError, match=message):
             run(Options(**where | {"forecasts": files} | options))
     for options in ({"period": 0.8}, {"min_agents": 9}, {"unit": "mm"}):
-        with pytest.raises(InputError, match="has no effect on the windows of a file"):
+        with pytest.raises(InputError, match="has no effect on windows of a file"):
             nj.evaluate(forecasts=files, **options)
 
 
