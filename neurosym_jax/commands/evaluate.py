@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from neurosym_jax.commands._options import Reading, open_data, refuse_unused
+from neurosym_jax.commands._options import Reading, given, open_data, refuse_unused
 from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.sources import EthUcy, Source, Synthetic
@@ -140,7 +140,8 @@ def run(options: Options) -> list[Row]:
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
     with contextlib.ExitStack() as stack:
         if files and not (options.data or options.checkpoint or options.dataset or options.all):
-            tests = [test_of_file(*next(iter(files.items())), options.baselines)]
+            file = *next(iter(files.items())), options.baselines, options.samples
+            tests = [test_of_file(*file, given(options))]
         else:
             steps = [file.steps for file in files.values()]
             source, models, planned, least = _plan(options, steps)

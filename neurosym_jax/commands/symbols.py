@@ -77,9 +77,9 @@ def run(
     refuse(Count, {"--samples": samples})
     refuse(Seed, {"--seed": seed})
     network = model and load_model(model, dataset=dataset)
-    source = open_data(data, read, dataset)
-    name = dataset or source.scenes[0]
     lengths = network.config if network else Lengths()
+    source = open_data(data, read, dataset, period=lengths.period)
+    name = dataset or source.scenes[0]
     windows = cut_windows(source.recordings(name), lengths.obs_len, lengths.pred_len)
     if window is None:
         sizes = np.where(windows.sizes <= max(CROWD, windows.sizes.min()), windows.sizes, 0)

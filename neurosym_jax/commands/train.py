@@ -143,14 +143,14 @@ def closing_line(options: Options, run: Run, source: Source, folder: Path) -> st
     elif not {*datasets} <= {*source.scenes}:
         datasets = ()
     words = ["neurosym", "evaluate", "--checkpoint", str(folder)]
+    more = [] if run.config.period == PERIOD else ["--period", f"{run.config.period:g}"]
+    more += [word for plugin in loaded() for word in ("--plugin", plugin)]
     if not datasets:
-        new = f"{shlex.join(words)} --data NEW_RECORDING"
+        new = shlex.join([*words, "--data", "NEW_RECORDING", *more])
         return f"nothing is left to test on: test on a new recording: {new}"
     words += ["--data", str(options.data)] if options.data else []
     words += ["--test-on", *map(str, datasets)] if options.train_on else []
-    words += flags(given(options.read))
-    words += [] if run.config.period == PERIOD else ["--period", f"{run.config.period:g}"]
-    words += [word for plugin in loaded() for word in ("--plugin", plugin)]
+    words += [*flags(given(options.read)), *more]
     return f"test it: {shlex.join(words)}"
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,11 @@ from neurosym_jax.data.readers.storage import FRAME, is_frame, table_of
 from neurosym_jax.data.reading import AS_IT_SAYS, Format, ReadOptions, read_head
 from neurosym_jax.data.schema import names_in_comments, names_tracks
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
-from neurosym_jax.errors import InputError, InputWarning, option, printable
+from neurosym_jax.errors import InputError, InputWarning, brief, option, printable
 from neurosym_jax.plugins import Registry, load_entry_points
 
 __all__ = ["FORMATS", "data_files", "files_in", "format_of", "is_folder", "read_any"]
-__all__ += ["recordings_in", "register_format"]
+__all__ += ["recordings_in", "refuse_useless", "register_format"]
 
 # Endings of the files that are taken from a folder.
 SUFFIXES = (".txt", ".csv", ".tsv", ".ndjson", ".json", ".gz", ".parquet", ".feather")
@@ -91,11 +92,7 @@ def read_any(
     form = columns.Columns() if is_frame(data) else format_of(path, options)
     if is_frame(data) and options.format not in (None, "columns"):
         raise InputError(f"{path}: it is a {form.title}, not {option('format', options.format)}")
-    for name in columns.Columns.uses - form.uses:
-        if getattr(options, name):
-            raise InputError(
-                f"{path}: {option(name)} is of no use for {form.title}, which fixes it"
-            )
+    refuse_useless(path, form, options)
     if isinstance(form, columns.Columns) and is_frame(data):
         recordings = form.take(table_of(data), options, frame_period)
     else:
@@ -106,6 +103,9 @@ def read_any(
             tracks.recording, printable(str(path)), rows=len(tracks.id)
         )
         lines = reading.warnings
+        for name, value in (("unit", options.unit_of), ("fps", options.fps_of)):
+            if (text := getattr(options, name)) and value(path.stem) is None:
+                lines = (*lines, f"{option(name, text)} does not name {printable(path.stem)}")
         for guard, refused, line in judge(tracks, options):
             if refused and guard not in options.allow:
                 waive = option("allow", (guard,))
@@ -119,8 +119,25 @@ def read_any(
     return judged
 
 
+def refuse_useless(path: Path, form: Format, options: ReadOptions) -> None:
+    """Refuse options of reading that a format does not use.
+
+    Raises:
+        InputError: naming the first.
+    """
+    for name in columns.Columns.uses - form.uses:
+        if getattr(options, name):
+            raise InputError(
+                f"{path}: {option(name)} is of no use for {form.title}, which fixes it"
+            )
+
+
 def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
-    """The recordings in a file, folder, dataframe (see `read_any`), tracks, or several of these."""
+    """The recordings in a file, folder, dataframe (see `read_any`), tracks, or several of these.
+
+    Raises:
+        InputError: as `read_any`, and for what is none of these.
+    """
     if isinstance(data, Tracks):
         return [data]
     if is_frame(data):
@@ -129,6 +146,8 @@ def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
         path = Path(data)
         data = data_files(path, options) if is_folder(path) else [path]
         return [tracks for path in data for tracks in read_any(path, options)]
+    if not isinstance(data, Iterable):
+        raise InputError(f"{brief(data)}: is no recording: give a file, table or `make_tracks`")
     return [tracks for item in data for tracks in recordings_in(item, options)]
 
 

@@ -219,7 +219,7 @@ def read_text_file(path: Path) -> str:
     try:
         return _bytes_of(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not text ({error.reason})") from None
+        raise InputError(f"{path}: not text in UTF-8 ({error.reason}): save it so") from None
 
 
 def _bytes_of(path: Path, size: int = -1) -> bytes:

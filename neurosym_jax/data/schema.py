@@ -210,6 +210,9 @@ def _refusal(
     named: Mapping[str, Sequence[int]],
 ) -> InputError:
     """What names leave open, the whole command that values propose, and rows as read so."""
+    if len(table.names) < 3:
+        what = f"only the columns {_shown(table)}: separate columns"
+        return InputError(f"{table.path}: {what} by commas, semicolons, tabs or blanks")
     guess = dict(places) | {role: named[role][0] for role in required if role in named}
     guess |= propose(table, guess)
     columns = [

@@ -15,6 +15,7 @@ from neurosym_jax.errors import InputError, option
 __all__ = ["stamps_of", "usual_frames"]
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+DATE = "as 2024-05-01 12:30:00.4 (or use seconds)"
 AGREE = 0.15  # share by which witnesses of one rate may differ: velocities are smoothed
 RATES = (29.97, 23.976, 59.94, 12.5)  # frames a second of videos that are no whole numbers
 
@@ -143,7 +144,7 @@ def _seconds(
 ) -> np.ndarray:
     """[R] seconds in a column of times."""
     path, name, unit = table.path, table.names[place], options.time_unit
-    if options.fps is not None:
+    if options.fps_of(path.stem) is not None:
         raise InputError(f"{path}: {option('fps')} counts frames, and {name!r} is a time")
     if named in _SECONDS:
         if unit and unit != named:
@@ -156,7 +157,7 @@ def _seconds(
     if re.match(r"\d{4}-\d\d-", texts[0]) and not options.time_unit:
         moments = texts.str.to_datetime(time_unit="us", time_zone="UTC", strict=False)
         wrong = moments.is_null().to_numpy()
-        table.refuse(wrong, lambda at: f"{texts[at][:40]!r} is not a date and time")
+        table.refuse(wrong, lambda at: f"{texts[at][:40]!r} is not a date and time, {DATE}")
         return moments.dt.timestamp("us").to_numpy() / 1e6
     stamp = table.numbers(place)[:, 0] * _SECONDS[unit or "s"]
     counts = np.unique(stamp)

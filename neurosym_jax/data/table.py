@@ -171,7 +171,8 @@ class Table:
 
 def absent(texts: pl.Series) -> pl.Series:
     """[R] bool: fields that say that there is no value."""
-    return texts.str.to_lowercase().is_in(("", "nan", "null", "none", "n/a", "<na>", "nat", "?"))
+    words = ("", "nan", "null", "none", "na", "n/a", "<na>", "nat", "?")
+    return texts.str.to_lowercase().is_in(words)
 
 
 def read_table(

@@ -101,6 +101,7 @@ def make_tracks(
             raise InputError(f"{where}: {name} must be numbers {list(shape)}, not {kind}")
     # Above 2**53 neighbouring ids share one float.
     are_whole = ids.dtype.kind != "f" or (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
+    are_whole &= ids <= np.iinfo(np.int64).max
     for name, values, usable in (
         ("time", times, np.abs(times) <= LATE),
         ("position", points, (np.abs(points) <= MAX_METRES).all(axis=1)),

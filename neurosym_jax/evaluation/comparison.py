@@ -14,9 +14,9 @@ import polars as pl
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import PERIOD
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 from neurosym_jax.evaluation.forecasts import (
     ForecastFile,
     match,
@@ -40,6 +40,9 @@ from neurosym_jax.evaluation.summary import SEED, rows_frame
 from neurosym_jax.forecasting.model import Model
 
 __all__ = ["add_forecasts", "evaluate", "test_of_file", "with_tests"]
+
+OF_WINDOWS = ("obs_len", "pred_len", "period", "min_agents", "test_on", "cluster")
+"""Options, beside those of reading, without effect where a file of forecasts has the windows."""
 
 
 def evaluate(
@@ -97,12 +100,13 @@ def evaluate(
                 raise InputError(f"{name} {value}: {model.name} has {own}")
     if partial and not files:
         raise InputError("partial: there are no files of forecasts")
+    options = ReadOptions(**read)
     if recordings is None:
         if loaded or not files:
             raise InputError("recordings: there are none to test on")
-        tests = [test_of_file(*next(iter(files.items())), baselines)]
+        chosen = {**lengths, "min_agents": min_agents - 2, **read}
+        tests = [test_of_file(*next(iter(files.items())), baselines, samples, chosen)]
     else:
-        options = ReadOptions(**read)
         tracks = recordings_in(recordings, options)
         tested: dict[tuple[int, int, float], Entries] = {}
         for name, model in loaded.items():
@@ -149,13 +153,26 @@ def _apart(models: Any) -> tuple[dict[str, Model], dict[str, Predictor]]:
     return loaded, {name: model for name, model in models.items() if name not in loaded}
 
 
-def test_of_file(name: str, file: ForecastFile, baselines: Sequence[str] | None) -> Test:
-    """The test set that a file holds itself, with what happened, and its baselines."""
+def test_of_file(
+    name: str,
+    file: ForecastFile,
+    baselines: Sequence[str] | None,
+    samples: int,
+    options: Mapping[str, Any],
+) -> Test:
+    """The test set that a file holds itself, with what happened, and its baselines.
+
+    Raises:
+        InputError: for `options` that would choose other windows.
+    """
+    if unused := [key for key in (*OF_WINDOWS, *vars(AS_IT_SAYS)) if options.get(key)]:
+        raise InputError(f"{option(unused[0])}: has no effect on windows of a file of forecasts")
     windows = windows_of(file)
     obs_len, pred_len = windows.obs_len, windows.position.shape[1] - windows.obs_len
-    recordings = {reading.recording for reading in windows.reading} - {""}
+    recordings = sorted({reading.recording for reading in windows.reading} - {""})
     test_set = TestSet("+".join(recordings) or name, obs_len, pred_len)
-    return Test(test_set, baselines_of(baselines, obs_len, pred_len), windows)
+    entries = baselines_of(baselines, obs_len, pred_len, samples=samples)
+    return Test(test_set, entries, windows)
 
 
 def add_forecasts(

@@ -100,13 +100,12 @@ def compare_sweep(
 def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
     """The errors of what was trained, of one horizon."""
     trained = rows.with_row_index("at").filter(pl.col("training_seed").is_not_null())
+    horizons = sorted(trained.select("obs_len", "pred_len").unique().rows())
     if pred_len is not None:
         trained = trained.filter(pl.col("pred_len") == pred_len)
-    horizons = sorted(trained.select("obs_len", "pred_len").unique().rows())
-    if len(horizons) != 1:
-        raise InputError(
-            f"horizons in the sweep: {horizons or 'none'}; {option('pred_len')} chooses one"
-        )
+    if trained.select("obs_len", "pred_len").n_unique() != 1:
+        among = ", ".join(f"{seen} + {ahead}" for seen, ahead in horizons) or "none"
+        raise InputError(f"horizons in the sweep: {among}; {option('pred_len')} chooses one")
     runs: Runs = {}
     columns = trained.select("at", "model", "dataset", "training_seed")
     try:

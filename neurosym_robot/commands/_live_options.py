@@ -112,6 +112,8 @@ class LiveOptions:
             if options.isdisjoint(others):
                 needed = " or --".join(others).replace("_", "-")
                 refuse_given(f"without --{needed}", **{option: option in options})
+        if isinstance(self.foxglove, Path) and not self.dashboard:
+            refuse_given("on a file for Foxglove", host="host" in options)
 
     def predictor(self, max_gap: float, compile: When = "meanwhile") -> Predictor:
         """Load the models and start compiling; InputError as of `load_models` and `Predictor`.

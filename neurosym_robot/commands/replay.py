@@ -50,7 +50,7 @@ class Options(LiveOptions):
             # Bags and Foxglove tell the name of the coordinates' frame.
             named = self.out is not None or self.foxglove is not None
             unused = {"fixed_frame": self.fixed_frame and not named, "reach": self.reach != REACH}
-            unused |= {"robot_frame": self.robot_frame, "people": self.people}
+            unused |= {"robot_frame": self.robot_frame, "people": self.people, "only": self.only}
             refuse_given("on a file of tracks", **unused)
 
     def files(self, predictor: Predictor, title: str, source: PeopleSource) -> Iterator[View]:

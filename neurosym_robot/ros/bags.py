@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.formats import format_of, read_any
+from neurosym_jax.data.formats import format_of, read_any, refuse_useless
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Reading, Tracks
-from neurosym_jax.errors import InputError, InputWarning, printable
+from neurosym_jax.errors import InputError, InputWarning, option, printable
 from neurosym_robot.input.kinds import HRI, KINDS, POSES
 from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.ros.bag_limits import refuse_bombs
@@ -49,7 +49,13 @@ def read_frames(
     """
     path, *others = paths = [paths] if isinstance(paths, Path) else list(paths)
     if all(map(is_bag, paths)):
-        return read_people(paths, getattr(format_of(path, options), "topic", None), source)
+        form = format_of(path, options)
+        if not form.owns(path):
+            raise InputError(f"{path}: is a bag, not {option('format', options.format)}")
+        refuse_useless(path, form, options)
+        if frame := getattr(form, "fixed_frame", ""):
+            raise InputError(f"{path}: the frame of a stream is {option('fixed_frame', frame)}")
+        return read_people(paths, getattr(form, "topic", None), source)
     if others:
         raise InputError(f"{path}: with {others[0]}; several files must be parts of one bag")
     if not os.path.isfile(path):

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import numpy as np
@@ -5,6 +6,7 @@ import pytest
 
 from neurosym_jax.commands.symbols import run
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model_folder import load_model, save_model
 from tests.repository import ROOT
 
 MODEL = ROOT / "checkpoints" / "neurosym_simulations_8"
@@ -40,6 +42,16 @@ def test_weights_of_a_model(recording, tmp_path, capsys):
     assert "constant" not in out
     with pytest.raises(InputError, match="SGAN weighs no pairs"):
         run(recording, model=MODEL.with_name("sgan_simulations_8"))
+
+
+def test_a_window_has_the_steps_of_the_model(recording, tmp_path, capsys):
+    model = load_model(MODEL)
+    config = dataclasses.replace(model.config, period=0.2)
+    save_model(tmp_path / "m", dataclasses.replace(model, config=config))
+    run(recording, model=tmp_path / "m", window=0, out=tmp_path / "out")
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("(1, 2)"))
+    # Twice as fine as above: between 1.0 and 1.2 m the distance stays.
+    assert line.split()[2:] == ["-0+0", *["."] * 4, "00+0", "+0+0", *["."] * 8]
 
 
 def test_a_forecast_is_told_written_and_drawn(recording, tmp_path, capsys):

@@ -130,6 +130,9 @@ REFUSALS = [
     ("columns", "id,x,y\n1,2,3\n", "which column is time or frame"),
     ("columns", f"{TABLE}1,2,3,1\n1,n/a,3,1\n", r"row 3: the id is missing \('n/a'\)"),
     ("columns", f"{TABLE}2024-05-01,1,0,0\n2024-13-01,1,0,0\n", "row 3: '2024-13-01' is not a d"),
+    ("columns", f'{TABLE}"2024-05-01 1:02:03,4",1,0,0\n', r"a date and time, as 2024-05-01 12:30"),
+    ("columns", "t|id|x|y\n0|1|2|3\n", r"only the columns 't\|id\|x\|y': separate columns by"),
+    ("text", "0\xa0", r"not text in UTF-8 \(.*\): save it so"),
     ("columns", f'{TABLE}0,"7\n",1,2\n', "wrong quotes .*goes on in the next line"),
     ("trajnet", '{"track": {"f": 1, "p": 1, "x": 0}}', "row 1: y is not a number"),
     ("trajnet", "\n" + POINT.replace('"f": 1', '"f": 1.5'), "row 2: f 1.5 is not a whole number"),
@@ -154,7 +157,7 @@ def test_one_row_that_ends_in_a_separator(tmp_path):
 @pytest.mark.parametrize(("kind", "text", "message"), REFUSALS)
 def test_refusals(tmp_path, kind, text, message):
     path = tmp_path / "bad.txt"
-    path.write_text(text)
+    path.write_text(text, "latin-1")
     with pytest.raises(InputError, match=message) as caught:
         read_any(path, ReadOptions(format=kind))
     assert str(caught.value).startswith(f"{path}: ")

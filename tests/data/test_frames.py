@@ -109,3 +109,11 @@ def test_wherever_recordings_are_taken(tmp_path):
         read_any(frame, ReadOptions(format="text"))
     with pytest.raises(InputError, match="dataframe: has no rows"):
         read_any(frame[:0])
+    with pytest.raises(InputError, match=r"\(0.0\): is no recording: give a file, table or `make"):
+        windows_from(np.zeros((3, 8, 2)), 4, 4)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_lazy_frame_is_read_without_a_warning():
+    frame = frame_of("polars", table())
+    assert len(read_any(frame.lazy())[0].id) == len(frame)

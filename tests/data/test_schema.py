@@ -13,7 +13,7 @@ import pytest
 import tyro
 
 from neurosym_jax.data import ReadOptions, read_any
-from neurosym_jax.errors import InputError, spoken_as_flags
+from neurosym_jax.errors import InputError, InputWarning, spoken_as_flags
 from studies.mistakes.crowd import CROWD, make_crowd
 
 pytestmark = pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
@@ -365,6 +365,27 @@ def test_rows_in_an_object_with_other_fields(tmp_path):
         assert tracks.position.tolist() == [[0, 2], [1, 2], [2, 2]]
 
 
+def test_a_name_that_stands_twice_in_an_object_keeps_its_part(tmp_path):
+    """The last x would be a velocity's, the last id a camera's, the last row all of a table."""
+    path, at = tmp_path / "a.json", [(0.4 * step, step, 2.0) for step in range(3)]
+    parts = [
+        {"t": t, "p": {"id": 7, "x": x, "y": y}, "camera": {"id": 0}, "velocity": {"x": 1, "y": 0}}
+        for t, x, y in at
+    ]
+    path.write_text(json.dumps(parts))
+    (tracks,) = read_any(path, ReadOptions(columns=("x=p.x", "y=p.y", "id=p.id")))
+    assert (tracks.id.tolist(), tracks.position[:, 0].tolist()) == ([7] * 3, [0, 1, 2])
+    way = {"t": [t for t, *_ in at], "position": [xy for _, *xy in at], "velocity": [[1, 0]] * 3}
+    path.write_text(json.dumps({"id": 7, **way}))
+    (tracks,) = read_any(path)
+    assert tracks.position[:, 0].tolist() == [0, 1, 2]
+    path.write_text(
+        json.dumps({n: {"t": t, "id": 7, "x": x, "y": y} for n, (t, x, y) in enumerate(at)})
+    )
+    with pytest.raises(InputError, match=r"There are '0\.t', '0\.id'"):
+        read_any(path)
+
+
 @pytest.mark.parametrize(("text", "commas"), [("a, b", False), ("1,5", True), ("1,5 and .5", True)])
 def test_commas_are_decimal_between_digits_alone(tmp_path, text, commas):
     """Positions are whole numbers, and a column that nobody asked for has commas."""
@@ -383,7 +404,7 @@ def test_rates_of_videos_that_only_velocities_tell(tmp_path, rate):
 
 def test_not_seen_is_no_position(tmp_path):
     path = tmp_path / "a.csv"
-    path.write_text("t,id,x,y\n0,1,1,2\n0.4,1,,\n0.8,1,nan,nan\n1.2,1,3,4\n")
+    path.write_text("t,id,x,y\n0,1,1,2\n0.4,1,,\n0.8,1,nan,NA\n1.2,1,3,4\n")  # NA is R's.
     (tracks,) = read_any(path)
     assert tracks.position.tolist() == [[1, 2], [3, 4]]
     assert tracks.reading.warnings == ("2 rows have no position, and are taken as not seen",)
@@ -400,6 +421,10 @@ def test_a_unit_for_each_file_and_two_that_disagree(tmp_path):
         read_any(tmp_path / f"{name}.csv", read)[0].position.tolist() for name in ("gates", "quad")
     ]
     assert result == [[[50, 100]], [[1, 2]]]
+    other = ReadOptions(unit="gate=0.5", fps="gate=5")  # A time needs no rate.
+    with pytest.warns(InputWarning, match="unit='gate=0.5' does not name gates"):
+        (tracks,) = read_any(tmp_path / "gates.csv", other)
+    assert tracks.reading.warnings[1:] == ("fps='gate=5' does not name gates",)
     path = tmp_path / "cm.csv"
     path.write_text("t,id,x_cm,y_cm\n0,1,100,200\n")
     with pytest.raises(

@@ -39,6 +39,7 @@ def tracks(draw):
         ([0, np.inf], [1, 1], [[0, 0], [0, 0]], [0, 0], "row 1: time inf is not a usable number"),
         ([3, 0, 3], [1, 1, 1], np.zeros((3, 2)), [0, 0, 0], "row 2: repeats agent 1 at 3 s"),
         ([0, 1], [1, 1.5], np.zeros((2, 2)), [0, 0], "row 1: id 1.5 is not a usable number"),
+        ([0, 1], np.uint64([1, 2**63]), np.zeros((2, 2)), [0, 0], "row 1: id 9223372036854775808"),
         ([0, 1], ["a", "b"], np.zeros((2, 2)), [0, 0], r"id must be numbers \[2\], not \[2\] <U1"),
         ([0, 1], [1, 1], np.zeros((2, 3)), [0, 0], r"position must be numbers \[2, 2\], not"),
         ([[0, 1]], [1, 1], np.zeros((2, 2)), [0, 0], r"stamp must be numbers \[2\], not \[1, 2\]"),

@@ -8,6 +8,7 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.commands.evaluate import Options, run
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.forecasts import read_forecasts
 
@@ -222,9 +223,33 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     for options, message in (
         ({"label": ("x=y",)}, "--label x=y: NAME=PATH, of one of these paths"),
         ({"partial": True, "forecasts": ()}, "--partial"),
+        ({"obs_len": 3}, "obs_len: has no effect on windows of a file"),
+        ({"read": ReadOptions(unit="mm")}, "unit: has no effect on windows of a file"),
     ):
         with pytest.raises(InputError, match=message):
             run(Options(**where | {"forecasts": files} | options))
+    for options in ({"period": 0.8}, {"min_agents": 9}, {"unit": "mm"}):
+        with pytest.raises(InputError, match="has no effect on windows of a file"):
+            nj.evaluate(forecasts=files, **options)
+
+
+def test_the_windows_of_a_file_alone_are_named_in_order_and_have_any_samples(file, tmp_path):
+    arrays = dict(np.load(file))
+    count = len(arrays["ids"])
+    names = np.array([f"hall{number}" for number in range(5, 0, -1)])
+    path = changed(
+        file,
+        tmp_path,
+        recordings=np.repeat(names, -(-count // 5))[:count],
+        observed=np.repeat(arrays["samples"][0, :, :1], 8, axis=1),
+        truth=arrays["samples"][0],
+        scene=np.arange(count),
+        start=np.arange(count),
+        period=0.4,
+    )
+    # The anchor table, which has 20, is no baseline then.
+    rows = nj.evaluate(forecasts=path, samples=21)
+    assert set(rows["dataset"]) == {"hall1+hall2+hall3+hall4+hall5"}
 
 
 def test_a_file_without_what_happened_needs_recordings(file, tmp_path):

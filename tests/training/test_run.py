@@ -161,6 +161,8 @@ def test_the_last_line_tests_on_what_was_not_seen(files, tmp_path):
     ):
         text = last_line(tmp_path, **options)
         assert text.startswith(line) if line == nothing else text == line, options
+    text = last_line(tmp_path, data=files / "walk.txt", period=0.3)
+    assert text.endswith("--data NEW_RECORDING --period 0.3")
 
 
 def test_folders_of_ones_own(files, tmp_path):

@@ -7,7 +7,8 @@ import contextlib
 import importlib
 import json
 import sqlite3
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -61,7 +62,7 @@ def is_frame(data: object) -> bool:
     """Whether `data` is a table of pandas, polars, pyarrow, GeoPandas, PedPy or MovingPandas."""
     if isinstance(data, type):
         return False
-    framed = hasattr(data, "columns") or hasattr(data, "collect_schema")
+    framed = hasattr(data, "collect_schema") or hasattr(data, "columns")  # Polars warns of it.
     rows = any(hasattr(data, name) for name in ("itertuples", "iter_rows", "collect", "to_pydict"))
     return (framed and rows) or _is_pedpy(data) or _is_moving(data)
 
@@ -236,9 +237,9 @@ def _rows(path: Path, item: Any) -> list[dict[str, Any]]:
         raise InputError(
             f"{path}: JSON of {type(item).__name__} {str(item)[:40]!r}, not of objects"
         )
-    for key, value in list(item.items()):
-        if isinstance(value, dict):
-            item = {**{name: item[name] for name in item if name != key}, **value}
+    plain = {key: value for key, value in item.items() if not isinstance(value, dict)}
+    if len(plain) < len(item):
+        item = _side_by_side([(key, item[key]) for key in item if key not in plain], plain)
     lists = {key: value for key, value in item.items() if isinstance(value, list)}
     others = {key: value for key, value in item.items() if key not in lists}
     if not lists:
@@ -247,12 +248,23 @@ def _rows(path: Path, item: Any) -> list[dict[str, Any]]:
         raise InputError(f"{path}: lists of several lengths: {', '.join(lists)[:80]}")
     rows = []
     for values in zip(*lists.values()):
-        row = dict(others)
+        parts = []
         for key, value in zip(lists, values):
             if isinstance(value, list) and len(value) in (2, 3):
                 names = ("x", "y") if len(value) == 2 else ("t", "x", "y")
-                row |= dict(zip(names, value))
-            else:
-                row |= value if isinstance(value, dict) else {key: value}
-        rows.append(row)
+                value = dict(zip(names, value))
+            parts.append((key, value if isinstance(value, dict) else {key: value}))
+        rows.append(others | _side_by_side(parts))
     return rows
+
+
+def _side_by_side(
+    parts: Sequence[tuple[str, dict[str, Any]]], plain: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
+    """The fields `plain` and those of named parts, as PART.NAME where a name stands twice."""
+    counts = Counter([*plain, *(name for _, part in parts for name in part)])
+    return dict(plain) | {
+        name if counts[name] == 1 else f"{key}.{name}": value
+        for key, part in parts
+        for name, value in part.items()
+    }
