@@ -87,13 +87,26 @@ class AnchorTableForecaster(Forecaster):
         return samples, probability
 
     def distribution(self, params: Any, scene: Scene, key: Array, count: int) -> Array:
-        """See `Forecaster.distribution`; without points, samples drawn by their probabilities."""
-        forecast = apply_anchors(self.config, params, scene)
+        """See `Forecaster.distribution`; without points, samples drawn by their probabilities.
+
+        Half of the scenes are drawn from points of the mirrored scene: people's left and right
+        differ less than what a network has learned of them at a few places.
+        """
         for part in scene.identity:
             key = jax.random.fold_in(key, part)
-        if self.calibrated:
-            return draw_scenes(forecast.points, jnp.asarray(scene.valid), key, count)
-        return draw_samples(forecast.samples, jnp.exp(forecast.log_probability), key, count)
+        if not self.calibrated:
+            forecast = apply_anchors(self.config, params, scene)
+            return draw_samples(forecast.samples, jnp.exp(forecast.log_probability), key, count)
+
+        def drawn(view: tuple[Array, Array]) -> Array:
+            mirror, part = view
+            seen = scene.replace(observed=scene.observed * mirror)
+            points = apply_anchors(self.config, params, seen).points * mirror
+            return draw_scenes(points, jnp.asarray(scene.valid), part, -(-count // 2))
+
+        mirrors = jax.random.permutation(key, jnp.array([[1.0, 1.0], [1.0, -1.0]]))
+        draws = jax.lax.map(drawn, (mirrors, jax.random.split(key)))
+        return draws.swapaxes(0, 1).reshape(-1, *draws.shape[2:])[:count]
 
     def batches(self, windows: Windows, recipe: Any) -> Callable[[int], Any]:
         """Scenes of one size class, and the crowds that they are merged into."""

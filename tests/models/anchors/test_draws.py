@@ -15,8 +15,10 @@ from neurosym_jax.forecasting.distribution import predict_distribution
 from neurosym_jax.forecasting.model import predict, predict_representatives
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors.draws import _overlaps, draw_samples, draw_scenes, separate
+from neurosym_jax.models.anchors.forecaster import apply_anchors
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.scene import make_scene
 from tests.networks import random_model
 from tests.repository import exhaustive
 
@@ -113,13 +115,13 @@ def test_the_distribution_is_in_the_callers_frame_and_of_the_seed(model):
     observed = np.array([500.0, -80.0]) + np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(
         1
     )
-    draws = predict_distribution(model, observed, draws=30)
-    assert draws.shape == (30, 3, 4, 2)
+    draws = predict_distribution(model, observed, draws=24)
+    assert draws.shape == (24, 3, 4, 2)
     assert draws.dtype == np.float64
     assert np.abs(draws - observed[:, -1:]).max() < 10
-    np.testing.assert_array_equal(draws, predict_distribution(model, observed, draws=30))
+    np.testing.assert_array_equal(draws, predict_distribution(model, observed, draws=24))
     for changed in ({"seed": 1}, {"frame": 1}, {"recording": "other"}):
-        other = predict_distribution(model, observed, draws=30, **changed)
+        other = predict_distribution(model, observed, draws=24, **changed)
         assert (other != draws).any()
         # The marginal distribution of each person stays.
         np.testing.assert_allclose(np.sort(other, axis=0), np.sort(draws, axis=0), atol=1e-4)
@@ -127,6 +129,22 @@ def test_the_distribution_is_in_the_callers_frame_and_of_the_seed(model):
         predict_distribution(model, observed, draws=0)
     with pytest.raises(InputError, match=r"nj\.forecast"):
         jax.jit(functools.partial(predict_distribution, model))(observed)
+
+
+def test_the_distribution_of_a_mirrored_scene_is_the_mirrored_one(model):
+    observed = np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(1)
+    mirror = np.array([1.0, -1.0])
+    draws = predict_distribution(model, observed, draws=24)
+    mirrored = predict_distribution(model, observed * mirror, draws=24) * mirror
+    for axis in range(2):
+        both = (np.sort(each[..., axis], axis=0) for each in (draws, mirrored))
+        np.testing.assert_allclose(*both, atol=1e-4)
+    # The network by itself is not symmetric: each half of the draws differs from the other.
+    scene = make_scene(observed)
+    views = (scene, scene.replace(observed=scene.observed * mirror.astype(np.float32)))
+    points = [apply_anchors(model.config, model.params, view).points for view in views]
+    assert np.abs(points[0] - points[1] * mirror.astype(np.float32)).max() > 0.05
+    assert predict_distribution(model, observed, draws=7).shape == (7, 3, 4, 2)
 
 
 @pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
