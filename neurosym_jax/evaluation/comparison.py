@@ -104,7 +104,7 @@ def evaluate(
     if recordings is None:
         if loaded or not files:
             raise InputError("recordings: there are none to test on")
-        chosen = {**lengths, "min_agents": min_agents - 2, **read}
+        chosen = {**lengths, "min_agents": min_agents != 2, **read}
         tests = [test_of_file(*next(iter(files.items())), baselines, samples, chosen)]
     else:
         tracks = recordings_in(recordings, options)

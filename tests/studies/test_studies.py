@@ -59,10 +59,7 @@ def test_numbers_on_pages_are_what_their_studies_print(capsys):
     run_module("studies.fine_tuning", DOCS / "fine_tuning.csv")
     assert capsys.readouterr().out.split("\n\n")[0] in (DOCS / "training.md").read_text("utf-8")
     run_module("studies.same_loss", DOCS / "same_loss.csv")
-    errors = re.findall(r"\| 1 \| 0?(\d?\.\d{3}) \|", capsys.readouterr().out)
-    assert len(errors) == 16
-    page = (DOCS / "released_code.md").read_text("utf-8")
-    assert [error for error in errors if f"| {error} |" not in page] == []
+    assert capsys.readouterr().out in (DOCS / "released_code.md").read_text("utf-8")
 
 
 def test_the_study_of_weighting_writes_its_page(tmp_path):
