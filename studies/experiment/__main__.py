@@ -35,29 +35,36 @@ STORAGES = (".bag", ".mcap", ".db3", ".bag")
 """Formats of the four bags; the chain is the same for all."""
 
 
-def experiment(out: Path, *, seconds: float = 120.0, samples: int = 20) -> Path:
+def experiment(
+    out: Path,
+    *,
+    seconds: float = 120.0,
+    samples: int = 20,
+    models: tuple[str, str] = MODELS,
+) -> Path:
     """Simulate, record, forecast, score, and write the report; its path.
 
     Args:
         out: folder for report, figures and recordings; it must be new or empty.
         seconds: length of a recording.
         samples: futures that each model draws.
+        models: an SGAN and a NeuroSyM, names or folders.
 
     Raises:
         InputError: for a folder that holds something.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: already there, and nothing is overwritten")
-    models, recordings, latencies = load_models([Path(name) for name in MODELS]), [], {}
+    networks, recordings, latencies = load_models([Path(name) for name in models]), [], {}
     storages = iter(STORAGES)
     for scenario, seeds in SEEDS.items():
         for number, seed in enumerate(seeds, 1):
             bag, people = _record(scenario, number, seed, next(storages), seconds, out)
-            recordings.append(_forecast(scenario, number, bag, people, models, samples))
+            recordings.append(_forecast(scenario, number, bag, people, networks, samples))
             done = len(recordings[-1].forecasts)
             print(f"{scenario} {number}: {done} forecasts of {bag.name}")
-        latencies[scenario] = _latency(models, recordings[-2], samples)
-    return write_report(out, recordings, latencies, seconds)
+        latencies[scenario] = _latency(networks, recordings[-2], samples)
+    return write_report(out, recordings, latencies, seconds, models)
 
 
 def _record(

@@ -44,9 +44,9 @@ In scenario A two people walk side by side to the end of a room and back; in B t
 at 10 Hz sees them with {noise:.0f} cm of noise, and loses each of them every 20 s on average. Its
 messages go into bags and come back frame by frame through stitching, prediction and analytics.
 
-**Networks.** Both scenarios are forecast by {models}.
-They learned from ETH/UCY without zara1, one training each, for ADE and FDE and without an
-adversarial term. The paper's scenario B used networks trained on THÖR: none ships, and real tracks
+**Networks.** Both scenarios are forecast by {models}; one training
+each, for ADE and FDE and without an adversarial term. Those that ship learned from ETH/UCY without
+zara1. The paper's scenario B used networks trained on THÖR; `--models` takes others. Real tracks
 have not been replayed here."""
 
 NOTE = """Metres. Avg. ADE: the paper's sum over people and steps, of the published forecast, which
@@ -75,23 +75,23 @@ def write_report(
     recordings: Sequence[Recording],
     latencies: Mapping[Scenario, Mapping[str, float]],
     seconds: float,
+    models: Sequence[str] = MODELS,
 ) -> Path:
     """Write `experiment.md` and `.json`, and the figures, to `out`; the page's path.
 
     `latencies` are medians in milliseconds from a frame's arrival to its forecast, `seconds` the
-    length of a recording.
+    length of a recording, `models` the names or folders of the networks.
     """
     raw, mended = np.mean([recording.identity for recording in recordings], axis=0)
     noise, environment = 100 * FAULTS.noise, run_environment()
     latency = max(value for medians in latencies.values() for value in medians.values())
-    models = " and ".join(f"`{name}`" for name in MODELS)
     head = HEAD.format(
         raw=raw,
         mended=mended,
         latency=latency,
         ahead=_ahead(recordings),
         noise=noise,
-        models=models,
+        models=" and ".join(f"`{name}`" for name in models),
     )
     blocks = [head]
     for scenario, title in NAMES.items():
