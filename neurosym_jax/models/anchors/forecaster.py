@@ -104,8 +104,9 @@ class AnchorTableForecaster(Forecaster):
             points = apply_anchors(self.config, params, seen).points * mirror
             return draw_scenes(points, jnp.asarray(scene.valid), part, -(-count // 2))
 
-        mirrors = jax.random.permutation(key, jnp.array([[1.0, 1.0], [1.0, -1.0]]))
-        draws = jax.lax.map(drawn, (mirrors, jax.random.split(key)))
+        order, *parts = jax.random.split(key, 3)
+        mirrors = jax.random.permutation(order, jnp.array([[1.0, 1.0], [1.0, -1.0]]))
+        draws = jax.lax.map(drawn, (mirrors, jnp.stack(parts)))
         return draws.swapaxes(0, 1).reshape(-1, *draws.shape[2:])[:count]
 
     def batches(self, windows: Windows, recipe: Any) -> Callable[[int], Any]:
