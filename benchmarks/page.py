@@ -120,9 +120,10 @@ def _series(rows: list[dict[str, Any]]) -> list[list[str]]:
     """A line for what grows, with the exponent from its last two sizes."""
     lines = []
     for title, series in itertools.groupby(rows, lambda row: row["case"].rpartition(":")[0]):
-        *_, last = row_by_size = list(series)
-        sizes = ", ".join(f"{row['size']:,}: {_seconds(row['median'])}" for row in row_by_size)
-        memory = f"{last['peak_mb'] / 1000:.1f} GB" if "peak_mb" in last else ""
+        *_, last = by_size = list(series)
+        sizes = ", ".join(f"{row['size']:,}: {_seconds(row['median'])}" for row in by_size)
+        peaks = [row["peak_mb"] for row in by_size if "peak_mb" in row]
+        memory = f"{max(peaks) / 1000:.1f} GB" if peaks else ""
         lines.append([title, sizes, f"{last['exponent']:.1f}", memory])
     return lines
 

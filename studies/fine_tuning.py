@@ -16,9 +16,7 @@ import csv
 import dataclasses
 import itertools
 import re
-import sys
 import tempfile
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -29,17 +27,17 @@ from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.sources import windows_from
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, make_batches
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.intervals import student_half
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.runtime import enable_compilation_cache, tune
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.preparation import prepare
 from neurosym_jax.training.run import Run
+from studies import print_or_run
 
 PLACES = {
     "eth": "{data}/all/biwi_eth.txt",
@@ -160,10 +158,7 @@ def report(rows: pl.DataFrame) -> str:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 2:
-        print(report(pl.read_csv(sys.argv[1])))
-    else:
-        warnings.simplefilter("ignore", InputWarning)
-        enable_compilation_cache()
-        tune()
-        run_all(dict(zip(("data", "more", "thor"), sys.argv[1:4])), Path(sys.argv[4]))
+    print_or_run(
+        report,
+        lambda *words: run_all(dict(zip(("data", "more", "thor"), words)), Path(words[3])),
+    )

@@ -13,8 +13,6 @@ import csv
 import dataclasses
 import functools
 import itertools
-import sys
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -25,15 +23,14 @@ import numpy as np
 import polars as pl
 from jax import Array
 
-from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.forecasting.forecaster import register_forecaster
 from neurosym_jax.models.anchors.forecaster import AnchorsForecaster
 from neurosym_jax.models.anchors.frames import LONGEST, SLOW, closest_approach, length, turned
 from neurosym_jax.models.anchors.network import AnchorConfig
-from neurosym_jax.runtime import enable_compilation_cache, tune
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import ABSENT, adjacency, alpha_table, encode_state
+from studies import print_or_run
 from studies.weighting.arms import ANCHORS
 from studies.weighting.comparison import (
     ENERGY,
@@ -277,10 +274,4 @@ def _answer(comparison: Comparison) -> list[str]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 2:
-        print(report(pl.read_csv(sys.argv[1])))
-    else:
-        warnings.simplefilter("ignore", InputWarning)
-        enable_compilation_cache()
-        tune()
-        run_all(Path(sys.argv[1]), Path(sys.argv[2]))
+    print_or_run(report, lambda data, table: run_all(Path(data), Path(table)))

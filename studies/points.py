@@ -1,6 +1,6 @@
 """The distribution of the `anchors` networks that ship: points, trained on networks that stay.
 
-NPROC=1 python -m studies.points DATA HERMES OUT [NAME ...] [--seed N]
+NPROC=1 python -m studies.points DATA HERMES OUT [NAME ...] [--seed N] [--steps N]
 
 writes OUT/NAME of checkpoints/anchors_*, by default of all.
 
@@ -101,9 +101,10 @@ def main(
     out: tyro.conf.Positional[Path],
     names: tyro.conf.Positional[tuple[str, ...]] = (),
     seed: int = 0,
+    steps: int = RECIPE.steps,
 ) -> None:
     """Write the models `names`, by default all that ship."""
-    recipe = dataclasses.replace(RECIPE, seed=seed)
+    recipe = dataclasses.replace(RECIPE, seed=seed, steps=steps)
     for name in names or sorted(path.name for path in CHECKPOINTS.glob("anchors_*")):
         if (out / name).exists():
             continue

@@ -11,8 +11,7 @@ interrupted command continues, and a run whose rows are deleted repeats to the b
 import csv
 import dataclasses
 import itertools
-import sys
-import warnings
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,15 +24,14 @@ from jax import Array
 
 from neurosym_jax.data.sources import Source, open_source
 from neurosym_jax.data.windows import Batch, cut_windows, make_batches
-from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.models.sgan.config import GeneratorConfig, register_pooling
 from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.sgan.recipe import RECIPES
-from neurosym_jax.runtime import enable_compilation_cache, tune
 from neurosym_jax.symbolic.weightings import Cnd, CndShipped
 from neurosym_jax.training.run import ROUND, Run
+from studies import print_or_run
 from studies.weighting.comparison import ALIVE, Runs, adjusted, answer, percent_text
 
 __all__ = ["LOSSES", "NETWORKS", "Zeros", "report", "run_all"]
@@ -175,22 +173,21 @@ def report(rows: pl.DataFrame) -> str:
         (pl.col("value") < ALIVE).sum(), runs=pl.len()
     )
     ignoring = ", ".join(f"{loss} {count} of {runs}" for loss, count, runs in still.iter_rows())
-    validation = rows.filter(metric="joint_ade", split="val")
-    means = validation.group_by("place", "loss", "network").agg(
+    arm = ["place", "loss", "network"]
+    validation = rows.filter(metric="joint_ade", split="val").group_by(arm)
+    means = validation.agg(
         *(pl.col("value").filter(pl.col("step") == step).mean().alias(str(step)) for step in TESTED)
     )
     before, after = (means[str(step)] for step in TESTED[-2:])
+    shut = rows.filter(pl.col("value").is_close(2 * math.log(2), abs_tol=1e-4), metric="d_loss")
+    shut = shut.filter(step=TESTED[0]).group_by("loss", maintain_order=True).len()
+    closed = ", ".join(f"{loss} {count}" for loss, count in shut.iter_rows()) or "none"
     return f"""{markdown_table(["joint ADE", *sets], lines, right=len(sets))}
 
 Seeds: {len(seeds)}. Curves that are flat: {(after > (1 - FLAT) * before).sum()} of {len(means)}.
-Networks that ignore neighbours: {ignoring}."""
+Networks that ignore neighbours: {ignoring}.
+Discriminators that are shut after {TESTED[0]:,} steps: {closed}."""
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 2:
-        print(report(pl.read_csv(sys.argv[1])))
-    else:
-        warnings.simplefilter("ignore", InputWarning)
-        enable_compilation_cache()
-        tune()
-        run_all(open_source(Path(sys.argv[1])), Path(sys.argv[2]))
+    print_or_run(report, lambda data, table: run_all(open_source(data), Path(table)))

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from flax.traverse_util import flatten_dict
 
+from benchmarks import scaling
+from benchmarks.page import document
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.forecasting import tracking_errors
@@ -31,6 +33,14 @@ def test_a_benchmark_and_its_page(tmp_path):
     text = page.read_text()
     assert text.startswith("# Benchmarks")
     assert "QTC and alpha" in text
+
+
+def test_the_page_of_a_series_has_its_exponent_and_the_most_memory():
+    found = [(10, {"values": [0.1], "peak_mb": 2400}), (1000, {"values": [10.0], "peak_mb": 800})]
+    machine = {"cores": 2, "cpu": "x", "python": "3", "jax": "0", "platform": "cpu"}
+    rows = scaling._rows("people", found)
+    text = document({"scaling": {"rows": rows, "machine": machine}})
+    assert "| people | 10: 100 ms, 1,000: 10 s | 1.0 | 2.4 GB |" in text
 
 
 @pytest.mark.exhaustive

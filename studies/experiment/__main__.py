@@ -1,10 +1,18 @@
-"""The robot paper's experiment, on simulated recordings.
+r"""The robot paper's experiment, on simulated recordings.
 
 Mghames et al., "neuROSym: Deployment and Evaluation of a ROS-based Neuro-Symbolic Model for Human
 Motion Prediction" (2024): two scenarios, two recordings of two minutes each, SGAN beside NeuroSyM.
 Here a simulation walks, a tracker with faults sees it, and a bag keeps what the tracker says; the
 bag is read back, tracks are stitched, forecast and scored as they would be on the robot. What is
 made of the results is in `report`. `python -m studies.experiment --help` lists the options.
+
+Networks that learned from THÖR and MAGNI, THOR being a folder with their three recordings:
+
+for M in sgan neurosym; do
+    neurosym train --model $M --obs-len 8 --pred-len 8 --data THOR --out RUNS/$M --train-on \
+        CLiFF-LHMP_thor1_exp-1-run-2 CLiFF-LHMP_thor3_exp-3-run-2 THOR-MAGNI_Scenario_5
+done
+python -m studies.experiment --out OUT --models RUNS/sgan RUNS/neurosym
 """
 
 import sys

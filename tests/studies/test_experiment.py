@@ -18,9 +18,15 @@ pytest.importorskip("rosbags", reason="rosbags is not installed")
 @pytest.mark.exhaustive
 def test_the_whole_experiment(tmp_path):
     out = tmp_path / "report"
-    of.experiment(out, seconds=16.0, samples=3)
+    of.experiment(out, seconds=16.0, samples=3, models=("sgan_eth_8", "neurosym_eth_8"))
     text = (out / "experiment.md").read_text()
-    for part in ("IDF1 from", "16.32", "| A 1 | SGAN |", "## Scenario B"):
+    for part in (
+        "`sgan_eth_8` and `neurosym_eth_8`",
+        "IDF1 from",
+        "16.32",
+        "| A 1 | SGAN |",
+        "## Scenario B",
+    ):
         assert part in text
     images = sorted((out / "figures").glob("*.png"))
     assert len(images) == text.count("](figures/") == 6
