@@ -7,20 +7,21 @@ for T in 8 12; do
     HOW="$HOW --checkpoint anchors_general_$T anchor_table_general_$T"
     HOW="$HOW --baselines constant_velocity_sampled"
     python evaluate.py $HOW --data THOR --json R/thor_$T.json
-    for F in stanford kept_back; do  # one test set of all recordings in a folder
-        NAMES=$(cd MORE/$F && ls | sed s/.txt//)
-        python evaluate.py $HOW --data MORE/$F --test-on $NAMES --json R/${F}_$T.json
+    names() { (cd $1 && ls $2* | sed 's/.txt$//; s/.csv$//'); }  # one test set of all recordings
+    python evaluate.py $HOW --data CITR --fps 29.97 --test-on $(names CITR) --json R/citr_$T.json
+    for F in stanford kept_back; do
+        python evaluate.py $HOW --data MORE/$F --test-on $(names MORE/$F) --json R/${F}_$T.json
     done
+    F=MORE/tests
+    python evaluate.py $HOW --data $F --test-on $(names $F bo) --json R/corridors_$T.json
 done
 python -m studies.distribution R/*.json > docs/distribution.csv
-# Of the corridors the page has collisions alone:
-python evaluate.py --pred-len 12 --metrics $WHAT --no-figures --data MORE/tests \\
-    --test-on $(cd MORE/tests && ls bo* | sed s/.txt//) --checkpoint anchors_general_12
 
 DATA is ETH/UCY as SGAN arranges it, MORE what `studies.more_data` writes, THOR a folder with THÖR
-and THÖR-MAGNI. No network has learned the recordings that it is tested on. On THÖR, MAGNI and
-Stanford they are those for one's own recordings, and of Stanford kept back nothing was looked at
-before this test.
+and THÖR-MAGNI, CITR one with CITR's files of people alone (`p2p_*/*_ped_filtered.csv` in
+OpenTraj's `datasets/CITR`). No network has learned the recordings that it is tested on; the general
+ones learned other runs of the corridors. On THÖR, MAGNI and Stanford they are those for one's own
+recordings, and of Stanford kept back nothing was looked at before this test.
 """
 
 import csv
@@ -40,6 +41,8 @@ PLACES = {
     "MAGNI": "THOR-MAGNI_Scenario_5",
     "Stanford": "bookstore_1+",
     "kept back": "+".join(KEPT_BACK),
+    "CITR": "bidirection_",
+    "corridors": "bo-",
 }
 """Places, and how the names of their test sets begin."""
 MODELS = ("anchors", "anchor table", "constant velocity, sampled")

@@ -1,9 +1,9 @@
 """Draws of scenes: from samples that have probabilities, or from each person's own points.
 
-Which point of one person goes with which of another is free: whatever the pairing, every person's
-points are used equally often. Independent pairings put people onto each other. So they are paired
-anew by Metropolis steps, whose stationary distribution is that of independent people times
-exp(-`REPULSION` x overlap) for each pair. Nothing is learned, and nobody's own forecast changes.
+A scene takes a point of each person. Its probability is that of independent people, times what each
+pair of people says (a Markov random field): scenes in which two overlap are improbable, and those
+in which two who walk together part. Draws are made from it by Gibbs sampling. So a person's points
+are equally probable only for somebody who is alone. Nothing is learned here.
 """
 
 import functools
@@ -13,16 +13,25 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-__all__ = ["draw_samples", "draw_scenes", "separate"]
+from neurosym_jax.forecasting.tracking_errors import repair_tracks
+from neurosym_jax.scene import Scene
+
+__all__ = ["couple", "draw_samples", "draw_scenes"]
 
 DISTANCE = 0.3
 """Distance of two people's centres below which they overlap, metres."""
-REPULSION = 40.0
+REPULSION = 8.0
 """How much less probable a scene is for each complete overlap of two people, in nats."""
-SWEEPS = 16
-"""Times that each person's points are paired anew."""
+COHESION = 3.0
+"""How much less probable it is for two who walk together and part by `FAR`, in nats."""
+FAR = 1.0
+"""Root mean square change of two people's offset beyond which they have parted, metres."""
+TOGETHER = 1.2, 0.25
+"""Distance in metres and difference of velocity in m/s at which two people hardly walk together."""
+SWEEPS = 2
+"""Times that each person's points are chosen anew, given everybody else's."""
 NEAREST = 16
-"""Neighbours with whom a person may overlap: those who come nearest to its mean path."""
+"""People on whom a person's choice depends: those who come nearest to its mean path."""
 
 
 def draw_samples(samples: Array, probability: Array, key: Array, count: int) -> Array:
@@ -35,62 +44,74 @@ def draw_samples(samples: Array, probability: Array, key: Array, count: int) -> 
     return samples[jnp.minimum(chosen, len(samples) - 1)]
 
 
-def draw_scenes(points: Array, valid: Array, key: Array, count: int) -> Array:
-    """[count, N, T, 2] equally probable scenes of `points [P, N, T, 2]`, see `separate`.
+def draw_scenes(points: Array, scene: Scene, key: Array, count: int, period: float) -> Array:
+    """[count, N, T, 2] equally probable futures of `scene`, of each person's `points [P, N, T, 2]`.
 
-    Each point of a person is drawn equally often, up to one. `valid [N]` is False for padding.
+    Steps are of `period` seconds. Somebody alone has all points about equally often.
     """
     independent, together = jax.random.split(key)
-    rounds = -(-count // len(points))
-
-    def order(slot: Array) -> Array:
-        lots = jax.random.uniform(jax.random.fold_in(independent, slot), (rounds, len(points)))
-        return lots.argsort(axis=1).reshape(-1)[:count]
-
-    chosen = jax.vmap(order, out_axes=1)(jnp.arange(len(valid)))
-    chosen = separate(points, chosen, valid, together)
+    chosen = _lots(independent, points.shape[1], count).T * len(points)
+    chosen = chosen.astype(int)
+    if points.shape[1] > 1:
+        chosen = couple(chosen, *_pairs(points, scene, period), together)
     return jnp.take_along_axis(points, chosen[..., None, None], axis=0)
 
 
-def separate(points: Array, chosen: Array, valid: Array, key: Array) -> Array:
-    """`chosen [n, N]` of `points [P, N, T, 2]` with each person's choices exchanged between draws.
+def couple(chosen: Array, near: Array, table: Array, key: Array) -> Array:
+    """[n, N] points of each person in n draws, chosen anew from `chosen [n, N]`, given the others'.
 
-    People then overlap less in one draw. `valid [N]` is False for padding.
+    `near [N, M]` are the people on whom a person depends, `table [N, M, P, P]` how many nats less
+    probable each point of theirs (third axis) makes each of the person's (fourth).
     """
     count, agents = chosen.shape
-    if count < 2 or agents < 2:
-        return chosen
-    near, present = _nearest(points, valid)
-    table = jnp.where(present[..., None, None], _overlaps(points, near), 0)
-    table = jax.lax.stop_gradient(table)
-    slots, draws = jnp.arange(near.shape[1]), jnp.arange(count)
-    # Whoever can overlap with nobody has no turn.
-    crowded = table.any(axis=(1, 2, 3))
-    turns, number = jnp.argsort(~crowded), crowded.sum()
+    slots = jnp.arange(near.shape[1])
+    up_to = jnp.triu(jnp.ones(table.shape[-2:]))
+    # Whoever depends on nobody has no turn.
+    bound = table.any(axis=(1, 2, 3))
+    turns, number = jnp.argsort(~bound), bound.sum()
 
-    def sweep(key: Array, chosen: Array) -> Array:
-        # By the person, so that padding changes nothing.
-        keys = jax.vmap(functools.partial(jax.random.fold_in, key))(jnp.arange(agents))
-        lots = jax.vmap(lambda key: jax.random.uniform(key, (count + 1,)))(keys)
+    def sweep(round: Array, chosen: Array) -> Array:
+        lots = _lots(jax.random.fold_in(key, round), agents, count)
 
-        def exchange(turn: Array, chosen: Array) -> Array:
+        def choose(turn: Array, chosen: Array) -> Array:
             agent = turns[turn]
-            lot, pivot = lots[agent, :-1], (lots[agent, -1] * count).astype(int)
-            # Draws are partners whose numbers have a sum drawn at random; some are their own.
-            partner = (pivot - draws) % count
-            mine, theirs = chosen[:, agent], chosen[:, near[agent]]
-            both = jnp.stack([mine, mine[partner]])
-            now, then = table[agent, slots, both[..., None], theirs].sum(-1)
-            increase = then - now
-            increase = increase + increase[partner]
-            # One lot for both partners.
-            accepted = jnp.log(lot[jnp.minimum(draws, partner)]) < -REPULSION * increase
-            return chosen.at[:, agent].set(both[accepted.astype(int), draws])
+            cost = table[agent, slots, chosen[:, near[agent]]].sum(1)  # [n, P]
+            share = jnp.exp(cost.min(1, keepdims=True) - cost) @ up_to
+            place = lots[agent, :, None] * share[:, -1:]
+            return chosen.at[:, agent].set((share[:, :-1] <= place).sum(1))
 
-        return jax.lax.fori_loop(0, number, exchange, chosen)
+        return jax.lax.fori_loop(0, number, choose, chosen)
 
-    keys = jax.random.split(key, SWEEPS)
-    return jax.lax.fori_loop(0, SWEEPS, lambda round, chosen: sweep(keys[round], chosen), chosen)
+    return jax.lax.fori_loop(0, SWEEPS, sweep, chosen)
+
+
+def _lots(key: Array, agents: int, count: int) -> Array:
+    """[agents, count] numbers in [0, 1), one in each `count`-th part of it, in random order.
+
+    Those of an agent depend on its slot alone, so that padding changes nothing.
+    """
+
+    def of(agent: Array) -> Array:
+        order, within = jax.random.split(jax.random.fold_in(key, agent))
+        part = jax.random.uniform(order, (count,)).argsort()
+        lots = (part + jax.random.uniform(within, (count,))) / count
+        return jnp.minimum(lots, 1 - 1e-6)  # Rounding may reach 1.
+
+    return jax.vmap(of)(jnp.arange(agents))
+
+
+def _pairs(points: Array, scene: Scene, period: float) -> tuple[Array, Array]:
+    """`near [N, M]` and `table [N, M, P, P]` of `couple`."""
+    near, present = _nearest(points, jnp.asarray(scene.valid))
+    observed, offset = repair_tracks(jnp.asarray(scene.observed), period)
+    together = jnp.where(present, _together(observed, near, period), 0)
+    total = jnp.maximum(together.sum(1), 1)
+    # Of a stream of people, all together hold a person as one companion does.
+    share = together / jnp.maximum(total[:, None], total[near])
+    parted = jnp.minimum(_partings(points - offset[:, None], observed[:, -1], near) / FAR, 1)
+    table = REPULSION * jnp.where(present[..., None, None], _overlaps(points, near), 0)
+    table += COHESION * share[..., None, None] * parted
+    return near, jax.lax.stop_gradient(table)
 
 
 def _nearest(points: Array, valid: Array) -> tuple[Array, Array]:
@@ -105,17 +126,44 @@ def _nearest(points: Array, valid: Array) -> tuple[Array, Array]:
     return near, jnp.isfinite(nearest) & valid[:, None]
 
 
+def _together(observed: Array, near: Array, period: float) -> Array:
+    """[N, M] how much each person walks together with `near [N, M]`, 0 to 1."""
+    velocity = (observed[:, -1] - observed[:, -4]) / (3 * period)
+    apart = [
+        jnp.square((value[:, None] - value[near]) / scale).sum(-1)
+        for value, scale in zip((observed[:, -1], velocity), TOGETHER)
+    ]
+    together = jnp.exp(-sum(apart))
+    return jnp.where(together > 0.02, together, 0)
+
+
+def _partings(points: Array, last: Array, near: Array) -> Array:
+    """[N, M, P, P] metres by which the offset of two people changes, root mean square over steps.
+
+    Of each point of `near [N, M]`, third axis, and of the person itself.
+    """
+    count, agents, steps, _ = points.shape
+    moved = (points - last[:, None]).swapaxes(0, 1).reshape(agents, count, -1)
+    square = jnp.square(moved).sum(-1)
+    product = jnp.einsum("nmqd,npd->nmqp", moved[near], moved)
+    gap = square[near][..., None] + square[:, None, None] - 2 * product
+    return jnp.sqrt(jnp.maximum(gap, 0) / steps)
+
+
 def _overlaps(points: Array, near: Array) -> Array:
-    """[N, M, P, P] how far each point of a person and of its neighbours `near [N, M]` overlap."""
+    """[N, M, P, P] how far each point of `near [N, M]`, third axis, and of a person overlap.
+
+    Between two steps, offsets change along a straight line.
+    """
     steps = jnp.transpose(points, (2, 3, 1, 0))  # [T, 2, N, P]
     least: Any = jnp.inf
     before = None
     for step in steps:
-        offset = [
-            place[:, None, :, None] - place[near][:, :, None, :] for place in (step[0], step[1])
-        ]
-        halfway = [(now + then) / 2 for now, then in zip(offset, before or offset)]
-        for east, north in (offset, halfway):
-            least = jnp.minimum(least, east * east + north * north)
-        before = offset
-    return jnp.maximum(1 - jnp.sqrt(jnp.maximum(least, 1e-12)) / DISTANCE, 0)
+        x, y = (place[:, None, None, :] - place[near][..., None] for place in (step[0], step[1]))
+        then_x, then_y = before or (x, y)
+        dx, dy = then_x - x, then_y - y
+        back = -(x * dx + y * dy) / (dx * dx + dy * dy + 1e-12)
+        back = jnp.clip(back, 0, 1)
+        least = jnp.minimum(least, jnp.square(x + back * dx) + jnp.square(y + back * dy))
+        before = x, y
+    return jnp.maximum(1 - jnp.sqrt(least) / DISTANCE, 0)

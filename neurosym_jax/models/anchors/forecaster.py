@@ -102,7 +102,7 @@ class AnchorTableForecaster(Forecaster):
             mirror, part = view
             seen = scene.replace(observed=scene.observed * mirror)
             points = apply_anchors(self.config, params, seen).points * mirror
-            return draw_scenes(points, jnp.asarray(scene.valid), part, -(-count // 2))
+            return draw_scenes(points, scene, part, -(-count // 2), self.config.period)
 
         order, *parts = jax.random.split(key, 3)
         mirrors = jax.random.permutation(order, jnp.array([[1.0, 1.0], [1.0, -1.0]]))
