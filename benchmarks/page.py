@@ -15,7 +15,7 @@ HEAD = """# Benchmarks
 torch, and 9.8 times as fast as the released code; a training step is 1.4 and 7.8 times as fast.** A
 training step of `anchors` is hardly faster than its twin in torch; forecasts of a single scene of
 10 people are equally fast, those of 2 people slower. A whole training of `anchors` takes 49 s. A
-thousand people are forecast in 41 ms, with 20 samples each. With 200 people at 30 Hz, all on this
+thousand people are forecast in 44 ms, with 20 samples each. With 200 people at 30 Hz, all on this
 one machine and the live page open, forecasts of all of them are 15 ms old (median; 99 % at most
 34 ms) when another process gets them in a ROS 1 graph, and 22 ms (42 ms) in a ROS 2 graph. No robot
 was involved.
