@@ -75,8 +75,8 @@ def features(config: Any, params: Any, scene: Scene) -> tuple[Array, Array]:
     near, present = draws._nearest(points, jnp.asarray(scene.valid))
     overlap = draws._overlaps(extended, near)[:, :, count, :count]
     parting = draws._partings(extended, observed[:, -1], near)[:, :, count, :count]
-    together = jnp.where(present, draws._together(observed, near, config.period), 0)
-    share = together / jnp.maximum(together.sum(1, keepdims=True), 1)
+    companionship = jnp.where(present, draws._companionship(observed, near, config.period), 0)
+    share = companionship / jnp.maximum(companionship.sum(1, keepdims=True), 1)
     distance = jnp.linalg.norm(observed[:, None, -1] - observed[near, -1], axis=-1)
     seen = jnp.where(present, jnp.exp(-jnp.square(distance / 4)), 0)
     seen = seen / jnp.maximum(seen.sum(1, keepdims=True), 1)

@@ -26,7 +26,7 @@ COHESION = 3.0
 """How much less probable it is for two who walk together and part by `FAR`, in nats."""
 FAR = 1.0
 """Root mean square change of two people's offset beyond which they have parted, metres."""
-TOGETHER = 1.2, 0.25
+COMPANY = 1.2, 0.25
 """Distance in metres and difference of velocity in m/s at which two people hardly walk together."""
 SWEEPS = 2
 """Times that each person's points are chosen anew, given everybody else's."""
@@ -49,11 +49,11 @@ def draw_scenes(points: Array, scene: Scene, key: Array, count: int, period: flo
 
     Steps are of `period` seconds. Somebody alone has all points about equally often.
     """
-    independent, together = jax.random.split(key)
+    independent, coupled = jax.random.split(key)
     chosen = _lots(independent, points.shape[1], count).T * len(points)
     chosen = chosen.astype(int)
     if points.shape[1] > 1:
-        chosen = couple(chosen, *_pairs(points, scene, period), together)
+        chosen = couple(chosen, *_pairs(points, scene, period), coupled)
     return jnp.take_along_axis(points, chosen[..., None, None], axis=0)
 
 
@@ -104,10 +104,10 @@ def _pairs(points: Array, scene: Scene, period: float) -> tuple[Array, Array]:
     """`near [N, M]` and `table [N, M, P, P]` of `couple`."""
     near, present = _nearest(points, jnp.asarray(scene.valid))
     observed, offset = repair_tracks(jnp.asarray(scene.observed), period)
-    together = jnp.where(present, _together(observed, near, period), 0)
-    total = jnp.maximum(together.sum(1), 1)
-    # Of a stream of people, all together hold a person as one companion does.
-    share = together / jnp.maximum(total[:, None], total[near])
+    companionship = jnp.where(present, _companionship(observed, near, period), 0)
+    total = jnp.maximum(companionship.sum(1), 1)
+    # Of a stream of people, all hold a person as one companion does.
+    share = companionship / jnp.maximum(total[:, None], total[near])
     parted = jnp.minimum(_partings(points - offset[:, None], observed[:, -1], near) / FAR, 1)
     table = REPULSION * jnp.where(present[..., None, None], _overlaps(points, near), 0)
     table += COHESION * share[..., None, None] * parted
@@ -126,15 +126,15 @@ def _nearest(points: Array, valid: Array) -> tuple[Array, Array]:
     return near, jnp.isfinite(nearest) & valid[:, None]
 
 
-def _together(observed: Array, near: Array, period: float) -> Array:
+def _companionship(observed: Array, near: Array, period: float) -> Array:
     """[N, M] how much each person walks together with `near [N, M]`, 0 to 1."""
     velocity = (observed[:, -1] - observed[:, -4]) / (3 * period)
-    apart = [
+    squares = [
         jnp.square((value[:, None] - value[near]) / scale).sum(-1)
-        for value, scale in zip((observed[:, -1], velocity), TOGETHER)
+        for value, scale in zip((observed[:, -1], velocity), COMPANY)
     ]
-    together = jnp.exp(-sum(apart))
-    return jnp.where(together > 0.02, together, 0)
+    companionship = jnp.exp(-sum(squares))
+    return jnp.where(companionship > 0.02, companionship, 0)
 
 
 def _partings(points: Array, last: Array, near: Array) -> Array:
