@@ -6,8 +6,9 @@ DATA is ETH/UCY as SGAN arranges it, CORRIDORS the folder `tests` of `studies.mo
 person of every third scene at 8 + 12: the gain in nats of the truth's probability among the points
 of the network, if each point weighs exp(-w f) in place of equally. Features f of a point and the
 true futures of others are those of `models.anchors.draws` (overlap, parting), or of the pair's
-QTC_C1 symbols. Weights w are those by which scenes are drawn, or maximise the gain at all other
-places (Besag's pseudo-likelihood). Half of a 95 % interval, Student's t over 20 blocks of scenes.
+QTC_C1 symbols, the mean over people within some 4 m. Weights w are those by which scenes are drawn,
+or maximise the gain at all other places (Besag's pseudo-likelihood). Half of a 95 % interval,
+Student's t over 20 blocks of scenes.
 """
 
 import csv
@@ -19,26 +20,28 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import tyro
 from jax import Array
 from jax.scipy.optimize import minimize
 
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.readers.eth_ucy import SCENES, split_files
 from neurosym_jax.data.windows import Windows, cut_windows, single_scene
+from neurosym_jax.evaluation.intervals import student_half
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.models.anchors import draws
+from neurosym_jax.models.anchors.draws import COHESION, REPULSION, nearest, pair_terms
 from neurosym_jax.models.anchors.forecaster import apply_anchors
 from neurosym_jax.models.anchors.frames import SLOW
+from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.qtc import observe
-from studies import print_or_run
+from studies.points import CHECKPOINTS
 
-CHECKPOINTS = Path(__file__).resolve().parents[1] / "checkpoints"
-STEPS, SKIP, BLOCKS, STUDENT = (8, 12), 3, 20, 2.093
+STEPS, SKIP, BLOCKS = (8, 12), 3, 20
 WIDTH = 0.25
 """Root mean square error in metres at which a point is 0.6 times as near to the truth as can be."""
-DRAWN = np.array([draws.REPULSION, draws.COHESION, 0, 0, 0, 0, 0])
+DRAWN = np.array([REPULSION, COHESION, 0, 0, 0, 0, 0])
 ARMS = {
     "as drawn": None,
     "overlap and parting": [0, 1],
@@ -70,32 +73,28 @@ def features(config: Any, params: Any, scene: Scene) -> tuple[Array, Array]:
     count = len(points)
     square = jnp.square(points - future).sum(-1).mean(-1).T
     nearness = jax.nn.softmax(-square / WIDTH**2 / 2)
+    near, present = nearest(points, jnp.asarray(scene.valid))
     # As a further point, the truth: theirs is the last row of tables.
     extended = jnp.concatenate([points, future[None]])
-    near, present = draws._nearest(points, jnp.asarray(scene.valid))
-    overlap = draws._overlaps(extended, near)[:, :, count, :count]
-    parting = draws._partings(extended, observed[:, -1], near)[:, :, count, :count]
-    companionship = jnp.where(present, draws._companionship(observed, near, config.period), 0)
-    share = companionship / jnp.maximum(companionship.sum(1, keepdims=True), 1)
+    terms = pair_terms(extended, scene, near, present, config.period)
+    geometry = jnp.stack([term[:, :, count, :count].sum(1) for term in terms], -1)
     distance = jnp.linalg.norm(observed[:, None, -1] - observed[near, -1], axis=-1)
     seen = jnp.where(present, jnp.exp(-jnp.square(distance / 4)), 0)
     seen = seen / jnp.maximum(seen.sum(1, keepdims=True), 1)
-    symbols = jnp.einsum("nm,nmpf->npf", seen, _symbols(points, future, observed, near))
-    geometry = [
-        jnp.where(present[..., None], overlap, 0).sum(1),
-        (share[..., None] * jnp.minimum(parting / draws.FAR, 1)).sum(1),
-    ]
-    return jnp.concatenate([jnp.stack(geometry, -1), symbols], -1), nearness
+    symbols = _symbols(points, future, observed, near, SLOW * config.period)
+    return jnp.concatenate([geometry, jnp.einsum("nm,nmpf->npf", seen, symbols)], -1), nearness
 
 
-def _symbols(points: Array, future: Array, observed: Array, near: Array) -> Array:
-    """[N, M, P, 5]: changes of symbols from now on, and means of towards and sides over time."""
+def _symbols(points: Array, future: Array, observed: Array, near: Array, least: float) -> Array:
+    """[N, M, P, 5]: changes of symbols from now on, and means of towards and sides over time.
+
+    Steps shorter than `least` metres are none.
+    """
     paths = jnp.concatenate([observed[None, :, -2:].repeat(len(points), 0), points], axis=2)
     others = jnp.concatenate([observed[:, -2:], future], axis=1)[near]
     own = paths.swapaxes(0, 1)[:, None]  # [N, 1, P, T, 2]
-    factor = SLOW * 0.4
     states = observe(
-        own, others[:, :, None], quantisation_factor=factor, side_quantisation_factor=factor
+        own, others[:, :, None], quantisation_factor=least, side_quantisation_factor=least
     ).astype(jnp.float32)
     towards, sides = states[..., 1:, :2], states[..., 1:, 2:]
     changes = jnp.abs(jnp.diff(states, axis=-2)).sum((-1, -2)) / 10
@@ -123,18 +122,16 @@ def fitted(chosen: list[int], training: list[tuple[Array, Array]]) -> Array:
     return found.x * mask
 
 
-def run(data: str, corridors: str) -> None:
+def main(data: tyro.conf.Positional[Path], corridors: tyro.conf.Positional[Path]) -> None:
     """Print the table."""
     people = {}
-    for name, (windows, model) in places(Path(data), Path(corridors)).items():
+    for name, (windows, model) in places(data, corridors).items():
         parts = []
         for number in range(0, windows.scenes, SKIP):
-            scene = single_scene(windows, number)
-            if windows.sizes[number] > 1:
-                scene = scene.replace(origin=None, extras={})
-                parts.append(
-                    [each[scene.valid] for each in features(model.config, model.params, scene)]
-                )
+            scene = single_scene(windows, number).replace(origin=None, extras={})
+            parts.append(
+                [each[scene.valid] for each in features(model.config, model.params, scene)]
+            )
         people[name] = tuple(jnp.concatenate(each) for each in zip(*parts))
     lines = csv.writer(sys.stdout, lineterminator="\n")
     lines.writerow(["place", "people", *ARMS])
@@ -145,10 +142,11 @@ def run(data: str, corridors: str) -> None:
             weights = jnp.asarray(DRAWN) if chosen is None else fitted(chosen, training)
             gains = np.asarray(gain(weights, feature, nearness))
             means = [block.mean() for block in np.array_split(gains, BLOCKS)]
-            half = STUDENT * np.std(means, ddof=1) / np.sqrt(BLOCKS)
-            line.append(f"{gains.mean():+.2f} ±{half:.2f}")
+            line.append(f"{gains.mean():+.2f} ±{student_half(means):.2f}")
         lines.writerow(line)
 
 
 if __name__ == "__main__":
-    print_or_run(str, run)
+    tune()
+    enable_compilation_cache()
+    tyro.cli(main, prog="python -m studies.pairs")

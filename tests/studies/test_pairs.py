@@ -33,3 +33,15 @@ def test_a_pair_far_apart_says_nothing_to_each_other():
         assert bool((np.asarray(feature)[..., 1] > 0.05).any()) == speaks
         assert bool((np.asarray(feature)[..., 2:] > 0).any()) == speaks
         np.testing.assert_allclose(nearness.sum(1), 1, rtol=1e-5)
+
+
+def test_points_are_compared_with_what_the_other_did():
+    """The second of two companions is elsewhere later: all points of the first part from that."""
+    model = load_model("anchors_zara1_8")
+    tracks = np.arange(16.0)[:, None] * [0.5, 0] + np.array([[[0, 0]], [[0, 0.8]]])
+    tracks[1, 8:] += [0, 50]
+    scene = make_scene(tracks[:, :8]).bare()
+    scene = scene.replace(future=jnp.asarray(tracks[:, 8:] - tracks[:, 7].mean(0)))
+    parting = np.asarray(pairs.features(model.config, model.params, scene)[0])[..., 1]
+    assert np.ptp(parting[0]) == 0
+    assert np.ptp(parting[1]) > 0.2

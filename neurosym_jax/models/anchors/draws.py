@@ -16,7 +16,7 @@ from jax import Array
 from neurosym_jax.forecasting.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene
 
-__all__ = ["couple", "draw_samples", "draw_scenes"]
+__all__ = ["couple", "draw_samples", "draw_scenes", "nearest", "pair_terms"]
 
 DISTANCE = 0.3
 """Distance of two people's centres below which they overlap, metres."""
@@ -53,7 +53,10 @@ def draw_scenes(points: Array, scene: Scene, key: Array, count: int, period: flo
     chosen = _lots(independent, points.shape[1], count).T * len(points)
     chosen = chosen.astype(int)
     if points.shape[1] > 1:
-        chosen = couple(chosen, *_pairs(points, scene, period), coupled)
+        near, present = nearest(points, jnp.asarray(scene.valid))
+        overlap, parting = pair_terms(points, scene, near, present, period)
+        table = REPULSION * overlap + COHESION * parting
+        chosen = couple(chosen, near, table, coupled)
     return jnp.take_along_axis(points, chosen[..., None, None], axis=0)
 
 
@@ -100,30 +103,37 @@ def _lots(key: Array, agents: int, count: int) -> Array:
     return jax.vmap(of)(jnp.arange(agents))
 
 
-def _pairs(points: Array, scene: Scene, period: float) -> tuple[Array, Array]:
-    """`near [N, M]` and `table [N, M, P, P]` of `couple`."""
-    near, present = _nearest(points, jnp.asarray(scene.valid))
+def pair_terms(
+    points: Array, scene: Scene, near: Array, present: Array, period: float
+) -> tuple[Array, Array]:
+    """[N, M, P, P] twice, 0 to 1: how far two people overlap, and how far companions part.
+
+    Of each point of `near [N, M]` (third axis) and of the person itself (fourth), where `present
+    [N, M]`; `points` are [P, N, T, 2] metres, with steps of `period` seconds.
+    """
     observed, offset = repair_tracks(jnp.asarray(scene.observed), period)
     companionship = jnp.where(present, _companionship(observed, near, period), 0)
     total = jnp.maximum(companionship.sum(1), 1)
     # Of a stream of people, all hold a person as one companion does.
     share = companionship / jnp.maximum(total[:, None], total[near])
     parted = jnp.minimum(_partings(points - offset[:, None], observed[:, -1], near) / FAR, 1)
-    table = REPULSION * jnp.where(present[..., None, None], _overlaps(points, near), 0)
-    table += COHESION * share[..., None, None] * parted
-    return near, jax.lax.stop_gradient(table)
+    overlap = jnp.where(present[..., None, None], _overlaps(points, near), 0)
+    return overlap, share[..., None, None] * parted
 
 
-def _nearest(points: Array, valid: Array) -> tuple[Array, Array]:
-    """[N, M] the people who come nearest to each, and whether both are there."""
+def nearest(points: Array, valid: Array) -> tuple[Array, Array]:
+    """[N, M] the people who come nearest to each, and whether both are there.
+
+    Of mean paths of `points [P, N, T, 2]`; `valid [N]` is False for padding.
+    """
     agents = len(valid)
     means = points.mean(axis=0).swapaxes(0, 1)  # [T, N, 2]
     # Step by step, because of a crowd all steps of all pairs would not fit into memory.
     gaps = [jnp.square(mean[:, None] - mean).sum(-1) for mean in means]
     clearance = functools.reduce(jnp.minimum, gaps)
     others = valid & ~jnp.eye(agents, dtype=bool)
-    nearest, near = jax.lax.top_k(jnp.where(others, -clearance, -jnp.inf), min(agents - 1, NEAREST))
-    return near, jnp.isfinite(nearest) & valid[:, None]
+    score, near = jax.lax.top_k(jnp.where(others, -clearance, -jnp.inf), min(agents - 1, NEAREST))
+    return near, jnp.isfinite(score) & valid[:, None]
 
 
 def _companionship(observed: Array, near: Array, period: float) -> Array:
