@@ -5,7 +5,8 @@ from pathlib import Path
 
 from setuptools import find_packages, setup
 
-# On an index there are no files beside the description: pictures and links to them become text.
+# On an index there are no files beside the description: pictures and links to them
+# become text.
 README = Path(__file__).with_name("README.md").read_text(encoding="utf-8")
 DESCRIPTION = re.sub(r"!?\[([^]]+)\]\((?!https:)[^)]*\)", r"\1", README)
 

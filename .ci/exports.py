@@ -1,7 +1,8 @@
 """Hook of mkdocs: expands `{{ exports PACKAGE }}`, `{{ commands }}` and `{{ table FILE.csv }}`.
 
-`{{ exports PACKAGE }}` becomes the reference of all names in the package's `__init__.pyi`. Every
-object stands on one page, that of its subpackage; the page of the whole package links to it.
+`{{ exports PACKAGE }}` becomes the reference of all names in the package's
+`__init__.pyi`. Every object stands on one page, that of its subpackage; the page of the
+whole package links to it.
 """
 
 import ast
@@ -21,7 +22,9 @@ def on_page_markdown(markdown: str, page: Any, **_) -> str:
     if any(section.title == "Studies" for section in page.ancestors):
         page.meta["search"] = {"boost": 0.5}
     markdown = re.sub(r"{{ table (\S+) }}", lambda match: _table(match[1]), markdown)
-    markdown = re.sub(r"{{ exports (\S+) }}", lambda match: _exports(match[1]), markdown)
+    markdown = re.sub(
+        r"{{ exports (\S+) }}", lambda match: _exports(match[1]), markdown
+    )
     return markdown.replace("{{ commands }}", _commands())
 
 
@@ -33,7 +36,11 @@ def _exports(package: str) -> str:
         for name in _names(stub, f"{package}.{stub.parent.name}")
     }
     names = _names(folder / "__init__.pyi", package)
-    links = [f"- [`{name.rpartition('.')[2]}`][{name}]" for name in names if name in elsewhere]
+    links = [
+        f"- [`{name.rpartition('.')[2]}`][{name}]"
+        for name in names
+        if name in elsewhere
+    ]
     entries = [f"::: {name}\n" for name in names if name not in elsewhere]
     return "\n".join([*links, "", *entries])
 
@@ -53,7 +60,9 @@ def _table(name: str) -> str:
     with (ROOT / "docs" / name).open(encoding="utf-8", newline="") as file:
         head, *rows = csv.reader(file)
     lines = [
-        "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row) + "</tr>"
+        "<tr>"
+        + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row)
+        + "</tr>"
         for tag, row in [("th", head), *(("td", row) for row in rows)]
     ]
     body = "".join(lines[1:])
@@ -78,7 +87,9 @@ def _commands() -> str:
         text = inspect.cleandoc(command.__doc__ or "")
         rows = [
             f"| <code>{_cell(flag)}</code> | {_cell(meaning)} |"
-            for _, flag, meaning, _ in every_option(getattr(command, "Options", command.run))
+            for _, flag, meaning, _ in every_option(
+                getattr(command, "Options", command.run)
+            )
         ]
         table = "\n".join(["| option | meaning |", "|---|---|", *rows]) if rows else ""
         parts.append(f"## neurosym {name}\n\n{text}\n\n{table}\n")

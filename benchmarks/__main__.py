@@ -1,7 +1,8 @@
 """Every measurement by its name: `python -m benchmarks [NAME ...]`; all of them without a name.
 
-The opponents are torch where it is installed and, with `--reference`, the original code. Numbers
-are printed and, with `--json`, written in one form (`timing.row`), of which `--page` makes a page.
+The opponents are torch where it is installed and, with `--reference`, the original
+code. Numbers are printed and, with `--json`, written in one form (`timing.row`), of
+which `--page` makes a page.
 """
 
 import dataclasses
@@ -95,9 +96,15 @@ def run(options: BenchmarkOptions) -> None:
     if options.gpu and not (options.data and options.checkpoints):
         names = ON_GPU[:-1]
         print("zoo is left out: it needs --data and --checkpoints")
-    needs = {"zoo": ("data", "checkpoints"), "reading": ("data",), "trainings": ("data",)}
+    needs = {
+        "zoo": ("data", "checkpoints"),
+        "reading": ("data",),
+        "trainings": ("data",),
+    }
     for name in names:
-        if absent := [need for need in needs.get(name, ()) if getattr(options, need) is None]:
+        if absent := [
+            need for need in needs.get(name, ()) if getattr(options, need) is None
+        ]:
             raise InputError(f"--{absent[0]} is needed for {name}")
     for name in names:
         result = importlib.import_module(f"benchmarks.{name}").measure(options)
@@ -110,7 +117,11 @@ def run(options: BenchmarkOptions) -> None:
 
 
 def _write(path: Path, name: str, result: dict) -> dict:
-    data = json.loads(path.read_text()) if path.exists() else {"format": FORMAT, "benchmarks": {}}
+    data = (
+        json.loads(path.read_text())
+        if path.exists()
+        else {"format": FORMAT, "benchmarks": {}}
+    )
     data["benchmarks"][name] = result
     write_text(path, json.dumps(data, indent=1) + "\n")
     return data["benchmarks"]

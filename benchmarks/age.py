@@ -1,11 +1,12 @@
 """Age of information: from a frame's stamp to its forecast at a listener, another process.
 
-People walk in a hall, and all of them are forecast: 8 at 10 Hz with 20 ms of jitter, 8 at 7 Hz,
-and 200 at 30 Hz; without the page, and with it open in a headless Chromium on the same cores, whose
-drawings are counted, too. ROS 1 is a real roscore, and samples are heard. ROS 2 is a real rclpy, in
-the Python that `$NEUROSYM_ROS2` names or else in this one; markers are heard, whose type every
-ROS 2 has. Nobody but its page hears a replay: a bag is played at its own rate, and the ages are
-those that the command prints, from the moment when a frame is due to its forecast.
+People walk in a hall, and all of them are forecast: 8 at 10 Hz with 20 ms of jitter, 8
+at 7 Hz, and 200 at 30 Hz; without the page, and with it open in a headless Chromium on
+the same cores, whose drawings are counted, too. ROS 1 is a real roscore, and samples
+are heard. ROS 2 is a real rclpy, in the Python that `$NEUROSYM_ROS2` names or else in
+this one; markers are heard, whose type every ROS 2 has. Nobody but its page hears a
+replay: a bag is played at its own rate, and the ages are those that the command prints,
+from the moment when a frame is due to its forecast.
 """
 
 import contextlib
@@ -81,9 +82,15 @@ def measure(options: Any) -> dict[str, Any]:
     title, table = "age of a forecast at a listener", []
     for kind in KINDS:
         python = (
-            os.environ.get("NEUROSYM_ROS2", sys.executable) if kind == "ROS 2" else sys.executable
+            os.environ.get("NEUROSYM_ROS2", sys.executable)
+            if kind == "ROS 2"
+            else sys.executable
         )
-        paths = str(ROOT), sysconfig.get_paths()["purelib"], os.environ.get("PYTHONPATH", "")
+        paths = (
+            str(ROOT),
+            sysconfig.get_paths()["purelib"],
+            os.environ.get("PYTHONPATH", ""),
+        )
         done = subprocess.run(
             [python, "-m", "benchmarks.age", kind, options.age_model],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
@@ -96,7 +103,9 @@ def measure(options: Any) -> dict[str, Any]:
     return {"title": title, "rows": table}
 
 
-def live(join: Callable[[contextlib.ExitStack, Hear], Publish], command: list[str], kind: str):
+def live(
+    join: Callable[[contextlib.ExitStack, Hear], Publish], command: list[str], kind: str
+):
     """All cases in a graph, one after the other; this process is the tracker and the planner."""
     heard: list[tuple[float, float]] = []
 
@@ -124,7 +133,13 @@ def live(join: Callable[[contextlib.ExitStack, Hear], Publish], command: list[st
 
 def ros1(stack: contextlib.ExitStack, hear: Hear) -> Publish:
     """Join a new graph of ROS 1."""
-    from neurosym_robot.ros.definitions import FORECAST, PEOPLE, blank, ros1_name, typestore
+    from neurosym_robot.ros.definitions import (
+        FORECAST,
+        PEOPLE,
+        blank,
+        ros1_name,
+        typestore,
+    )
     from neurosym_robot.ros.messages import make_people
     from neurosym_robot.ros.tcpros import Node, Topic
 
@@ -142,7 +157,9 @@ def ros1(stack: contextlib.ExitStack, hear: Hear) -> Publish:
 
     for maker in MAKERS:
         samples = topic(f"/hri/human_poses_prediction_{maker}/samples", FORECAST)
-        node.subscribe(samples, lambda data, header: hear(*struct.unpack_from("<II", data, 4)))
+        node.subscribe(
+            samples, lambda data, header: hear(*struct.unpack_from("<II", data, 4))
+        )
     publisher = node.advertise(topic("/people", PEOPLE))
 
     def publish(frame: Frame) -> None:
@@ -198,15 +215,24 @@ def replay(model: str, kind: str) -> None:
 
     for is_open, case in itertools.product((False, True), CASES):
         with contextlib.ExitStack() as stack:
-            bag = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "people.bag"
+            bag = (
+                Path(stack.enter_context(tempfile.TemporaryDirectory())) / "people.bag"
+            )
             with BagWriter(bag) as writer:
                 for frame in case.frames():
                     writer.write("/people", frame.stamp, make_people(writer.new, frame))
             process = _Process(
                 stack, ["replay", str(bag), "--rate", "1", "--model", model], is_open
             )
-            printed = re.findall(r"p\d+ ([\d.]+) ms", process.line("age of information"))
-            _tell(kind, case, [1e-3 * float(age) for age in printed], process.drawn(time.time()))
+            printed = re.findall(
+                r"p\d+ ([\d.]+) ms", process.line("age of information")
+            )
+            _tell(
+                kind,
+                case,
+                [1e-3 * float(age) for age in printed],
+                process.drawn(time.time()),
+            )
 
 
 KINDS: dict[str, Callable[[str, str], None]] = {
@@ -218,7 +244,9 @@ KINDS: dict[str, Callable[[str, str], None]] = {
 }
 
 
-def _tell(kind: str, case: Case, ages: list[float], drawn: float | None, **columns: Any) -> None:
+def _tell(
+    kind: str, case: Case, ages: list[float], drawn: float | None, **columns: Any
+) -> None:
     """Print the row of a case; of a replay, `ages` are the median and the 99th percentile."""
     name = f"{kind}, {case.name}{'' if drawn is None else ', page open'}"
     print(name, "" if ages else ": no forecast was heard", file=sys.stderr, flush=True)
@@ -234,7 +262,9 @@ def _tell(kind: str, case: Case, ages: list[float], drawn: float | None, **colum
 class _Process:
     """A process that ends with its stack, what it prints, and the page that shows it."""
 
-    def __init__(self, stack: contextlib.ExitStack, command: list[str], is_open: bool = False):
+    def __init__(
+        self, stack: contextlib.ExitStack, command: list[str], is_open: bool = False
+    ):
         """Start `command`, one of ours unless it is a program's name; open its page."""
         if shutil.which(command[0]) is None:
             options = ["--max-people", str(max(case.people for case in CASES))]

@@ -3,13 +3,14 @@
 python -m benchmarks.counts            # prints them
 python -m benchmarks.counts --write    # makes them the baseline
 
-`tests/test_benchmarks.py` fails where one is above `benchmarks/baseline.json`. FLOPs and bytes are
-those of XLA's cost analysis of the program before it is optimised, in which the body of a loop over
-steps counts once: they show growth, not the work (which `benchmarks.light` has).
+`tests/test_benchmarks.py` fails where one is above `benchmarks/baseline.json`. FLOPs
+and bytes are those of XLA's cost analysis of the program before it is optimised, in
+which the body of a loop over steps counts once: they show growth, not the work (which
+`benchmarks.light` has).
 
-Collisions are looked for on the host. Their share is of the arithmetic of the forecast they are
-looked for in, both in elementwise operations: a core does some 50 FLOPs of a matrix product, or one
-tanh, in the time of one of numpy's.
+Collisions are looked for on the host. Their share is of the arithmetic of the forecast
+they are looked for in, both in elementwise operations: a core does some 50 FLOPs of a
+matrix product, or one tanh, in the time of one of numpy's.
 """
 
 import json
@@ -66,12 +67,19 @@ def _programs() -> dict[str, float]:
     Predictor(sgan, max_people=64)
     done("an online predictor for 64 people")
     with tempfile.TemporaryDirectory() as folder:
-        options = {"json": Path(folder) / "rows.json", "figures": False, "collisions": False}
+        options = {
+            "json": Path(folder) / "rows.json",
+            "figures": False,
+            "collisions": False,
+        }
         run(Options(checkpoint=names, dataset="cross-path", **options))
     done("the evaluation of two models on a scene")
     windows = _windows()
     with tempfile.TemporaryDirectory() as folder:
-        settings = {"config": GeneratorConfig(pooling=NoPooling()), "recipe": _recipe("ours")}
+        settings = {
+            "config": GeneratorConfig(pooling=NoPooling()),
+            "recipe": _recipe("ours"),
+        }
         settings["read"] = ReadOptions(allow=("seen",))
         train(windows, windows, Path(folder) / "run", **settings)
     done("a training run")
@@ -90,7 +98,9 @@ def _recipe(name: str) -> Any:
     """A step on one class of scenes, the least to compile."""
     from neurosym_jax.training.catalogue import make_recipe
 
-    return make_recipe(name, steps=1, changes=["batch_scenes=4", "best_k=2", "max_agents=2"])
+    return make_recipe(
+        name, steps=1, changes=["batch_scenes=4", "best_k=2", "max_agents=2"]
+    )
 
 
 def _training_costs() -> dict[str, float]:
@@ -107,14 +117,18 @@ def _training_costs() -> dict[str, float]:
     for model, recipe in (("sgan", _recipe("sgan")), ("neurosym", _recipe("ours"))):
         config = make_config(model)
         batches = 2 if recipe.adversarial_weight else 1
-        stream = SceneStream(_windows(), recipe.batch_scenes, recipe.seed, recipe.max_agents)
+        stream = SceneStream(
+            _windows(), recipe.batch_scenes, recipe.seed, recipe.max_agents
+        )
         groups = stream.steps(0, batches)
         state = jax.eval_shape(lambda key: init_state(config, recipe, key), key)  # noqa: B023
         step = jax.tree.map(lambda leaf: leaf[None], groups)
         pooling = POOLINGS.name_of(config.pooling)
         cost: Any = train_steps.lower(config, recipe, key, state, step).cost_analysis()
         counts[f"MFLOP: a training step, {pooling}"] = round(cost["flops"] / 1e6, 3)
-        counts[f"MB: a training step, {pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
+        counts[f"MB: a training step, {pooling}"] = round(
+            cost["bytes accessed"] / 1e6, 3
+        )
     return counts
 
 
@@ -133,10 +147,14 @@ def _costs() -> dict[str, float]:
         config = GeneratorConfig(pooling=POOLINGS[pooling]())
         scene = pad_scene(make_scene(np.zeros((1, 8, 2))), PEOPLE).replace(origin=None)
         noise, alpha = np.zeros(config.noise_dim), np.zeros((PEOPLE, PEOPLE, 8))
-        params = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
+        params = jax.eval_shape(
+            Generator(config).init, jax.random.key(0), scene, noise, alpha
+        )
         noises = np.zeros((SAMPLES, config.noise_dim), np.float32)
         forecaster = GeneratorForecaster(config)
-        cost: Any = forecast_scene.lower(forecaster, params, scene, noises).cost_analysis()
+        cost: Any = forecast_scene.lower(
+            forecaster, params, scene, noises
+        ).cost_analysis()
         counts[f"MFLOP: a forecast, {pooling}"] = round(cost["flops"] / 1e6, 3)
         counts[f"MB: a forecast, {pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
     return counts
@@ -153,11 +171,15 @@ def collision_share() -> float:
 
     people, config = 40, GeneratorConfig(pred_len=12)
     draw = np.random.default_rng(0)
-    step = draw.normal(0, 0.3, (people, 1, 2)) + draw.normal(0, 0.1, (SAMPLES, people, 12, 2))
+    step = draw.normal(0, 0.3, (people, 1, 2)) + draw.normal(
+        0, 0.1, (SAMPLES, people, 12, 2)
+    )
     futures = draw.uniform(0, 14, (people, 1, 2)) + step.cumsum(axis=2)
     counts = operations(collisions, futures.astype(np.float32), np.ones(people, bool))
     work = encoding(config, people, people**2) + decoding(config, people, SAMPLES)
-    return round(counts / (work.flops / FLOPS_OF_AN_OPERATION + work.transcendentals), 4)
+    return round(
+        counts / (work.flops / FLOPS_OF_AN_OPERATION + work.transcendentals), 4
+    )
 
 
 if __name__ == "__main__":

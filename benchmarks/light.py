@@ -1,10 +1,10 @@
 """The speed of light: what the arithmetic alone would cost at the rates this machine has.
 
-Rates are measured in the same run, at the decoder's own sizes: products of hidden states and the
-recurrent matrix, and an LSTM's gates to its next state as one fused loop, over some numbers of
-rows, on one thread and on all; the best counts. Work is counted without padding, for the folded
-networks: two operations for each multiply-add of a product; what is not a product, a tanh or a
-sigmoid is not counted.
+Rates are measured in the same run, at the decoder's own sizes: products of hidden
+states and the recurrent matrix, and an LSTM's gates to its next state as one fused
+loop, over some numbers of rows, on one thread and on all; the best counts. Work is
+counted without padding, for the folded networks: two operations for each multiply-add
+of a product; what is not a product, a tanh or a sigmoid is not counted.
 """
 
 import time
@@ -29,7 +29,9 @@ class Work(NamedTuple):
     """tanh and sigmoid."""
 
     def __add__(self, other: Any) -> "Work":
-        return Work(self.flops + other.flops, self.transcendentals + other.transcendentals)
+        return Work(
+            self.flops + other.flops, self.transcendentals + other.transcendentals
+        )
 
     def __mul__(self, times: float) -> "Work":
         return Work(times * self.flops, times * self.transcendentals)
@@ -47,23 +49,33 @@ def machine_rates() -> dict[str, float]:
     weight = jnp.asarray(draw.normal(size=(WIDTH, 4 * WIDTH)), jnp.float32)
 
     def multiply(gates):
-        return jax.lax.fori_loop(0, LOOPS, lambda _, gates: gates[:, :WIDTH] @ weight, gates)
+        return jax.lax.fori_loop(
+            0, LOOPS, lambda _, gates: gates[:, :WIDTH] @ weight, gates
+        )
 
     def update(gates):
         # Gates change with the state, or the compiler would take them out of the loop.
         def step(_, state):
             hidden, cell = state
-            return LSTM().update(gates + jnp.concatenate([hidden] * 4, axis=1), (hidden, cell))
+            return LSTM().update(
+                gates + jnp.concatenate([hidden] * 4, axis=1), (hidden, cell)
+            )
 
-        return jax.lax.fori_loop(0, LOOPS, step, (gates[:, :WIDTH], gates[:, WIDTH : 2 * WIDTH]))
+        return jax.lax.fori_loop(
+            0, LOOPS, step, (gates[:, :WIDTH], gates[:, WIDTH : 2 * WIDTH])
+        )
 
     work = {
         "flops": (jax.jit(multiply), 2 * WIDTH * 4 * WIDTH),
         "transcendentals": (jax.jit(update), 5 * WIDTH),
     }
-    gates = [jnp.asarray(draw.normal(size=(rows, 4 * WIDTH)), jnp.float32) for rows in ROWS]
+    gates = [
+        jnp.asarray(draw.normal(size=(rows, 4 * WIDTH)), jnp.float32) for rows in ROWS
+    ]
     return {
-        name: max(_rate(program, arrays, LOOPS * len(arrays) * steps) for arrays in gates)
+        name: max(
+            _rate(program, arrays, LOOPS * len(arrays) * steps) for arrays in gates
+        )
         for name, (program, steps) in work.items()
     }
 
@@ -90,8 +102,15 @@ def _rate(program: Callable[[Any], Any], argument: Any, work: float) -> float:
 
 def limit(work: Work, rates: dict[str, float], seconds: float) -> dict[str, Any]:
     """The least seconds of `work` at these rates, and the fraction of that that `seconds` is."""
-    least = work.flops / rates["flops"] + work.transcendentals / rates["transcendentals"]
-    return {**work._asdict(), "rates": rates, "seconds": least, "fraction": least / seconds}
+    least = (
+        work.flops / rates["flops"] + work.transcendentals / rates["transcendentals"]
+    )
+    return {
+        **work._asdict(),
+        "rates": rates,
+        "seconds": least,
+        "fraction": least / seconds,
+    }
 
 
 def lstm(agents: float, steps: int, width: int, inputs: int = 2) -> Work:

@@ -9,7 +9,13 @@ from typing import Any
 
 from benchmarks.timing import OURS, row
 
-TESTS = ("symbolic", "models", "forecasting", "interop/test_parity.py", "test_golden.py")
+TESTS = (
+    "symbolic",
+    "models",
+    "forecasting",
+    "interop/test_parity.py",
+    "test_golden.py",
+)
 
 
 def measure(options: Any) -> dict[str, Any]:
@@ -24,7 +30,14 @@ def measure(options: Any) -> dict[str, Any]:
         check=False,
     )
     seconds = time.perf_counter() - start
-    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    failed = [
+        line
+        for line in done.stdout.splitlines()
+        if line.startswith(("FAILED", "ERROR"))
+    ]
     print("\n".join(failed or [done.stderr]))
     counts = re.findall(r"\d+ (?:passed|failed|skipped|errors?)\b", done.stdout[-400:])
-    return {"title": "tests of numbers", "rows": [row(", ".join(counts), OURS, [seconds])]}
+    return {
+        "title": "tests of numbers",
+        "rows": [row(", ".join(counts), OURS, [seconds])],
+    }

@@ -1,9 +1,10 @@
 """Latency of an online forecast: from a frame's arrival to 20 futures of all people.
 
-Ten frames a second of people walking at random through a square, as fast as they can be pushed; the
-models that ship for zara1 at 8 + 8, each alone. Measured is `Forecast.latency`: window, forecast,
-mean and most central sample. The torch peer is given the finished window and does nothing but
-forecast, so it is ahead of ours by what following people costs.
+Ten frames a second of people walking at random through a square, as fast as they can be
+pushed; the models that ship for zara1 at 8 + 8, each alone. Measured is
+`Forecast.latency`: window, forecast, mean and most central sample. The torch peer is
+given the finished window and does nothing but forecast, so it is ahead of ours by what
+following people costs.
 """
 
 import time
@@ -19,7 +20,11 @@ FORECASTS = 100
 """For each repeat."""
 WARM = 20
 """Forecasts that are not counted: the first ones fill caches."""
-MODELS = {"SGAN": "sgan_zara1_8", "NeuroSyM": "neurosym_zara1_8", "anchors": "anchors_zara1_8"}
+MODELS = {
+    "SGAN": "sgan_zara1_8",
+    "NeuroSyM": "neurosym_zara1_8",
+    "anchors": "anchors_zara1_8",
+}
 
 
 def measure(options: Any) -> dict[str, Any]:
@@ -49,7 +54,9 @@ def measure(options: Any) -> dict[str, Any]:
             seconds = apart(_peer, people, FORECASTS)
             ratio = float(np.median(seconds)) / medians["SGAN"]
             case = f"SGAN, {people} people"
-            table.append(row(case, "torch peer", seconds, p99=_p99(seconds), ratio=ratio))
+            table.append(
+                row(case, "torch peer", seconds, p99=_p99(seconds), ratio=ratio)
+            )
     return {"title": "online latency", "rows": table, "light": light, "stages": stages}
 
 

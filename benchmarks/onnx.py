@@ -1,8 +1,8 @@
 """ONNX Runtime beside JAX: size of a file, seconds until the first forecast, and of a forecast.
 
-Both run the same program of a shipped model for 10 and 200 people, each in a process of its
-own. The first forecast takes `load_model` and compiling in JAX, and making a session in ONNX
-Runtime, which needs neither JAX nor this package.
+Both run the same program of a shipped model for 10 and 200 people, each in a process of
+its own. The first forecast takes `load_model` and compiling in JAX, and making a
+session in ONNX Runtime, which needs neither JAX nor this package.
 """
 
 import functools
@@ -32,10 +32,14 @@ def measure(options: Any) -> dict[str, Any]:
         model = load_model(name)
         spec, onnx_program = model.forecaster.noise, export_onnx(model)
         table.append(row(f"{name}, file", ONNX, [len(onnx_program) / 1e6], "MB"))
-        table.append(row(f"{name}, file", "StableHLO", [len(export_model(model)) / 1e6], "MB"))
+        table.append(
+            row(f"{name}, file", "StableHLO", [len(export_model(model)) / 1e6], "MB")
+        )
         rng = np.random.default_rng(0)
         for people in PEOPLE:
-            steps = rng.normal(0.3, 0.1, (people, model.config.obs_len, 2)).cumsum(axis=1)
+            steps = rng.normal(0.3, 0.1, (people, model.config.obs_len, 2)).cumsum(
+                axis=1
+            )
             observed = (rng.uniform(-10, 10, (people, 1, 2)) + steps).astype(np.float32)
             noise = rng.normal(size=(20, spec.dim)).astype(np.float32)
             arguments = (observed, noise) if spec.dim else (observed,)
@@ -48,10 +52,15 @@ def measure(options: Any) -> dict[str, Any]:
             expected = np.asarray(compiled(*arguments)[0])
             seconds = {ONNX: loaded - begin, OURS: time.perf_counter() - loaded}
             if np.abs(forecasts - expected).max() > 3e-5:
-                raise AssertionError(f"{name}: {np.abs(forecasts - expected).max()} m apart")
+                raise AssertionError(
+                    f"{name}: {np.abs(forecasts - expected).max()} m apart"
+                )
             case = f"{name}, {people} people"
             if people == PEOPLE[0]:
-                table += [row(f"{name}, first forecast", who, [s]) for who, s in seconds.items()]
+                table += [
+                    row(f"{name}, first forecast", who, [s])
+                    for who, s in seconds.items()
+                ]
             contestants = {
                 OURS: functools.partial(_jax_program, name, arguments),
                 ONNX: functools.partial(_onnx_session, onnx_program, values),
@@ -74,7 +83,9 @@ def _jax_program(name: str, arguments: tuple[np.ndarray, ...]) -> Callable[[], N
     return run
 
 
-def _onnx_session(onnx_program: bytes, values: dict[str, np.ndarray]) -> Callable[[], None]:
+def _onnx_session(
+    onnx_program: bytes, values: dict[str, np.ndarray]
+) -> Callable[[], None]:
     import onnxruntime
 
     session = onnxruntime.InferenceSession(onnx_program)

@@ -13,8 +13,13 @@ class _Counted(np.ndarray):
 
     count = 0
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = (), **options: Any):
-        plain = [np.asarray(value) if isinstance(value, _Counted) else value for value in inputs]
+    def __array_ufunc__(
+        self, ufunc: Any, method: str, *inputs: Any, out: Any = (), **options: Any
+    ):
+        plain = [
+            np.asarray(value) if isinstance(value, _Counted) else value
+            for value in inputs
+        ]
         if out:
             options["out"] = tuple(np.asarray(value) for value in out)
         result = getattr(ufunc, method)(*plain, **options)

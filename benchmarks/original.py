@@ -30,10 +30,13 @@ def load_script(reference: Path, name: str) -> Any:
     """
     path = reference / "scripts" / f"{name}.py"
     if not path.is_file():
-        raise InputError(f"{reference}: no checkout of SGAN: it has no scripts/{name}.py")
+        raise InputError(
+            f"{reference}: no checkout of SGAN: it has no scripts/{name}.py"
+        )
     import torch
 
-    # It calls .cuda() unasked, and views tensors that today's torch wants contiguous for that.
+    # It calls .cuda() unasked, and views tensors that today's torch wants contiguous
+    # for that.
     torch.Tensor.cuda = lambda self, *args, **kwargs: self.contiguous()
     torch.nn.Module.cuda = lambda self, *args, **kwargs: self
     # Its own dependency has not been installable since Python 3.10.
@@ -57,20 +60,30 @@ def folder_of(recordings: list[Path]) -> Iterator[str]:
         yield folder
 
 
-def load_labelling(reference: Path) -> Callable[[Iterable[Any]], tuple[np.ndarray, list]]:
+def load_labelling(
+    reference: Path,
+) -> Callable[[Iterable[Any]], tuple[np.ndarray, list]]:
     """NeuroSyM's own labelling of pairs of tracks [T, 2]: states [pairs, T-1, 4], and labels.
 
-    The two lines of its loader are repeated here, for the loader does them while it reads files.
+    The two lines of its loader are repeated here, for the loader does them while it
+    reads files.
 
     Raises:
         InputError: for a folder that is no checkout of NeuroSyM.
     """
     scripts = (reference / "NeuroSyM-sgan" / "scripts").resolve()
     if not (scripts / "sgan" / "data" / "trajectories_informed.py").is_file():
-        raise InputError(f"{reference}: no checkout of NeuroSyM: it has no NeuroSyM-sgan/scripts")
+        raise InputError(
+            f"{reference}: no checkout of NeuroSyM: it has no NeuroSyM-sgan/scripts"
+        )
     # Its package is called sgan too, and another checkout's may be imported already.
-    another = {name: sys.modules.pop(name) for name in list(sys.modules) if _is_sgan(name)}
-    path = [str(scripts), *(entry for entry in sys.path if not (Path(entry) / "sgan").is_dir())]
+    another = {
+        name: sys.modules.pop(name) for name in list(sys.modules) if _is_sgan(name)
+    }
+    path = [
+        str(scripts),
+        *(entry for entry in sys.path if not (Path(entry) / "sgan").is_dir()),
+    ]
     with mock.patch.object(sys, "path", path):
         loader = importlib.import_module("sgan.data.trajectories_informed")
     for name in filter(_is_sgan, list(sys.modules)):
@@ -79,11 +92,15 @@ def load_labelling(reference: Path) -> Callable[[Iterable[Any]], tuple[np.ndarra
     reader = object.__new__(loader.TrajectoryDataset)
     reader.labels_dir, reader.filename = "sgan/data/", "cnd_labels.txt"
 
-    def label(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, list]:
+    def label(
+        pairs: Iterable[tuple[np.ndarray, np.ndarray]],
+    ) -> tuple[np.ndarray, list]:
         states, labels = [], []
         # It opens a file of the working directory for every label.
         with warnings.catch_warnings(), contextlib.chdir(scripts):
-            warnings.simplefilter("ignore")  # numpy's, of crossing two-dimensional vectors.
+            warnings.simplefilter(
+                "ignore"
+            )  # numpy's, of crossing two-dimensional vectors.
             for k, l in pairs:  # noqa: E741
                 states.append(loader.qtcc1(k, l, qbits=4))
                 labels.append([reader.labelme(state.tolist()) for state in states[-1]])

@@ -48,7 +48,16 @@ the page.
 AGE = ["", "median", "99 % below", "frames with a forecast", "page's frames a second"]
 SCALING = ["", "size: median", "exponent", "memory at most"]
 HIDDEN = (
-    *("7 Hz", "somebody is", "longest", "latest", "imports", "no-coll", "plain", "evaluate.py,"),
+    *(
+        "7 Hz",
+        "somebody is",
+        "longest",
+        "latest",
+        "imports",
+        "no-coll",
+        "plain",
+        "evaluate.py,",
+    ),
     "all forty",
 )
 """Parts of names of the rows that stand in the JSON file alone."""
@@ -80,16 +89,26 @@ def document(benchmarks: dict[str, Any]) -> str:
             if not any(part in f"{row['case']} {row['who']} " for part in HIDDEN):
                 cases.setdefault(row["case"], {})[row["who"]] = row
         for case, rows in cases.items():
-            (compared if len(rows) > 1 and OURS in rows else alone).append((title, case, rows))
-    others = list(dict.fromkeys(who for *_, rows in compared for who in rows if who != OURS))
+            (compared if len(rows) > 1 and OURS in rows else alone).append(
+                (title, case, rows)
+            )
+    others = list(
+        dict.fromkeys(who for *_, rows in compared for who in rows if who != OURS)
+    )
     lines = [
         [f"{title}: {case}", _spent(rows[OURS]), *(_ratio(rows, who) for who in others)]
         for title, case, rows in compared
     ]
-    parts = [HEAD, "## Compared\n", _table(["", "ours", *others], lines), "## Ours alone\n"]
+    parts = [
+        HEAD,
+        "## Compared\n",
+        _table(["", "ours", *others], lines),
+        "## Ours alone\n",
+    ]
     single = [(title, row) for title, _, rows in alone for row in rows.values()]
     ages, growing = (
-        [row for title, row in single if title == TITLES[name]] for name in ("age", "scaling")
+        [row for title, row in single if title == TITLES[name]]
+        for name in ("age", "scaling")
     )
     rows = [
         [f"{title}: {row['case']}", _seconds(row["median"])]
@@ -119,9 +138,13 @@ def _ages(rows: list[dict[str, Any]]) -> list[list[str]]:
 def _series(rows: list[dict[str, Any]]) -> list[list[str]]:
     """A line for what grows, with the exponent from its last two sizes."""
     lines = []
-    for title, series in itertools.groupby(rows, lambda row: row["case"].rpartition(":")[0]):
+    for title, series in itertools.groupby(
+        rows, lambda row: row["case"].rpartition(":")[0]
+    ):
         *_, last = by_size = list(series)
-        sizes = ", ".join(f"{row['size']:,}: {_seconds(row['median'])}" for row in by_size)
+        sizes = ", ".join(
+            f"{row['size']:,}: {_seconds(row['median'])}" for row in by_size
+        )
         peaks = [row["peak_mb"] for row in by_size if "peak_mb" in row]
         memory = f"{max(peaks) / 1000:.1f} GB" if peaks else ""
         lines.append([title, sizes, f"{last['exponent']:.1f}", memory])

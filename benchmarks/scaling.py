@@ -1,10 +1,11 @@
 """How seconds and memory grow with people, draws and checkpoints.
 
-Forecasts, of 20 samples or of draws from the distribution, are of a scene as dense as a busy
-square, one person on 4 m²; seconds are of warm repeats, memory is the device's peak, or on a CPU
-the process's. Checkpoints are copies of one that ships, a whole `evaluate.py` from its start to its
-report, on the bundled recording, or on zara1 where there is `--data`. An exponent is of the last
-two sizes: seconds grow with its power of the size.
+Forecasts, of 20 samples or of draws from the distribution, are of a scene as dense as a
+busy square, one person on 4 m²; seconds are of warm repeats, memory is the device's
+peak, or on a CPU the process's. Checkpoints are copies of one that ships, a whole
+`evaluate.py` from its start to its report, on the bundled recording, or on zara1 where
+there is `--data`. An exponent is of the last two sizes: seconds grow with its power of
+the size.
 """
 
 import itertools
@@ -45,7 +46,13 @@ def measure(options: Any) -> dict[str, Any]:
         command = [sys.executable, str(ROOT / "evaluate.py"), *source, "--no-figures"]
         found = []
         for count in CHECKPOINTS:
-            arguments = [*command, "--json", "rows.json", "--checkpoint", *names[:count]]
+            arguments = [
+                *command,
+                "--json",
+                "rows.json",
+                "--checkpoint",
+                *names[:count],
+            ]
             seconds = []
             for _ in range(3):
                 began = time.perf_counter()
@@ -58,16 +65,27 @@ def measure(options: Any) -> dict[str, Any]:
 
 def _apart(model: str, people: int, draws: int) -> dict[str, Any]:
     """What `one` finds in a process of its own."""
-    command = [sys.executable, "-m", "benchmarks.scaling", model, str(people), str(draws)]
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.scaling",
+        model,
+        str(people),
+        str(draws),
+    ]
     done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
     return json.loads(done.stdout)
 
 
 def _rows(title: str, found: list[tuple[int, dict[str, Any]]]) -> list[Row]:
-    table = [row(f"{title}: {size}", OURS, size=size, **values) for size, values in found]
+    table = [
+        row(f"{title}: {size}", OURS, size=size, **values) for size, values in found
+    ]
     for smaller, larger in itertools.pairwise(table):
         growth = larger["median"] / smaller["median"]
-        larger["exponent"] = math.log(growth) / math.log(larger["size"] / smaller["size"])
+        larger["exponent"] = math.log(growth) / math.log(
+            larger["size"] / smaller["size"]
+        )
     return table
 
 

@@ -1,11 +1,13 @@
 """Seconds of whole processes, imports and compiling included, with and without compiled programs.
 
-`first forecast` loads a model that ships and forecasts one scene of ten people; `evaluate.py`
-evaluates one published checkpoint on its scene, or 20, where data and checkpoints are given.
+`first forecast` loads a model that ships and forecasts one scene of ten people;
+`evaluate.py` evaluates one published checkpoint on its scene, or 20, where data and
+checkpoints are given.
 
-A robot's process has forty people at ten frames a second from when it can take them, and the two
-models that ship for zara1 at 8 + 8; their observation alone lasts 2.8 s. `start` compiles
-everything at first, `meanwhile` what forecasts four people, and the rest beside the forecasts.
+A robot's process has forty people at ten frames a second from when it can take them,
+and the two models that ship for zara1 at 8 + 8; their observation alone lasts 2.8 s.
+`start` compiles everything at first, `meanwhile` what forecasts four people, and the
+rest beside the forecasts.
 """
 
 import json
@@ -75,14 +77,26 @@ print(json.dumps({
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    models = [str(ROOT / f"checkpoints/{kind}_zara1_8") for kind in ("neurosym", "sgan")]
+    models = [
+        str(ROOT / f"checkpoints/{kind}_zara1_8") for kind in ("neurosym", "sgan")
+    ]
     commands = {"imports": ["-c", "import neurosym_jax"]}
     commands["first forecast"] = ["-c", FORECAST, models[-1]]
     if options.data and options.checkpoints:
         evaluate = [str(ROOT / "evaluate.py"), "--data", str(options.data.resolve())]
-        evaluate += ["--no-figures", "--no-collisions", "--json", "rows.json", "--checkpoint"]
+        evaluate += [
+            "--no-figures",
+            "--no-collisions",
+            "--json",
+            "rows.json",
+            "--checkpoint",
+        ]
         published = sorted(map(str, options.checkpoints.resolve().glob("*/*_model.pt")))
-        zara1 = [path for path in published if path.endswith("sgan-p-models/zara1_8_model.pt")]
+        zara1 = [
+            path
+            for path in published
+            if path.endswith("sgan-p-models/zara1_8_model.pt")
+        ]
         commands["evaluate.py, a checkpoint"] = evaluate + zara1
         commands[f"evaluate.py, {len(published)} checkpoints"] = evaluate + published
     for when in ("start", "meanwhile"):
@@ -109,8 +123,11 @@ def _process(command: list[str], cache: str) -> dict[str, float]:
         cwd=cache,
         stdout=report.open("w"),
     )
-    # The system keeps no figures of an ended process; its peak is reached before the end.
-    while os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+    # The system keeps no figures of an ended process; its peak is reached before the
+    # end.
+    while (
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
+    ):
         peak = max(peak, _peak_so_far(process.pid))
         time.sleep(0.01)
     seconds = time.perf_counter() - start
@@ -118,7 +135,10 @@ def _process(command: list[str], cache: str) -> dict[str, float]:
         raise RuntimeError(f"{' '.join(command[:3])} failed")
     times = {"": seconds}
     if NODE in command:
-        times = {f": {stage}": value for stage, value in json.loads(report.read_text()).items()}
+        times = {
+            f": {stage}": value
+            for stage, value in json.loads(report.read_text()).items()
+        }
     return {"peak_mb": peak, **times}
 
 

@@ -1,9 +1,9 @@
 """QTC_C1 and alpha of all ordered pairs of a window: compiled, in torch, looped, and the original.
 
-The plain loop goes pair by pair and step by step and must give the same alpha, as torch must. With
-`--neurosym-reference` the released labelling does the same pairs. Its sides are unsigned and its
-labels are cut to one character, so of it the states are compared, with ours `as_published`. Both
-are timed on fewer scenes.
+The plain loop goes pair by pair and step by step and must give the same alpha, as torch
+must. With `--neurosym-reference` the released labelling does the same pairs. Its sides
+are unsigned and its labels are cut to one character, so of it the states are compared,
+with ours `as_published`. Both are timed on fewer scenes.
 """
 
 import functools
@@ -34,10 +34,14 @@ def measure(options: Any) -> dict[str, Any]:
     table = alpha_table("c1", rule="dominance").astype(np.float32)
     contestants: dict[str, Any] = {OURS: functools.partial(_weighed, walks)}
     if options.torch:
-        contestants["torch peer"] = functools.partial(functools.partial, _torch_alpha, walks, table)
+        contestants["torch peer"] = functools.partial(
+            functools.partial, _torch_alpha, walks, table
+        )
     timings = alternate(contestants, options.repeats, warm=3)
     part = walks[:OF_LOOP]
-    loops: dict[str, Any] = {"plain loop": functools.partial(functools.partial, _loop, part, table)}
+    loops: dict[str, Any] = {
+        "plain loop": functools.partial(functools.partial, _loop, part, table)
+    }
     if options.neurosym_reference:
         loops[ORIGINAL] = functools.partial(_original, part, options.neurosym_reference)
     scale = SCENES / OF_LOOP
@@ -166,7 +170,9 @@ def _loop(walks: np.ndarray, table: np.ndarray) -> np.ndarray:
     return alpha
 
 
-def _symbols(before: list[float], after: list[float], other: list[float]) -> tuple[int, int]:
+def _symbols(
+    before: list[float], after: list[float], other: list[float]
+) -> tuple[int, int]:
     """(q1 + 1, q3 + 1) of a mover."""
     now, then = math.dist(after, other), math.dist(before, other)
     line = other[0] - before[0], other[1] - before[1]

@@ -23,7 +23,8 @@ Row = dict[str, Any]
 def peak_mb(process: int | str = "self") -> float:
     """The most memory that a running process has had so far, or this one's accelerator, MB.
 
-    What `getrusage` says of a process counts its parent's memory before the process was loaded.
+    What `getrusage` says of a process counts its parent's memory before the process was
+    loaded.
     """
     if process == "self":
         import jax
@@ -31,7 +32,10 @@ def peak_mb(process: int | str = "self") -> float:
         if statistics := jax.devices()[0].memory_stats():  # None on a CPU.
             return statistics["peak_bytes_in_use"] / 1e6
     status = Path(f"/proc/{process}/status").read_text()
-    return next(int(line.split()[1]) for line in status.splitlines() if "VmHWM" in line) / 1024
+    return (
+        next(int(line.split()[1]) for line in status.splitlines() if "VmHWM" in line)
+        / 1024
+    )
 
 
 class Timing(NamedTuple):
@@ -46,19 +50,23 @@ class Timing(NamedTuple):
 
 
 def alternate(
-    contestants: Mapping[str, Callable[[], Callable[[], Any]]], rounds: int, warm: int = 1
+    contestants: Mapping[str, Callable[[], Callable[[], Any]]],
+    rounds: int,
+    warm: int = 1,
 ) -> dict[str, Timing]:
     """Time contestants in a process each, after `warm` rounds that do not count.
 
-    A contestant makes, in its process, the function that is timed. Rounds alternate, so that what
-    else the machine does falls on all of them, with a rest between them, because a library's
-    threads spin for a while after their work.
+    A contestant makes, in its process, the function that is timed. Rounds alternate, so
+    that what else the machine does falls on all of them, with a rest between them,
+    because a library's threads spin for a while after their work.
     """
     context = multiprocessing.get_context("spawn")
     timed: dict[str, list[Timing]] = {name: [] for name in contestants}
     with contextlib.ExitStack() as stack:
         processes = {
-            name: stack.enter_context(ProcessPoolExecutor(1, context, _prepare, (make,)))
+            name: stack.enter_context(
+                ProcessPoolExecutor(1, context, _prepare, (make,))
+            )
             for name, make in contestants.items()
         }
         for _ in range(warm + rounds):
@@ -99,11 +107,16 @@ def _mean_of(runs: int) -> Timing:
     seconds, cpu_seconds, result = time.perf_counter(), time.process_time(), None
     for _ in range(runs):
         result = globals()["_contestant"]()
-    seconds, cpu_seconds = time.perf_counter() - seconds, time.process_time() - cpu_seconds
+    seconds, cpu_seconds = (
+        time.perf_counter() - seconds,
+        time.process_time() - cpu_seconds,
+    )
     return Timing([seconds / runs], [cpu_seconds / runs], peak_mb(), result)
 
 
-def row(case: str, who: str, values: Sequence[float], unit: str = "s", **columns: Any) -> Row:
+def row(
+    case: str, who: str, values: Sequence[float], unit: str = "s", **columns: Any
+) -> Row:
     """Median and spread of one contestant."""
     return {
         "case": case,
@@ -135,16 +148,24 @@ def text(result: Mapping[str, Any]) -> str:
     """A benchmark's result for people."""
     lines = [result["title"]]
     for entry in result["rows"]:
-        scale, unit = (1000, "ms") if entry["unit"] == "s" and entry["median"] < 0.5 else (1, "")
+        scale, unit = (
+            (1000, "ms") if entry["unit"] == "s" and entry["median"] < 0.5 else (1, "")
+        )
         unit = unit or entry["unit"]
-        low, middle, high = (f"{entry[part] * scale:.4g}" for part in ("low", "median", "high"))
-        details = f"  {entry['ratio']:.1f} times ours" if entry.get("ratio", 1) != 1 else ""
+        low, middle, high = (
+            f"{entry[part] * scale:.4g}" for part in ("low", "median", "high")
+        )
+        details = (
+            f"  {entry['ratio']:.1f} times ours" if entry.get("ratio", 1) != 1 else ""
+        )
         if "cpu" in entry:
             details += f"  CPU {entry['cpu'] * scale:.4g} {unit}"
         if "p99" in entry:
             details += f"  p99 {entry['p99'] * scale:.4g} {unit}"
         extras = ("peak_mb", "ade", "answered", "drawn")
-        details += "".join(f"  {name} {entry[name]:.4g}" for name in extras if name in entry)
+        details += "".join(
+            f"  {name} {entry[name]:.4g}" for name in extras if name in entry
+        )
         lines.append(
             f"  {entry['case']:32} {entry['who']:14} {middle:>9} {unit} ({low} to {high}){details}"
         )

@@ -1,8 +1,8 @@
 """The anchors network, its loss and a training step in torch: an opponent of the same numbers.
 
-All scenes of a batch go through each operation together. It starts from our parameters, and
-`tests/test_benchmarks.py` holds its forecasts, its loss and its gradient to ours. It neither
-augments a batch nor averages parameters, which our step does.
+All scenes of a batch go through each operation together. It starts from our parameters,
+and `tests/test_benchmarks.py` holds its forecasts, its loss and its gradient to ours.
+It neither augments a batch nor averages parameters, which our step does.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,13 @@ from torch import nn
 from torch.nn.functional import linear
 
 from neurosym_jax.models.anchors.frames import LONGEST, SLOW, WIDE
-from neurosym_jax.models.anchors.network import BASIS, HEADS, ROUGHNESS, AnchorConfig, _polynomials
+from neurosym_jax.models.anchors.network import (
+    BASIS,
+    HEADS,
+    ROUGHNESS,
+    AnchorConfig,
+    _polynomials,
+)
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 
 __all__ = ["TorchAnchors"]
@@ -38,7 +44,11 @@ class TorchAnchors(nn.Module):
     """The network with a batch, whose `step` trains."""
 
     def __init__(
-        self, config: AnchorConfig, recipe: AnchorRecipe, params: Mapping[str, Any], batch: Any
+        self,
+        config: AnchorConfig,
+        recipe: AnchorRecipe,
+        params: Mapping[str, Any],
+        batch: Any,
     ):
         """`params` are Flax's, `batch` is `AnchorStream.batch`'s: scenes and their crowds."""
         super().__init__()
@@ -47,7 +57,9 @@ class TorchAnchors(nn.Module):
         for name, value in params["params"].items():
             arrays = value if isinstance(value, Mapping) else {"": value}
             for part, array in arrays.items():
-                tensor = torch.tensor(np.asarray(array).T if part == "kernel" else np.array(array))
+                tensor = torch.tensor(
+                    np.asarray(array).T if part == "kernel" else np.array(array)
+                )
                 self.weight[f"{name}{part}"] = nn.Parameter(tensor.contiguous())
         scenes, crowd = batch
         self.observed, self.future, self.valid = (
@@ -55,7 +67,9 @@ class TorchAnchors(nn.Module):
             for array in (scenes.observed, scenes.known_future, scenes.valid)
         )
         self.crowd = torch.tensor(crowd)
-        self.curve = torch.tensor(_polynomials(config.pred_len, BASIS), dtype=torch.float32)
+        self.curve = torch.tensor(
+            _polynomials(config.pred_len, BASIS), dtype=torch.float32
+        )
         self.ahead = torch.arange(1, config.pred_len + 1, dtype=torch.float32)[:, None]
         self.optimizer = torch.optim.Adam(self.parameters(), lr=recipe.learning_rate)
 
@@ -73,13 +87,17 @@ class TorchAnchors(nn.Module):
         recipe, size, own = self.recipe, self.valid.sum(1), self.valid.sum(1)
 
         def of_crowds(values: torch.Tensor) -> torch.Tensor:
-            return values.new_zeros(len(size), *values.shape[1:]).index_add(0, self.crowd, values)
+            return values.new_zeros(len(size), *values.shape[1:]).index_add(
+                0, self.crowd, values
+            )
 
         people = of_crowds(own)
         forecast, log_probability = self((people[self.crowd] - own).float())
         n = people.clamp(min=1)[:, None]
         square = (forecast - self.future[:, None]).square().sum(-1)
-        distance = torch.where(self.valid[:, None, :, None], (square + 1e-9).sqrt(), 0.0)
+        distance = torch.where(
+            self.valid[:, None, :, None], (square + 1e-9).sqrt(), 0.0
+        )
         ade = distance.mean(-1)
         error = ade + recipe.fde_weight * distance[..., -1]
         joint = of_crowds(error.sum(2))
@@ -116,13 +134,19 @@ class TorchAnchors(nn.Module):
         scale = (speed * config.pred_len + 0.5)[..., None, None, None]
         heading = heading[..., None, None, :]
         residual = _turned(scale * (bend + spread * self.weight["anchor"]), heading, 1)
-        standing = (1 - (walking + 1e-6).sqrt()) * (config.pred_len * config.period / 2.4)
-        residual = residual + standing[..., None, None, None] * spread * self.weight["still"]
+        standing = (1 - (walking + 1e-6).sqrt()) * (
+            config.pred_len * config.period / 2.4
+        )
+        residual = (
+            residual + standing[..., None, None, None] * spread * self.weight["still"]
+        )
         residual = torch.einsum("bnkcd,tc->bkntd", residual, self.curve)
         score = torch.where(valid[..., None], self._dense("likely", state), 0.0)
         score = score.sum(1) / valid.sum(1, keepdim=True).clamp(min=1).sqrt()
         straight = observed[:, :, -1:] + velocity[:, :, None] * self.ahead
-        return straight[:, None] + residual, (self.weight["prior"] + score).log_softmax(-1)
+        return straight[:, None] + residual, (self.weight["prior"] + score).log_softmax(
+            -1
+        )
 
     def _velocity(self, steps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         differences = (steps.diff(dim=2), steps.diff(n=2, dim=2), steps)
@@ -136,8 +160,14 @@ class TorchAnchors(nn.Module):
         self, pace: torch.Tensor, heading: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """What the attention gives `[B, N, 16]`, and the number of people around `[B, N]`."""
-        position, valid, radius = self.observed[:, :, -1], self.valid, self.config.radius
-        offset, relative = (vector[:, None] - vector[:, :, None] for vector in (position, pace))
+        position, valid, radius = (
+            self.observed[:, :, -1],
+            self.valid,
+            self.config.radius,
+        )
+        offset, relative = (
+            vector[:, None] - vector[:, :, None] for vector in (position, pace)
+        )
         distance, speed = _length(offset), _length(pace)
         bearing, motion = (
             _turned(vector, heading[:, :, None], -1) for vector in (offset, relative)
@@ -147,10 +177,19 @@ class TorchAnchors(nn.Module):
         miss = _length(bearing + motion * soon[..., None])
         near = bearing / distance.clamp(min=1)[..., None]
         own, other_speed = torch.broadcast_tensors(speed[:, :, None], speed[:, None])
-        alone = [_length(relative), (-distance).exp(), distance / radius, 1 / (distance + 0.3)]
+        alone = [
+            _length(relative),
+            (-distance).exp(),
+            distance / radius,
+            1 / (distance + 0.3),
+        ]
         alone += [soon, (-2 * miss - soon).exp(), own, other_speed]
         pairs = torch.cat([near, motion, torch.stack(alone, -1)], -1)
-        others = valid[:, :, None] & valid[:, None] & ~torch.eye(valid.shape[1], dtype=torch.bool)
+        others = (
+            valid[:, :, None]
+            & valid[:, None]
+            & ~torch.eye(valid.shape[1], dtype=torch.bool)
+        )
         gate = torch.where(others, _within(distance, radius), 0.0)
         crowd = torch.where(others, _within(distance, WIDE), 0.0).sum(2)
         pairs = self._dense("pair", torch.where(others[..., None], pairs, 0.0)).relu()

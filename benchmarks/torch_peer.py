@@ -1,8 +1,9 @@
 """SGAN's training iteration and evaluation in torch, as batched as it allows: a fair opponent.
 
-It encodes and pools once for all samples, decodes the samples together, and treats all pairs of all
-scenes (in an evaluation, of a few hundred agents) at once instead of looping over scenes; the loss
-and the networks are SGAN's. It exists to be timed and trains nothing that is kept.
+It encodes and pools once for all samples, decodes the samples together, and treats all
+pairs of all scenes (in an evaluation, of a few hundred agents) at once instead of
+looping over scenes; the loss and the networks are SGAN's. It exists to be timed and
+trains nothing that is kept.
 """
 
 import itertools
@@ -22,7 +23,9 @@ EMBEDDING, HIDDEN, D_HIDDEN, MLP, POOL, BOTTLENECK, NOISE = 16, 32, 48, 64, 512,
 
 def _mlp(*sizes: int) -> nn.Sequential:
     pairs = itertools.pairwise(sizes)
-    return nn.Sequential(*[layer for pair in pairs for layer in (nn.Linear(*pair), nn.ReLU())])
+    return nn.Sequential(
+        *[layer for pair in pairs for layer in (nn.Linear(*pair), nn.ReLU())]
+    )
 
 
 def pairs_of(sizes: torch.Tensor) -> torch.Tensor:
@@ -84,7 +87,9 @@ class Generator(nn.Module):
             hidden = torch.cat([hidden, self.pooling(hidden, last, pairs)], dim=1)
         context = self.context(hidden)
         samples, agents, _ = noise.shape
-        hidden = torch.cat([context.expand(samples, -1, -1), noise], dim=2).flatten(0, 1)
+        hidden = torch.cat([context.expand(samples, -1, -1), noise], dim=2).flatten(
+            0, 1
+        )
         cell = torch.zeros_like(hidden)
         move = moves[-1].expand(samples, -1, -1).flatten(0, 1)
         steps = []
@@ -111,7 +116,9 @@ class Generator(nn.Module):
             for foreign, own in names.items():
                 if name.startswith(foreign):
                     rest = name.removeprefix(foreign)
-                    mine[own + (rest.removesuffix("_l0") if own == "cell." else rest)] = value
+                    mine[
+                        own + (rest.removesuffix("_l0") if own == "cell." else rest)
+                    ] = value
         self.load_state_dict(mine)
 
 
@@ -137,7 +144,10 @@ class TorchPeer:
         self.scene = torch.repeat_interleave(torch.arange(len(sizes)), self.sizes)
         self.pairs = pairs_of(self.sizes)
         self.best_k, self.clip = best_k, clip
-        self.generator, self.discriminator = Generator(future.shape[1]), _Discriminator()
+        self.generator, self.discriminator = (
+            Generator(future.shape[1]),
+            _Discriminator(),
+        )
         for module in (*self.generator.modules(), *self.discriminator.modules()):
             if isinstance(module, nn.Linear):
                 nn.init.kaiming_normal_(module.weight)
@@ -151,7 +161,9 @@ class TorchPeer:
         real_scores, fake_scores = self._scores(self.future), self._scores(fake)
         label = torch.full_like(real_scores, random.uniform(0.7, 1.2))
         loss = binary_cross_entropy_with_logits(real_scores, label)
-        loss = loss + binary_cross_entropy_with_logits(fake_scores, torch.zeros_like(label))
+        loss = loss + binary_cross_entropy_with_logits(
+            fake_scores, torch.zeros_like(label)
+        )
         self.d_optimizer.zero_grad()
         loss.backward()
         self.d_optimizer.step()
@@ -160,7 +172,9 @@ class TorchPeer:
         """One Adam step of the generator on the best of k, scene by scene, and the last sample."""
         fakes = self._forecast(self.best_k)
         errors = ((fakes - self.future) ** 2).sum(dim=(2, 3))
-        total = errors.new_zeros(self.best_k, len(self.sizes)).index_add(1, self.scene, errors)
+        total = errors.new_zeros(self.best_k, len(self.sizes)).index_add(
+            1, self.scene, errors
+        )
         variety = (total.min(dim=0).values / (self.sizes * self.future.shape[1])).sum()
         scores = self._scores(fakes[-1])
         label = torch.full_like(scores, random.uniform(0.7, 1.2))
@@ -199,7 +213,9 @@ class TorchForecaster:
         """Joint best-of-k ADE and FDE in metres."""
         ade = fde = agents = 0.0
         for chunk in chunks:
-            error = torch.linalg.vector_norm(self.forecast(chunk, samples) - chunk.future, dim=3)
+            error = torch.linalg.vector_norm(
+                self.forecast(chunk, samples) - chunk.future, dim=3
+            )
             ade += self._best(error.mean(2), chunk)
             fde += self._best(error[..., -1], chunk)
             agents += len(chunk.scene)
@@ -224,7 +240,9 @@ class Chunk:
 
     def __init__(self, observed: Any, future: Any, sizes: Any):
         """`observed [A, obs_len, 2]`, `future [A, pred_len, 2]` metres, agents of each scene."""
-        observed, self.future = (torch.as_tensor(part).float() for part in (observed, future))
+        observed, self.future = (
+            torch.as_tensor(part).float() for part in (observed, future)
+        )
         self.sizes = torch.as_tensor(sizes)
         self.scene = torch.repeat_interleave(torch.arange(len(sizes)), self.sizes)
         self.last = observed[:, -1].contiguous()

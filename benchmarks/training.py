@@ -1,10 +1,10 @@
 """A training iteration of each recipe, beside torch's; that of `sgan` beside the original's too.
 
-An iteration of `sgan` is a discriminator and a generator step on the same 64 scenes of zara1's
-training split (about 780 agents), best of 20, 8 + 8 steps, with the published sizes. The opponents
-are `torch_peer` and, with `--reference`, the original code, whose own step functions and networks
-are run on the CPU. The opponent of `anchors` is `torch_anchors`, on the same batch. Without
-`--data` the scenes are simulated.
+An iteration of `sgan` is a discriminator and a generator step on the same 64 scenes of
+zara1's training split (about 780 agents), best of 20, 8 + 8 steps, with the published
+sizes. The opponents are `torch_peer` and, with `--reference`, the original code, whose
+own step functions and networks are run on the CPU. The opponent of `anchors` is
+`torch_anchors`, on the same batch. Without `--data` the scenes are simulated.
 """
 
 import argparse
@@ -29,7 +29,9 @@ def measure(options: Any) -> dict[str, Any]:
     source, scene = open_source(options.data), "zara1" if options.data else "cross-path"
     windows = cut_windows(source.recordings(scene, "train"), 8, 8)
     batches = SceneStream(windows, RECIPES["sgan"].batch_scenes, seed=0).steps(0, 2)
-    contestants: dict[str, Any] = {OURS: functools.partial(generator_steps, "sgan", batches)}
+    contestants: dict[str, Any] = {
+        OURS: functools.partial(generator_steps, "sgan", batches)
+    }
     arrays = [unpadded(batches, index) for index in (0, 1)]
     if options.torch:
         contestants["torch peer"] = functools.partial(peer, arrays)
@@ -40,7 +42,9 @@ def measure(options: Any) -> dict[str, Any]:
     table = rows(f"{scenes} scenes, {agents} agents, best of 20", timings)
     work = _work(arrays[0], discriminator=True) + _work(arrays[1], discriminator=False)
     light = limit(work, machine_rates(), table[0]["median"])
-    ours = SceneStream(windows, RECIPES["ours"].batch_scenes, 0, RECIPES["ours"].max_agents)
+    ours = SceneStream(
+        windows, RECIPES["ours"].batch_scenes, 0, RECIPES["ours"].max_agents
+    )
     step = functools.partial(generator_steps, "ours", ours.steps(0, 1))
     table += rows("recipe ours", alternate({OURS: step}, 3 * options.repeats, warm=2))
     steps = {OURS: functools.partial(anchor_step, windows)}
@@ -64,7 +68,8 @@ def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
     context = encoding(config, agents, pairs)
     if discriminator:
         return context + decoding(config, agents, 1) + _with_gradient(judged) * 2
-    # All 20 are decoded; the best and the one that is judged once more, with a gradient.
+    # All 20 are decoded; the best and the one that is judged once more, with a
+    # gradient.
     decoded = decoding(config, agents, 20) + _with_gradient(decoding(config, agents, 2))
     return _with_gradient(context) + decoded + _with_gradient(judged)
 
@@ -85,7 +90,9 @@ def unpadded(batches, index: int) -> dict[str, np.ndarray]:
         parts["sizes"].append(valid.sum(axis=1))
     arrays = {name: np.concatenate(values) for name, values in parts.items()}
     start = arrays["observed"][:, -1:]
-    arrays["future_moves"] = np.diff(np.concatenate([start, arrays["future"]], axis=1), axis=1)
+    arrays["future_moves"] = np.diff(
+        np.concatenate([start, arrays["future"]], axis=1), axis=1
+    )
     return arrays
 
 
@@ -116,8 +123,14 @@ def anchor_step(windows: Any) -> Callable[[], None]:
     from neurosym_jax.training.step import gradient_step
 
     forecaster, recipe, params, batch = _anchors(windows)
-    key, batch, state = jax.random.key(0), jax.device_put(batch), new_state(recipe, params)
-    return _iterate(lambda state: gradient_step(forecaster, recipe, key, state, batch), state)
+    key, batch, state = (
+        jax.random.key(0),
+        jax.device_put(batch),
+        new_state(recipe, params),
+    )
+    return _iterate(
+        lambda state: gradient_step(forecaster, recipe, key, state, batch), state
+    )
 
 
 def torch_anchor_step(windows: Any) -> Callable[[], None]:
@@ -159,7 +172,8 @@ def peer(arrays) -> Callable[[], None]:
 
     wanted = ("observed", "moves", "future_moves", "sizes")
     first, second = (
-        TorchPeer(*[array[name] for name in wanted], best_k=20, clip=2.0) for array in arrays
+        TorchPeer(*[array[name] for name in wanted], best_k=20, clip=2.0)
+        for array in arrays
     )
 
     def iterate() -> None:
@@ -209,7 +223,9 @@ def original(arrays, reference: Path) -> Callable[[], None]:
         train.discriminator_step(
             args, first, generator, discriminator, train.gan_d_loss, d_optimizer
         )
-        train.generator_step(args, second, generator, discriminator, train.gan_g_loss, g_optimizer)
+        train.generator_step(
+            args, second, generator, discriminator, train.gan_g_loss, g_optimizer
+        )
 
     return iterate
 
@@ -221,6 +237,8 @@ def _collated(array: dict[str, np.ndarray]):
     agents, steps = len(array["observed"]), 16
     ends = np.cumsum(array["sizes"])
     names = ("observed", "future", "moves", "future_moves")
-    tracks = [torch.as_tensor(array[name]).transpose(0, 1).contiguous() for name in names]
+    tracks = [
+        torch.as_tensor(array[name]).transpose(0, 1).contiguous() for name in names
+    ]
     bounds = torch.as_tensor(np.stack([ends - array["sizes"], ends], axis=1))
     return [*tracks, torch.zeros(agents), torch.ones(agents, steps), bounds]

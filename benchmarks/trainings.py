@@ -3,9 +3,10 @@
     python -m benchmarks trainings --data DATA --json docs/benchmarks.json
     python -m benchmarks.trainings docs/figures/seconds.png
 
-The trainings are for zara1, 8 + 12, one each. That of the released code, which has pooling, is its
-8,400 iterations times what one takes here at 8 + 8 (`python -m benchmarks training --reference
-SGAN`). The errors are those of docs/results.json, means over the five data sets.
+The trainings are for zara1, 8 + 12, one each. That of the released code, which has
+pooling, is its 8,400 iterations times what one takes here at 8 + 8 (`python -m
+benchmarks training --reference SGAN`). The errors are those of docs/results.json, means
+over the five data sets.
 """
 
 import dataclasses
@@ -59,9 +60,13 @@ def draw(path: Path) -> None:
     )
 
     rows_by_benchmark = json.loads((DOCS / "benchmarks.json").read_text())["benchmarks"]
-    seconds = {row["case"]: row["median"] for row in rows_by_benchmark["trainings"]["rows"]}
+    seconds = {
+        row["case"]: row["median"] for row in rows_by_benchmark["trainings"]["rows"]
+    }
     step = next(
-        row["median"] for row in rows_by_benchmark["training"]["rows"] if row["who"] == "original"
+        row["median"]
+        for row in rows_by_benchmark["training"]["rows"]
+        if row["who"] == "original"
     )
     seconds[RELEASED] = ITERATIONS * step
     rows = read_report(DOCS / "results.json").filter(pred_len=12)
@@ -80,8 +85,12 @@ def draw(path: Path) -> None:
     for axes, kind in zip(grid[0], kinds):
         errors = {name: means.filter(model=name)[kind].item() for name in looks}
         for name, took in seconds.items():
-            fill = "none" if name == RELEASED else "full"  # Hollow: the time is not measured.
-            axes.plot(took, errors[name], "o", color=looks[name]["color"], fillstyle=fill)
+            fill = (
+                "none" if name == RELEASED else "full"
+            )  # Hollow: the time is not measured.
+            axes.plot(
+                took, errors[name], "o", color=looks[name]["color"], fillstyle=fill
+            )
             words: dict[str, Any] = {"textcoords": "offset points", "size": SMALL}
             side = "right" if name == RELEASED else "center"
             at = (0, -13 if name == "anchors" else 6)

@@ -1,10 +1,10 @@
 """Evaluation of SGAN's 20 published checkpoints, best of 20: ours, torch as it can be, and theirs.
 
-Of the contestants, data and checkpoints are read before the clock starts; what is timed is
-forecasting and errors, without collisions. All report the mean of the 20 joint ADEs, which
-differ by their random numbers. Beside them is the user's command, a whole process: `evaluate.py`
-from its start to its report, baselines included and figures not, with collisions and with
-`--no-collisions`; its programs are in the cache.
+Of the contestants, data and checkpoints are read before the clock starts; what is timed
+is forecasting and errors, without collisions. All report the mean of the 20 joint ADEs,
+which differ by their random numbers. Beside them is the user's command, a whole
+process: `evaluate.py` from its start to its report, baselines included and figures not,
+with collisions and with `--no-collisions`; its programs are in the cache.
 """
 
 import functools
@@ -47,7 +47,11 @@ def measure(options: Any) -> dict[str, Any]:
     ]
     table += _commands(options, paths)
     light = limit(work, machine_rates(), table[0]["median"])
-    return {"title": "evaluation of the published checkpoints", "rows": table, "light": light}
+    return {
+        "title": "evaluation of the published checkpoints",
+        "rows": table,
+        "light": light,
+    }
 
 
 def _models_and_tests(paths: list[Path], data: Path) -> tuple[list[Any], list[Any]]:
@@ -63,7 +67,9 @@ def _models_and_tests(paths: list[Path], data: Path) -> tuple[list[Any], list[An
         return cut_windows(source.recordings(place), *lengths)
 
     lengths = [(model.config.obs_len, model.config.pred_len) for model in models]
-    return models, [windows(str(model.dataset), *steps) for model, steps in zip(models, lengths)]
+    return models, [
+        windows(str(model.dataset), *steps) for model, steps in zip(models, lengths)
+    ]
 
 
 def _ours(paths: list[Path], data: Path) -> Callable[[], float]:
@@ -73,11 +79,17 @@ def _ours(paths: list[Path], data: Path) -> Callable[[], float]:
 
     models, tests = _models_and_tests(paths, data)
     batches = {id(test): make_batches(test) for test in tests}
-    settings = {"samples": SAMPLES, "seed": 0, "metrics": metric_names(collisions=False)}
+    settings = {
+        "samples": SAMPLES,
+        "seed": 0,
+        "metrics": metric_names(collisions=False),
+    }
 
     def run() -> float:
         results = [
-            score_forecaster(model.forecaster, model.params, batches[id(test)], **settings)
+            score_forecaster(
+                model.forecaster, model.params, batches[id(test)], **settings
+            )
             for model, test in zip(models, tests)
         ]
         return float(np.mean([result.mean("joint_ade") for result in results]))
@@ -87,7 +99,12 @@ def _ours(paths: list[Path], data: Path) -> Callable[[], float]:
 
 def _commands(options: Any, paths: list[Path]) -> list[Row]:
     """The user's command with collisions and without, in rounds that alternate."""
-    command = [sys.executable, str(ROOT / "evaluate.py"), "--data", str(options.data.resolve())]
+    command = [
+        sys.executable,
+        str(ROOT / "evaluate.py"),
+        "--data",
+        str(options.data.resolve()),
+    ]
     command += ["--no-figures", "--json", "rows.json"]
     checkpoints = ["--checkpoint", *(str(path.resolve()) for path in paths)]
     with tempfile.TemporaryDirectory() as folder:
@@ -98,7 +115,9 @@ def _commands(options: Any, paths: list[Path]) -> list[Row]:
         for _ in range(1 + options.repeats):
             for name, values in seconds.items():
                 start = time.perf_counter()
-                run([*command, *([name] if name.startswith("--") else []), *checkpoints])
+                run(
+                    [*command, *([name] if name.startswith("--") else []), *checkpoints]
+                )
                 values.append(time.perf_counter() - start)
     case = f"evaluate.py, {len(paths)} checkpoints and baselines"
     return [row(case, name, values[1:]) for name, values in seconds.items()]
@@ -117,7 +136,10 @@ def _peer(paths: list[Path], data: Path) -> Callable[[], float]:
     chunks = {id(test): chunks_of(test) for test in tests}
 
     def run() -> float:
-        ades = [peer.evaluate(chunks[id(test)], SAMPLES)[0] for peer, test in zip(peers, tests)]
+        ades = [
+            peer.evaluate(chunks[id(test)], SAMPLES)[0]
+            for peer, test in zip(peers, tests)
+        ]
         return float(np.mean(ades))
 
     return run
@@ -137,7 +159,9 @@ def _original(options: Any, paths: list[Path]) -> Timing:
         generator = script.get_generator(checkpoint)
         args = Arguments(checkpoint["args"] | {"loader_num_workers": 0})
         names = SCENES[args.dataset_name]
-        with folder_of([options.data / "all" / f"{name}.txt" for name in names]) as folder:
+        with folder_of(
+            [options.data / "all" / f"{name}.txt" for name in names]
+        ) as folder:
             _, loader = script.data_loader(args, folder)
         start, cpu_start = time.perf_counter(), time.process_time()
         ade, _ = script.evaluate(args, loader, generator, SAMPLES)

@@ -1,9 +1,11 @@
 """People's forecasts as a costmap: the probability that a person will be in a cell.
 
-python examples/costmap.py FORECASTS.bag COSTMAP.bag    of a bag that `neurosym replay --out` wrote
-python examples/costmap.py ros1|ros2 [SAMPLES-TOPIC]    on a robot, beside its node
+python examples/costmap.py FORECASTS.bag COSTMAP.bag    of a bag that `neurosym replay
+--out` wrote python examples/costmap.py ros1|ros2 [SAMPLES-TOPIC]    on a robot, beside
+its node
 
-Needs numpy and, on a robot, its own ROS with `ros/neurosym_msgs` built; JAX is not needed there.
+Needs numpy and, on a robot, its own ROS with `ros/neurosym_msgs` built; JAX is not
+needed there.
 """
 
 # pyright: reportMissingImports=false
@@ -26,15 +28,18 @@ WIDEST = 40.0  # metres
 def occupancy(futures, weights, period):
     """Per cent [rows, columns] that a cell is taken, and the corner [2] of its first, in metres.
 
-    `futures` [K, N, T, 2] are samples of positions, T = 0 now, and `weights` [K] sum to one. At a
-    moment a person is in a cell with the share of the samples that have them within `RADIUS` of it,
-    and somebody is unless all are not; of all moments the worst counts, later ones for less.
+    `futures` [K, N, T, 2] are samples of positions, T = 0 now, and `weights` [K] sum to
+    one. At a moment a person is in a cell with the share of the samples that have them
+    within `RADIUS` of it, and somebody is unless all are not; of all moments the worst
+    counts, later ones for less.
     """
     samples, people, steps = futures.shape[:3]
     middle = np.median(futures[:, :, 0], axis=(0, 1))
     near = np.clip(futures, middle - WIDEST / 2, middle + WIDEST / 2)
     corner = np.floor((near.min(axis=(0, 1, 2)) - RADIUS) / CELL) * CELL
-    columns, rows = np.ceil((near.max(axis=(0, 1, 2)) + RADIUS - corner) / CELL).astype(int) + 1
+    columns, rows = (
+        np.ceil((near.max(axis=(0, 1, 2)) + RADIUS - corner) / CELL).astype(int) + 1
+    )
     reach = int(RADIUS / CELL)
     disc = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
     disc = disc[:, np.hypot(*disc) * CELL <= RADIUS]  # [2, D] rows and columns
@@ -62,9 +67,14 @@ def fill(grid, forecast):
     ahead = place[:, None] + np.reshape(forecast.futures, shape)
     now = np.broadcast_to(place[:, None], (shape[0], len(place), 1, 2))
     per_cent, corner = occupancy(
-        np.concatenate([now, ahead], axis=2), np.asarray(forecast.weights, float), forecast.period
+        np.concatenate([now, ahead], axis=2),
+        np.asarray(forecast.weights, float),
+        forecast.period,
     )
-    grid.header.stamp, grid.header.frame_id = forecast.header.stamp, forecast.header.frame_id
+    grid.header.stamp, grid.header.frame_id = (
+        forecast.header.stamp,
+        forecast.header.frame_id,
+    )
     grid.info.resolution = CELL
     grid.info.height, grid.info.width = per_cent.shape
     grid.info.origin.position.x, grid.info.origin.position.y = map(float, corner)

@@ -1,8 +1,9 @@
 """A plugin: attention over neighbours by bearing, relative velocity and closest approach.
 
-It works in each agent's own frame (ahead, left). Its output is vectors, rotated back into the
-scene's axes, and scalars, so a rotated scene gives rotated vectors and the same scalars. Use it by
-`neurosym train --plugin examples/encounter_pooling.py --model neurosym --pooling encounter`.
+It works in each agent's own frame (ahead, left). Its output is vectors, rotated back
+into the scene's axes, and scalars, so a rotated scene gives rotated vectors and the
+same scalars. Use it by `neurosym train --plugin examples/encounter_pooling.py --model
+neurosym --pooling encounter`.
 """
 
 import dataclasses
@@ -25,7 +26,9 @@ class Encounter(Pooling):
 
     title: ClassVar[str] = "NeuroSyM, encounter pooling"
     inputs: ClassVar[frozenset[str]] = frozenset({"track", "alpha"})
-    bottleneck_dim: Annotated[Count, Rule("be a multiple of 4", lambda dim: dim % 4 == 0)] = 16
+    bottleneck_dim: Annotated[
+        Count, Rule("be a multiple of 4", lambda dim: dim % 4 == 0)
+    ] = 16
     """A part for each head; half of it are pushes, pairs of numbers."""
     hidden_dim: Count = 32
 
@@ -37,9 +40,10 @@ class Encounter(Pooling):
 class _EncounterNetwork(nn.Module):
     """`sum_j a_ij exp(s_ij) m_ij / sum_j a_ij exp(s_ij)` over the others j.
 
-    Messages m and scores s, one for each quarter of m, are a perceptron's of the pair; a_ij is
-    alpha of the state that the pair was last observed in. Only ratios of alpha between neighbours
-    count: a weighting with the same alpha for all neighbours has no effect. Negative weights are 0.
+    Messages m and scores s, one for each quarter of m, are a perceptron's of the pair;
+    a_ij is alpha of the state that the pair was last observed in. Only ratios of alpha
+    between neighbours count: a weighting with the same alpha for all neighbours has no
+    effect. Negative weights are 0.
     """
 
     HEADS = 4
@@ -69,7 +73,13 @@ class _EncounterNetwork(nn.Module):
         speed = jnp.broadcast_to(speed[:, None], distance.shape)
         soon, miss = closest_approach(relative, motion, 0.04, self.LONGEST, self.SMOOTH)
         bearing = relative / jnp.maximum(distance, 1)[..., None]
-        numbers = [jnp.exp(-distance), soon, jnp.exp(-2 * miss - soon), speed, 1 / (distance + 0.3)]
+        numbers = [
+            jnp.exp(-distance),
+            soon,
+            jnp.exp(-2 * miss - soon),
+            speed,
+            1 / (distance + 0.3),
+        ]
         pairs = jnp.concatenate([bearing, motion, jnp.stack(numbers, axis=-1)], axis=-1)
         features = nn.relu(self.pair(pairs))
 
@@ -78,7 +88,9 @@ class _EncounterNetwork(nn.Module):
         score = self.score(features) - distance[..., None]
         # No more than 0, so that nothing overflows; a ratio does not change.
         most = jnp.where(weight > 0, score, -jnp.inf).max(axis=1, keepdims=True)
-        score = jnp.minimum(score - lax.stop_gradient(jnp.where(weight > 0, most, 0)), 0)
+        score = jnp.minimum(
+            score - lax.stop_gradient(jnp.where(weight > 0, most, 0)), 0
+        )
         share = weight * jnp.exp(score)
         total = share.sum(axis=1, keepdims=True)
         share = share / jnp.where(total > 0, total, 1)

@@ -12,7 +12,11 @@ tracks, name = sys.argv[1:]
 predictor = robot.Predictor(nj.load_model(name))
 (recording,) = nj.data.read_any(tracks)
 for stamp, ids, xy in robot.frames_of_tracks(recording):
-    forecast = predictor.push(stamp, ids, xy)  # None until somebody has been seen long enough
+    forecast = predictor.push(
+        stamp, ids, xy
+    )  # None until somebody has been seen long enough
     if forecast is not None:
         (model,) = forecast.models.values()
-        print(f"{stamp:.1f} s: {len(forecast.ids)} people, samples {model.samples.shape}")
+        print(
+            f"{stamp:.1f} s: {len(forecast.ids)} people, samples {model.samples.shape}"
+        )

@@ -22,7 +22,9 @@ params = {**model.params, "weighting": nj.symbolic.initial_parameters(config.wei
 rng = np.random.default_rng(0)
 velocity = rng.normal(0, 0.3, (64, 4, 1, 2)) + rng.normal(0, 0.03, (64, 4, 16, 2))
 walks = rng.uniform(-3, 3, (64, 4, 1, 2)) + np.cumsum(velocity, axis=2)
-observed, future = np.split(walks.astype(np.float32), 2, axis=2)  # [scenes, people, 8, 2] metres
+observed, future = np.split(
+    walks.astype(np.float32), 2, axis=2
+)  # [scenes, people, 8, 2] metres
 
 
 def loss(params, key):
@@ -30,7 +32,9 @@ def loss(params, key):
     noise = jax.random.normal(key, (len(observed), 5, config.noise_dim))
     forecast = functools.partial(nj.forecast, config, params)  # [5, people, 8, 2]
     futures = jax.vmap(forecast)(observed, noise)
-    return jnp.linalg.norm(futures - future[:, None], axis=-1).mean((2, 3)).min(1).mean()
+    return (
+        jnp.linalg.norm(futures - future[:, None], axis=-1).mean((2, 3)).min(1).mean()
+    )
 
 
 @jax.jit
@@ -38,7 +42,12 @@ def step(params, state, key):
     """One update; also returns the loss and its gradient by the weights of the 81 states."""
     value, gradient = jax.value_and_grad(loss)(params, key)
     updates, state = optimizer.update(gradient, state)
-    return optax.apply_updates(params, updates), state, value, gradient["weighting"]["table"]
+    return (
+        optax.apply_updates(params, updates),
+        state,
+        value,
+        gradient["weighting"]["table"],
+    )
 
 
 optimizer = optax.adam(1e-3)
@@ -47,4 +56,6 @@ for number in range(steps):
     params, state, value, slopes = step(params, state, jax.random.key(number))
     if number in (0, steps - 1):
         most = abs(slopes).argmax()
-        print(f"step {number}: {value:.3f} m; by the weight of state {most}: {slopes[most]:+.4f}")
+        print(
+            f"step {number}: {value:.3f} m; by the weight of state {most}: {slopes[most]:+.4f}"
+        )

@@ -2,10 +2,11 @@
 
     python examples/own_weighting.py
 
-Trains two small models on the simulations, one with `cnd` and one with `nearness`, and compares
-them. On the command line this file is a plugin:
+Trains two small models on the simulations, one with `cnd` and one with `nearness`, and
+compares them. On the command line this file is a plugin:
 
-    python train.py --plugin examples/own_weighting.py --model neurosym --weighting nearness
+    python train.py --plugin examples/own_weighting.py --model neurosym --weighting
+    nearness
 """
 
 import tempfile
@@ -32,7 +33,9 @@ def main(steps: int = 100, weightings: tuple[str, ...] = ("cnd", "nearness")) ->
     """Print both errors and what was learned; returns the reach in metres."""
     reach = 1.0
     source = open_source(None)
-    training, validation = (source.recordings("cross-path", split) for split in ("train", "val"))
+    training, validation = (
+        source.recordings("cross-path", split) for split in ("train", "val")
+    )
     changes = ("batch_scenes=16", "best_k=5", f"validate_every={steps}")
     recipe = make_recipe("ours", steps=steps, changes=changes)
     for weighting in weightings:

@@ -1,7 +1,8 @@
 """Forecasts of AgentFormer, Trajectron++ and of loaders like SGAN's, as a file that we score.
 
 np.savez("theirs.npz", **agentformer("results/.../samples/crowds_zara01", stride=10))
-neurosym evaluate --data crowds_zara01.txt --pred-len 12 --forecasts theirs.npz --min-agents 1
+neurosym evaluate --data crowds_zara01.txt --pred-len 12 --forecasts theirs.npz
+--min-agents 1
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,16 +22,23 @@ Arrays = dict[str, np.ndarray]
 def agentformer(folder: Path | str, stride: int = 1) -> Arrays:
     """Read `frame_000123/sample_000.txt`, ... of one sequence: rows of frame, id, x and y.
 
-    The folder's number is the last observed frame; `stride` frames of the recording are one there.
+    The folder's number is the last observed frame; `stride` frames of the recording are
+    one there.
     """
     samples, ids, frames = [], [], []
     for moment in sorted(Path(folder).glob("frame_*")):
-        rows = np.stack([np.loadtxt(path, ndmin=2) for path in sorted(moment.glob("sample_*.txt"))])
+        rows = np.stack(
+            [np.loadtxt(path, ndmin=2) for path in sorted(moment.glob("sample_*.txt"))]
+        )
         for person in np.unique(rows[0, :, 1]):
             samples.append(rows[:, rows[0, :, 1] == person, 2:4])
             ids.append(int(person))
             frames.append(stride * int(moment.name.removeprefix("frame_")))
-    return {"samples": np.stack(samples, 1), "ids": np.array(ids), "frames": np.array(frames)}
+    return {
+        "samples": np.stack(samples, 1),
+        "ids": np.array(ids),
+        "frames": np.array(frames),
+    }
 
 
 def trajectron(
@@ -42,11 +50,15 @@ def trajectron(
 ) -> Arrays:
     """Turn what `Trajectron.predict` returns, by timestep and node [1, k, T, 2], into arrays.
 
-    `origin` is what its preprocessing subtracted from positions, `first` the recording's first
-    frame, and `stride` frames are a timestep.
+    `origin` is what its preprocessing subtracted from positions, `first` the
+    recording's first frame, and `stride` frames are a timestep.
     """
     rows = [
-        (first + stride * step, int(str(getattr(node, "id", node)).split("/")[-1]), forecast[0])
+        (
+            first + stride * step,
+            int(str(getattr(node, "id", node)).split("/")[-1]),
+            forecast[0],
+        )
         for step, nodes in predictions.items()
         for node, forecast in nodes.items()
     ]
@@ -58,10 +70,13 @@ def trajectron(
     }
 
 
-def in_loader_order(scenes: Sequence[np.ndarray], recordings: Any, obs_len: int = 8) -> Arrays:
+def in_loader_order(
+    scenes: Sequence[np.ndarray], recordings: Any, obs_len: int = 8
+) -> Arrays:
     """Name forecasts [k, N, T, 2] of all scenes by SGAN's order, which ours is.
 
-    For EigenTrajectory, Social-STGCNN and others whose loader is SGAN's; `recordings` in theirs.
+    For EigenTrajectory, Social-STGCNN and others whose loader is SGAN's; `recordings`
+    in theirs.
     """
     samples = np.concatenate(scenes, axis=1)
     windows = cut_windows(recordings_in(recordings), obs_len, samples.shape[2])

@@ -18,9 +18,15 @@ def main(path: str, people: int = 3) -> tuple[np.ndarray, np.ndarray]:
     walks = np.linspace([0, 0], [2, 0], steps) + np.arange(people)[:, None, None]
     rng, inputs = np.random.default_rng(0), [walks]
     for noise in program.in_avals[1:]:  # None for a model without noise.
-        inputs += [rng.normal(size=[s if isinstance(s, int) else people for s in noise.shape])]
-    forecasts, probabilities = program.call(*(np.asarray(x, np.float32) for x in inputs))
-    print(f"{forecasts.shape[0]} futures of {people} people, {forecasts.shape[2]} steps")
+        inputs += [
+            rng.normal(size=[s if isinstance(s, int) else people for s in noise.shape])
+        ]
+    forecasts, probabilities = program.call(
+        *(np.asarray(x, np.float32) for x in inputs)
+    )
+    print(
+        f"{forecasts.shape[0]} futures of {people} people, {forecasts.shape[2]} steps"
+    )
     return np.asarray(forecasts), np.asarray(probabilities)
 
 

@@ -26,7 +26,10 @@ def main(model: str, tracks: str, samples: int = 20, seed: int = 0) -> np.ndarra
     origin = observed[:, -1].mean(axis=0)  # Far from it float32 would lose millimetres.
     values = {"observed": (observed - origin).astype(np.float32)}
     if "noise" in inputs:
-        rng, sizes = np.random.default_rng(seed), {"samples": samples, "people": len(people)}
+        rng, sizes = (
+            np.random.default_rng(seed),
+            {"samples": samples, "people": len(people)},
+        )
         shape = [sizes.get(size, size) for size in inputs["noise"]]
         gaussian = settings["noise"] == "gaussian"
         noise = rng.normal(size=shape) if gaussian else rng.uniform(-1, 1, shape)

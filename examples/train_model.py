@@ -16,5 +16,7 @@ config = nj.training.make_config("neurosym", changes=["weighting=quantised"])
 recipe = nj.training.make_recipe("ours", steps=int(steps), changes=["batch_scenes=16"])
 model = nj.train(training, validation, folder, config=config, recipe=recipe)
 batches = nj.data.make_batches(nj.data.windows_from(test, 8, 8))
-score = nj.evaluation.score_forecaster(model.forecaster, model.params, batches, samples=20, seed=0)
+score = nj.evaluation.score_forecaster(
+    model.forecaster, model.params, batches, samples=20, seed=0
+)
 print(f"ADE {score.mean('joint_ade'):.3f} m, FDE {score.mean('joint_fde'):.3f} m")

@@ -9,10 +9,14 @@ import numpy as np
 import neurosym_jax as nj
 
 steps = np.arange(8)[:, None]
-positions = np.stack([steps * [0.4, 0.0], [3.0, 0.5] - steps * [0.02, 0.0]])  # [2, 8, 2] metres
+positions = np.stack(
+    [steps * [0.4, 0.0], [3.0, 0.5] - steps * [0.02, 0.0]]
+)  # [2, 8, 2] metres
 soft = nj.symbolic.Soft(learned=True)
 start = nj.symbolic.initial_parameters(soft)
-alpha = jax.jit(lambda learned: nj.symbolic.make_weighting(soft, learned)(positions)[0, 1, -1])
+alpha = jax.jit(
+    lambda learned: nj.symbolic.make_weighting(soft, learned)(positions)[0, 1, -1]
+)
 print(f"alpha {alpha(start):.4f}")
 for name, gradient in jax.grad(alpha)(start).items():
     print(f"its gradient by {name}: {np.abs(gradient).max():.4g}")

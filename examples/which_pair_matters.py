@@ -2,10 +2,11 @@
 
     python examples/which_pair_matters.py
 
-Four people: 1 and 2 walk together, 3 comes towards them, 4 stands aside. 1 and 2 will step aside.
-The gradient of the forecast's error by the weight of each pair, times a hundredth of that weight,
-is what the error changes by when the pair weighs one per cent more. Beside it stands what it really
-changes by. A pair that changes nothing never holds the maximum over neighbours that pooling takes.
+Four people: 1 and 2 walk together, 3 comes towards them, 4 stands aside. 1 and 2 will
+step aside. The gradient of the forecast's error by the weight of each pair, times a
+hundredth of that weight, is what the error changes by when the pair weighs one per cent
+more. Beside it stands what it really changes by. A pair that changes nothing never
+holds the maximum over neighbours that pooling takes.
 """
 
 from pathlib import Path
@@ -44,7 +45,9 @@ def main(path: Path = MODEL) -> np.ndarray:
         case[pair] *= 1.01
     changes = np.asarray(jax.jit(jax.vmap(error))(raised)) - float(value)
 
-    print(f"{model.name}: ADE {float(value):.3f} m. One per cent more weight changes it, in mm:")
+    print(
+        f"{model.name}: ADE {float(value):.3f} m. One per cent more weight changes it, in mm:"
+    )
     for at in np.argsort(-abs(foretold), kind="stable"):
         i, j = pairs[at]
         line = f"{1000 * foretold[at]:+7.3f} by the gradient, {1000 * changes[at]:+7.3f} in fact"

@@ -1,7 +1,7 @@
 """Human motion prediction in JAX: SGAN and NeuroSyM, as functions of one scene.
 
-`__init__.pyi` beside this file, and beside that of every subpackage, lists what the package
-exports; a name is imported when it is first asked for.
+`__init__.pyi` beside this file, and beside that of every subpackage, lists what the
+package exports; a name is imported when it is first asked for.
 """
 
 import lazy_loader

@@ -1,9 +1,10 @@
 """`neurosym COMMAND` and `python -m neurosym_jax COMMAND`: each file in `commands/` is a command.
 
-Other packages add theirs by entry points in the group `neurosym_jax.commands`. A command's file
-has a function `run`, whose parameters are the options or, where it has a dataclass `Options`, that;
-and sometimes `prepare_arguments` (see `commands/_running.py`). The first line of its docstring is
-its line in the list. It is imported only when it is called.
+Other packages add theirs by entry points in the group `neurosym_jax.commands`. A
+command's file has a function `run`, whose parameters are the options or, where it has a
+dataclass `Options`, that; and sometimes `prepare_arguments` (see
+`commands/_running.py`). The first line of its docstring is its line in the list. It is
+imported only when it is called.
 """
 
 import ast
@@ -38,7 +39,8 @@ def main(arguments: list[str] | None = None) -> None:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
-        # The reader, such as `head`, has closed the pipe; Python must not flush to it at exit.
+        # The reader, such as `head`, has closed the pipe; Python must not flush to it
+        # at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
 
@@ -59,11 +61,17 @@ def _run(arguments: list[str]) -> None:
         from neurosym_jax.commands._running import run_command
 
         prepare = getattr(command, "prepare_arguments", list)
-        called = (command.Options, command.run) if hasattr(command, "Options") else (command.run,)
+        called = (
+            (command.Options, command.run)
+            if hasattr(command, "Options")
+            else (command.run,)
+        )
         run_command(*called, arguments=rest, prog=f"neurosym {name}", prepare=prepare)
     else:
         nearest = difflib.get_close_matches(name, modules, 1)
-        hint = f"did you mean {nearest[0]}?" if nearest else "neurosym --help lists them"
+        hint = (
+            f"did you mean {nearest[0]}?" if nearest else "neurosym --help lists them"
+        )
         sys.exit(f"error: there is no command {name!r}: {hint}")
 
 

@@ -1,9 +1,9 @@
 """Configurations: frozen dataclasses whose values are checked, and their forms in JSON and text.
 
-A configuration inherits from `Checked`; its annotations say what its values can be, with ranges
-(`Count`, `Positive`, ...). A field annotated `Annotated[Base, TABLE]`, where TABLE is a `Registry`
-of classes, holds a component, an instance of one of them: in JSON `{"kind": NAME, **options}`, in
-text `NAME[,OPTION=VALUE...]`.
+A configuration inherits from `Checked`; its annotations say what its values can be,
+with ranges (`Count`, `Positive`, ...). A field annotated `Annotated[Base, TABLE]`,
+where TABLE is a `Registry` of classes, holds a component, an instance of one of them:
+in JSON `{"kind": NAME, **options}`, in text `NAME[,OPTION=VALUE...]`.
 """
 
 import collections
@@ -19,8 +19,25 @@ from typing import Annotated, Any, Literal, TypeVar
 from neurosym_jax.errors import InputError, brief
 from neurosym_jax.plugins import Registry
 
-__all__ = ["AtLeastOne", "BelowOne", "Checked", "Count", "Interval", "NotNegative", "Positive"]
-__all__ += ["Rule", "Seed", "Share", "Size", "Whole", "changed", "component", "differences"]
+__all__ = [
+    "AtLeastOne",
+    "BelowOne",
+    "Checked",
+    "Count",
+    "Interval",
+    "NotNegative",
+    "Positive",
+]
+__all__ += [
+    "Rule",
+    "Seed",
+    "Share",
+    "Size",
+    "Whole",
+    "changed",
+    "component",
+    "differences",
+]
 __all__ += ["from_json", "parse_json", "refuse", "to_json"]
 
 Config = TypeVar("Config")
@@ -43,7 +60,9 @@ NotNegative = Annotated[float, Rule("be at least 0", lambda value: value >= 0)]
 Positive = Annotated[float, Rule("be positive", lambda value: value > 0)]
 Share = Annotated[float, Rule("lie in [0, 1]", lambda value: 0 <= value <= 1)]
 BelowOne = Annotated[float, Rule("lie in [0, 1)", lambda value: 0 <= value < 1)]
-Interval = Annotated[tuple[float, float], Rule("be low, high", lambda value: value[0] <= value[1])]
+Interval = Annotated[
+    tuple[float, float], Rule("be low, high", lambda value: value[0] <= value[1])
+]
 
 _WORDS: dict[Any, str] = {
     bool: "be true or false",
@@ -92,11 +111,15 @@ def to_json(config: Any, table: Registry[Any] | None = None) -> dict[str, Any]:
     fields: dict[str, Any] = {} if table is None else {"kind": table.name_of(config)}
     for name, hint in _hints(type(config)).items():
         value = getattr(config, name)
-        fields[name] = to_json(value, _table(hint)) if dataclasses.is_dataclass(value) else value
+        fields[name] = (
+            to_json(value, _table(hint)) if dataclasses.is_dataclass(value) else value
+        )
     return fields
 
 
-def from_json(cls: type[Config], data: Mapping[str, Any] | str, source: str = "config") -> Config:
+def from_json(
+    cls: type[Config], data: Mapping[str, Any] | str, source: str = "config"
+) -> Config:
     """Build `cls` from its JSON form (a dictionary or text).
 
     Raises:
@@ -106,8 +129,12 @@ def from_json(cls: type[Config], data: Mapping[str, Any] | str, source: str = "c
     if not isinstance(fields, Mapping):
         raise InputError(f"{source}: not a JSON object")
     if unknown := [name for name in fields if name not in _hints(cls)]:
-        raise InputError(f"{source}: unknown field {brief(unknown[0])} for {cls.__name__}")
-    needed = (x.name for x in dataclasses.fields(cls) if x.default is dataclasses.MISSING)  # pyright: ignore[reportArgumentType]
+        raise InputError(
+            f"{source}: unknown field {brief(unknown[0])} for {cls.__name__}"
+        )
+    needed = (
+        x.name for x in dataclasses.fields(cls) if x.default is dataclasses.MISSING
+    )  # pyright: ignore[reportArgumentType]
     if missing := set(needed) - set(fields):
         raise InputError(f"{source}: the field {min(missing)!r} is missing")
     try:
@@ -119,13 +146,15 @@ def from_json(cls: type[Config], data: Mapping[str, Any] | str, source: str = "c
 def parse_json(text: str | bytes, source: str) -> Any:
     """The value of JSON text.
 
-    Raises:
-        InputError: naming `source`, for other text and for an object with the same key twice.
+    Raises: InputError: naming `source`, for other text and for an object with the same
+        key twice.
     """
 
     def fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if len(content := dict(pairs)) < len(pairs):
-            (name, _), *_ = collections.Counter(name for name, _ in pairs).most_common(1)
+            (name, _), *_ = collections.Counter(name for name, _ in pairs).most_common(
+                1
+            )
             raise InputError(f"{source}: the key {brief(name)} stands twice")
         return content
 
@@ -140,11 +169,11 @@ def parse_json(text: str | bytes, source: str) -> Any:
 def changed(config: Config, changes: Sequence[str], option: str, source: str) -> Config:
     """`config` with each NAME=VALUE of `changes`, a value as JSON or as text.
 
-    `pooling=social,grid_size=16` replaces a component, `pooling.grid_size=16` changes an
-    option of it. Changes are made in order, and checked together.
+    `pooling=social,grid_size=16` replaces a component, `pooling.grid_size=16` changes
+    an option of it. Changes are made in order, and checked together.
 
-    Raises:
-        InputError: naming `option` for an unknown NAME, `source` for a value that does not fit.
+    Raises: InputError: naming `option` for an unknown NAME, `source` for a value that
+        does not fit.
     """
     fields, changed_before = to_json(config), set[str]()
     for change in changes:
@@ -156,10 +185,19 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
         node: Any = fields.get(outer) if dot else fields
         kind = key == "kind" and _table(_hints(type(config)).get(outer)) is not None
         if not equals or not isinstance(node, dict) or key not in node or kind:
-            own = [f"{outer}.{each}" for each in node] if outer and isinstance(node, dict) else []
+            own = (
+                [f"{outer}.{each}" for each in node]
+                if outer and isinstance(node, dict)
+                else []
+            )
             known = ", ".join([*fields, *own])
-            raise InputError(f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}")
-        value, table = _value(text), None if outer else _table(_hints(type(config))[key])
+            raise InputError(
+                f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}"
+            )
+        value, table = (
+            _value(text),
+            None if outer else _table(_hints(type(config))[key]),
+        )
         if table is not None and isinstance(value, str):
             value = to_json(component(value, table, source), table)
         node[key] = value
@@ -169,15 +207,18 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
 def component(form: str | Mapping[str, Any], table: Registry[Any], source: str) -> Any:
     """The component of a text `NAME[,FIELD=VALUE...]`, or of its form in JSON.
 
-    Raises:
-        InputError: naming `source`, for an unknown name or field, or a value that does not fit.
+    Raises: InputError: naming `source`, for an unknown name or field, or a value that
+        does not fit.
     """
     if isinstance(form, str):
         kind, *changes = form.split(",")
         pairs = (change.partition("=") for change in changes)
         fields = {name: _value(text) for name, _, text in pairs}
     else:
-        kind, fields = form.get("kind"), {name: form[name] for name in form if name != "kind"}
+        kind, fields = (
+            form.get("kind"),
+            {name: form[name] for name in form if name != "kind"},
+        )
     try:
         cls = table[str(kind)]
     except InputError as error:
@@ -189,12 +230,17 @@ def differences(config: Any) -> list[str]:
     """NAME=VALUE of each field that differs from its default; the inverse of `changed`."""
     found = []
     for field in dataclasses.fields(config):
-        value, table = getattr(config, field.name), _table(_hints(type(config))[field.name])
+        value, table = (
+            getattr(config, field.name),
+            _table(_hints(type(config))[field.name]),
+        )
         if value == field.default:
             continue
         if table is not None and value is not None:
             value = ",".join([table.name_of(value), *differences(value)])
-        found.append(f"{field.name}={value if isinstance(value, str) else json.dumps(value)}")
+        found.append(
+            f"{field.name}={value if isinstance(value, str) else json.dumps(value)}"
+        )
     return found
 
 
@@ -232,7 +278,11 @@ def _misfit(value: Any, hint: Any) -> str:
     """What `value` would have to do to fit `hint`, in words; empty if it fits."""
     origin, of = typing.get_origin(hint), typing.get_args(hint)
     if origin is Annotated:
-        broken = (each.words for each in of[1:] if isinstance(each, Rule) and not each.holds(value))
+        broken = (
+            each.words
+            for each in of[1:]
+            if isinstance(each, Rule) and not each.holds(value)
+        )
         return _misfit(value, of[0]) or next(broken, "")
     if origin is Literal:
         return "" if value in of else f"be one of {', '.join(map(str, of))}"
@@ -248,7 +298,9 @@ def _misfit(value: Any, hint: Any) -> str:
         fits = fits and not any(_misfit(part, kind) for part, kind in zip(value, of))
         return "" if fits else f"be {len(of)} finite numbers"
     if origin is dict:
-        fits = isinstance(value, dict) and not any(_misfit(part, of[1]) for part in value.values())
+        fits = isinstance(value, dict) and not any(
+            _misfit(part, of[1]) for part in value.values()
+        )
         return "" if fits else f"be an object, each value of which must {_WORDS[of[1]]}"
     if hint in (int, float):
         number = isinstance(value, int | hint) and not isinstance(value, bool)

@@ -7,7 +7,14 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
-__all__ = ["InputError", "InputWarning", "TrainingError", "brief", "option", "optional_module"]
+__all__ = [
+    "InputError",
+    "InputWarning",
+    "TrainingError",
+    "brief",
+    "option",
+    "optional_module",
+]
 __all__ += ["printable", "spoken_as_flags"]
 
 _spoken = {"flags": False}  # of the process: threads read for a command, too
@@ -44,7 +51,9 @@ def option(name: str, value: object = "") -> str:
     values = value if isinstance(value, tuple) else (value,) if value != "" else ()
     if _spoken["flags"]:
         flag = f"--{name.replace('_', '-')}"
-        return " ".join([flag, *(shlex.quote(str(part)) for part in values if part is not True)])
+        return " ".join(
+            [flag, *(shlex.quote(str(part)) for part in values if part is not True)]
+        )
     return f"{name}={value!r}" if values else name
 
 
@@ -77,10 +86,16 @@ class _Brief(reprlib.Repr):
         self.maxlevel, self.maxstring, self.maxother = 3, 80, 120
 
     def repr_int(self, x: int, level: int) -> str:
-        return f"an integer of {x.bit_length()} bits" if x.bit_length() > 128 else repr(x)
+        return (
+            f"an integer of {x.bit_length()} bits" if x.bit_length() > 128 else repr(x)
+        )
 
     def repr_instance(self, x: object, level: int) -> str:
-        return self.repr_dict(x, level) if isinstance(x, dict) else super().repr_instance(x, level)
+        return (
+            self.repr_dict(x, level)
+            if isinstance(x, dict)
+            else super().repr_instance(x, level)
+        )
 
 
 brief = _Brief().repr

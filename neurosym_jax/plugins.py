@@ -1,10 +1,12 @@
 """Tables of components (metrics, forecasters, poolings, ...), and the plugins that add to them.
 
-Each package shows its built-ins in one table, such as `POOLINGS = Registry("pooling", {...})`; a
-file or module given by `--plugin`, or an installed package, adds to it with `register`.
+Each package shows its built-ins in one table, such as `POOLINGS = Registry("pooling",
+{...})`; a file or module given by `--plugin`, or an installed package, adds to it with
+`register`.
 
-An installed package joins by its entry points: a module in the group `neurosym_jax.plugins`, which
-registers, and in `neurosym_jax.commands` a module for each command of `neurosym`.
+An installed package joins by its entry points: a module in the group
+`neurosym_jax.plugins`, which registers, and in `neurosym_jax.commands` a module for
+each command of `neurosym`.
 """
 
 import difflib
@@ -21,7 +23,14 @@ from typing import Any, TypeVar
 
 from neurosym_jax.errors import InputError, InputWarning, brief, option
 
-__all__ = ["Registry", "entry_points", "load_entry_points", "load_plugin", "loaded", "names"]
+__all__ = [
+    "Registry",
+    "entry_points",
+    "load_entry_points",
+    "load_plugin",
+    "loaded",
+    "names",
+]
 
 T = TypeVar("T")
 
@@ -46,19 +55,21 @@ class Registry(dict[str, T]):
     ):
         """Hold `built_in`; `kind` is what messages call one of them, such as "pooling".
 
-        `modules` has the component's name in its module, `MODULE:NAME`, for components that are
-        imported when they are first asked for.
+        `modules` has the component's name in its module, `MODULE:NAME`, for components
+        that are imported when they are first asked for.
         """
         super().__init__(built_in or {})
         self.kind = kind
         for name, place in (modules or {}).items():
             super().__setitem__(name, typing.cast(T, _Later(place)))
 
-    def register(self, name: str, value: T | None = None, *, replace: bool = False) -> Any:
+    def register(
+        self, name: str, value: T | None = None, *, replace: bool = False
+    ) -> Any:
         """Add `value` and return it; without `value`, return a decorator of the component.
 
-        `replace` replaces another component of this name, and clears JAX's compilation cache, which
-        finds programs by name.
+        `replace` replaces another component of this name, and clears JAX's compilation
+        cache, which finds programs by name.
 
         Raises:
             InputError: if `name` is not an identifier or is taken by another component.
@@ -66,7 +77,9 @@ class Registry(dict[str, T]):
         if value is None:
             return functools.partial(self.register, name, replace=replace)
         if not name.isidentifier():
-            raise InputError(f"{name!r} cannot name a {self.kind}: letters, digits, underscores")
+            raise InputError(
+                f"{name!r} cannot name a {self.kind}: letters, digits, underscores"
+            )
         if name in self and self[name] != value:
             if not replace:
                 taken = f"there is another {self.kind} {name!r} already"
@@ -116,7 +129,10 @@ def entry_points(group: str) -> dict[str, str]:
     """Modules that installed packages declare as entry points of `neurosym_jax.GROUP`, by name."""
     from importlib import metadata  # 20 ms, not spent on `import neurosym_jax`.
 
-    return {each.name: each.value for each in metadata.entry_points(group=f"neurosym_jax.{group}")}
+    return {
+        each.name: each.value
+        for each in metadata.entry_points(group=f"neurosym_jax.{group}")
+    }
 
 
 @functools.cache

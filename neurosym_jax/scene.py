@@ -1,12 +1,13 @@
 """The Scene: one moment of people who are present together, and the unit of every model function.
 
-A Scene is a pytree, so `jax.vmap` adds a leading axis of scenes for a batch. It is not a recording
-(see `data.tracks`) and not a data set (see `data.windows`).
+A Scene is a pytree, so `jax.vmap` adds a leading axis of scenes for a batch. It is not
+a recording (see `data.tracks`) and not a data set (see `data.windows`).
 
-Positions are centred and displacements taken in float64 on the host before the cast to float32, so
-that map or UTM coordinates lose no precision. Both are rounded to 10 nm, which removes the rounding
-of float64 far from the origin: a scene moved by thousands of kilometres has the same numbers, and
-ties (a neighbour on a grid line, a person standing) stay ties.
+Positions are centred and displacements taken in float64 on the host before the cast to
+float32, so that map or UTM coordinates lose no precision. Both are rounded to 10 nm,
+which removes the rounding of float64 far from the origin: a scene moved by thousands of
+kilometres has the same numbers, and ties (a neighbour on a grid line, a person
+standing) stay ties.
 """
 
 import zlib
@@ -23,7 +24,14 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError, brief
 
-__all__ = ["AnyArray", "Scene", "checked_positions", "displacements", "make_scene", "model_dtype"]
+__all__ = [
+    "AnyArray",
+    "Scene",
+    "checked_positions",
+    "displacements",
+    "make_scene",
+    "model_dtype",
+]
 __all__ += ["pad_scene", "relative_positions", "scene_identity", "to_world"]
 
 DECIMALS = 8
@@ -75,11 +83,11 @@ class Scene(struct.PyTreeNode):
 def scene_identity(recording: str, frame: int | np.ndarray) -> np.ndarray:
     """[..., 2] uint32 that identifies scenes, however they are batched or ordered.
 
-    `frame [...]` is the index of a scene's first step among the steps of its recording, not the
-    number in the file.
+    `frame [...]` is the index of a scene's first step among the steps of its recording,
+    not the number in the file.
 
-    Raises:
-        InputError: for a recording that is not text or a frame that is not a whole number.
+    Raises: InputError: for a recording that is not text or a frame that is not a whole
+        number.
     """
     if not isinstance(recording, str):
         raise InputError(f"recording must be text, not {brief(recording)}")
@@ -100,16 +108,18 @@ def make_scene(
 ) -> Scene:
     """A scene from world positions [N, obs_len, 2] and, where known, [N, pred_len, 2], metres.
 
-    Under `jax.jit`, `jax.vmap` or `jax.grad` nothing is checked or rounded, and the precision is
-    that of `observed`: subtract an origin from map coordinates first. The name of the `recording`
-    and the index `frame` of the first step in it are the scene's identity. Steps are `period`
-    seconds apart.
+    Under `jax.jit`, `jax.vmap` or `jax.grad` nothing is checked or rounded, and the
+    precision is that of `observed`: subtract an origin from map coordinates first. The
+    name of the `recording` and the index `frame` of the first step in it are the
+    scene's identity. Steps are `period` seconds apart.
 
     Raises:
         InputError: for a wrong shape or a coordinate that is not finite.
     """
     if isinstance(observed, Tracer) or isinstance(future, Tracer):
-        scene = _traced_scene(observed, future, scene_identity(recording, frame), extras)
+        scene = _traced_scene(
+            observed, future, scene_identity(recording, frame), extras
+        )
         return scene.replace(period=period)
     observed = checked_positions("observed", observed)
     origin = centre(observed[:, -1])
@@ -117,13 +127,17 @@ def make_scene(
     if future is not None:
         future = checked_positions("future", future)
         if len(future) != len(observed):
-            raise InputError(f"future has {len(future)} agents but observed has {len(observed)}")
+            raise InputError(
+                f"future has {len(future)} agents but observed has {len(observed)}"
+            )
         future = relative_positions(future, origin).astype(dtype)
     refuse_masked(extras)
     others = {name: np.asarray(values) for name, values in extras.items()}
     for name, values in others.items():
         if values.shape[:1] != observed.shape[:1]:
-            raise InputError(f"{name} has {list(values.shape)}, not one for {len(observed)} agents")
+            raise InputError(
+                f"{name} has {list(values.shape)}, not one for {len(observed)} agents"
+            )
     return Scene(
         observed=relative_positions(observed, origin).astype(dtype),
         displacement=displacements(observed).astype(dtype),
@@ -136,13 +150,17 @@ def make_scene(
     )
 
 
-def _traced_scene(observed: Any, future: Any, identity: np.ndarray, extras: Mapping) -> Scene:
+def _traced_scene(
+    observed: Any, future: Any, identity: np.ndarray, extras: Mapping
+) -> Scene:
     observed = jnp.asarray(observed)
     origin = jax.lax.stop_gradient(centre(observed[:, -1]))
     return Scene(
         observed=observed - origin[None, None],
         displacement=jnp.diff(observed, axis=1, prepend=observed[:, :1]),
-        valid=jnp.ones(observed.shape[0], bool),  # Not len(): an export's N is a symbol.
+        valid=jnp.ones(
+            observed.shape[0], bool
+        ),  # Not len(): an export's N is a symbol.
         identity=identity,
         origin=origin,
         future=None if future is None else future - origin[None, None],
@@ -168,7 +186,9 @@ def relative_positions(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:
 def displacements(positions: np.ndarray) -> np.ndarray:
     """Steps between `positions [..., T, 2]`, rounded to 10 nm; the first is zero, as in SGAN."""
     steps = np.zeros_like(positions)
-    steps[..., 1:, :] = np.round(positions[..., 1:, :] - positions[..., :-1, :], DECIMALS)
+    steps[..., 1:, :] = np.round(
+        positions[..., 1:, :] - positions[..., :-1, :], DECIMALS
+    )
     return steps
 
 
@@ -181,7 +201,9 @@ def pad_scene(scene: Scene, agents: int) -> Scene:
         return np.pad(array, [(0, extra)] + [(0, 0)] * (array.ndim - 1))
 
     names = ("observed", "displacement", "valid", "future", "extras")
-    return scene.replace(**jax.tree.map(pad, {name: getattr(scene, name) for name in names}))
+    return scene.replace(
+        **jax.tree.map(pad, {name: getattr(scene, name) for name in names})
+    )
 
 
 def to_world(positions: ArrayLike, scene: Scene) -> np.ndarray:
@@ -196,27 +218,38 @@ def refuse_masked(arrays: Mapping[str, Any]) -> None:
         InputError: naming the first.
     """
     for name, values in arrays.items():
-        if any(map(np.ma.is_masked, values if isinstance(values, list | tuple) else (values,))):
+        if any(
+            map(
+                np.ma.is_masked,
+                values if isinstance(values, list | tuple) else (values,),
+            )
+        ):
             raise InputError(f"{name}: some values are masked; leave out these agents")
 
 
 def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
     """`positions [N, T, 2]` in float64; messages call them `name`.
 
-    Raises:
-        InputError: for a wrong shape, no agent, or a coordinate that is masked or beyond `FAR`.
+    Raises: InputError: for a wrong shape, no agent, or a coordinate that is masked or
+        beyond `FAR`.
     """
     refuse_masked({name: positions})
     try:
         positions = np.asarray(positions).astype(np.float64, casting="same_kind")
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: not an array of numbers ({str(error)[:60]})") from None
+        raise InputError(
+            f"{name}: not an array of numbers ({str(error)[:60]})"
+        ) from None
     if positions.ndim != 3 or positions.shape[2] != 2:
-        raise InputError(f"{name} must be [agents, steps, 2], not {list(positions.shape)}")
+        raise InputError(
+            f"{name} must be [agents, steps, 2], not {list(positions.shape)}"
+        )
     if len(positions) == 0:
         raise InputError(f"{name}: a scene needs at least one agent")
     wrong = np.argwhere(~(np.abs(positions) <= FAR))
     if len(wrong):
         agent, step, _ = wrong[0]
-        raise InputError(f"{name}: agent {agent}, step {step} is not finite, or beyond {FAR:g} m")
+        raise InputError(
+            f"{name}: agent {agent}, step {step} is not finite, or beyond {FAR:g} m"
+        )
     return positions

@@ -14,9 +14,13 @@ MOST = 64  # connections of a server at once
 def deadline(connection: socket.socket, seconds: float) -> contextlib.ExitStack:
     """Close the connection unless the context, which is returned, ends within `seconds`.
 
-    A socket's timeout is for each byte: a peer that sends one every three seconds stays for ever.
+    A socket's timeout is for each byte: a peer that sends one every three seconds stays
+    for ever.
     """
-    timer, context = threading.Timer(seconds, shut, (connection,)), contextlib.ExitStack()
+    timer, context = (
+        threading.Timer(seconds, shut, (connection,)),
+        contextlib.ExitStack(),
+    )
     timer.daemon = True
     timer.start()
     context.callback(timer.cancel)
@@ -57,7 +61,9 @@ class Ring:
             self.ended = True
             self._changed.notify_all()
 
-    def after(self, number: int, timeout: float, most: int = 1) -> tuple[int, list[bytes]]:
+    def after(
+        self, number: int, timeout: float, most: int = 1
+    ) -> tuple[int, list[bytes]]:
         """Blocks after that number: the number of the first, and up to `most` of them.
 
         Waits up to `timeout` seconds for one; those that are gone are skipped.

@@ -9,7 +9,9 @@ import polars as pl
 __all__ = ["print_or_run"]
 
 
-def print_or_run(report: Callable[[pl.DataFrame], str], run: Callable[..., None]) -> None:
+def print_or_run(
+    report: Callable[[pl.DataFrame], str], run: Callable[..., None]
+) -> None:
     """The command of a study: with one word, a table's path, print its report; with more, run."""
     if len(sys.argv) == 2:
         print(report(pl.read_csv(sys.argv[1])))

@@ -2,11 +2,12 @@
 
 python -m studies.bands SHARED/data [OPENTRAJ/datasets]
 
-Bounds of the pace: doubted is what the range of ETH/UCY and THÖR (without SGAN's eth, whose clock
-is wrong) widened by 1.15 below and 1.2 above leaves out; refused, by 1.35 and 2.2. Bounds of the
-distance are that range below, divided by 1.3 and 2.3. The bounds were not made from OpenTraj's
-recordings, https://github.com/crowdbotp/OpenTraj: what is refused or doubted of them is a false
-alarm, or a recording of cyclists or with a fault, and is named.
+Bounds of the pace: doubted is what the range of ETH/UCY and THÖR (without SGAN's eth,
+whose clock is wrong) widened by 1.15 below and 1.2 above leaves out; refused, by 1.35
+and 2.2. Bounds of the distance are that range below, divided by 1.3 and 2.3. The bounds
+were not made from OpenTraj's recordings, https://github.com/crowdbotp/OpenTraj: what is
+refused or doubted of them is a false alarm, or a recording of cyclists or with a fault,
+and is named.
 """
 
 import dataclasses
@@ -50,7 +51,8 @@ def recordings_of(folder: Path) -> Iterator[tuple[ReadOptions, Tracks]]:
 
 
 SCALES = {
-    # mistake: the factor of lengths, from positions about their mean; the factor of times
+    # mistake: the factor of lengths, from positions about their mean; the factor of
+    # times
     "coordinates in 0..1": (lambda position: 1 / np.ptp(position, axis=0).max(), 1.0),
     "z-scores": (lambda position: 1 / position.std(), 1.0),
     "a map at a tenth": (lambda _: 0.1, 1.0),
@@ -78,7 +80,9 @@ def outcomes(tracks: Tracks, options: ReadOptions) -> Iterator[str]:
 
 def main(places: list[str]) -> None:
     """Print what is said of each collection in `places`, and of all recordings with mistakes."""
-    print("| collection | recordings | pace, m/s | apart, m | refused | clock or unit doubted |")
+    print(
+        "| collection | recordings | pace, m/s | apart, m | refused | clock or unit doubted |"
+    )
     print("|---|---:|---|---|---|---|")
     everything = []
     for folder in (Path(place) / name for place in places for name in FORMATS):
@@ -86,22 +90,39 @@ def main(places: list[str]) -> None:
         if not recordings:
             continue
         everything += recordings
-        values = zip(*((pace_of(tracks)[1], apart_of(tracks)) for _, tracks in recordings))
-        ranges = [f"{np.nanmin(column):.2f} to {np.nanmax(column):.2f}" for column in values]
+        values = zip(
+            *((pace_of(tracks)[1], apart_of(tracks)) for _, tracks in recordings)
+        )
+        ranges = [
+            f"{np.nanmin(column):.2f} to {np.nanmax(column):.2f}" for column in values
+        ]
         named = [
-            [tracks.recording for options, tracks in recordings if outcome(judge(tracks, options))]
+            [
+                tracks.recording
+                for options, tracks in recordings
+                if outcome(judge(tracks, options))
+            ]
             for outcome in (
                 lambda judgements: any(refused for _, refused, _ in judgements),
                 _of_scale,
             )
         ]
-        cells = [*ranges, *(f"{len(names)} {' '.join(names)}".strip() for names in named)]
+        cells = [
+            *ranges,
+            *(f"{len(names)} {' '.join(names)}".strip() for names in named),
+        ]
         print(f"| {folder.name} | {len(recordings)} | {' | '.join(cells)} |")
-    print(f"\npace: doubted outside {DOUBTED}, refused outside {REFUSED}; apart: below {APART}\n")
+    print(
+        f"\npace: doubted outside {DOUBTED}, refused outside {REFUSED}; apart: below {APART}\n"
+    )
     kinds = ("refused", "doubted", "silent")
     print(f"| mistake | {' | '.join(kinds)} |\n|---|---:|---:|---:|")
-    for name, judgements in zip(SCALES, zip(*(outcomes(t, options) for options, t in everything))):
-        print(f"| {name} | {' | '.join(str(judgements.count(kind)) for kind in kinds)} |")
+    for name, judgements in zip(
+        SCALES, zip(*(outcomes(t, options) for options, t in everything))
+    ):
+        print(
+            f"| {name} | {' | '.join(str(judgements.count(kind)) for kind in kinds)} |"
+        )
 
 
 def _of_scale(judgements: Iterable[tuple[str, bool, str]]) -> bool:

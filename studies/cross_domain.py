@@ -1,13 +1,13 @@
 """`docs/cross_domain.md` from evaluations of models on other people than those they learned from.
 
-MODELS="$(ls -d checkpoints/*_zara1_* checkpoints/*_simulations_*)"
-ALL="$MODELS $(ls -d checkpoints/*_general_*)"
-python evaluate.py --data THOR --checkpoint $ALL --json docs/cross_domain/thor.json
-python evaluate.py --data MORE/tests --checkpoint $ALL --json docs/cross_domain/more.json
-python evaluate.py --data DATA --dataset zara1 --checkpoint $MODELS \\
+MODELS="$(ls -d checkpoints/*_zara1_* checkpoints/*_simulations_*)" ALL="$MODELS $(ls -d
+checkpoints/*_general_*)" python evaluate.py --data THOR --checkpoint $ALL --json
+docs/cross_domain/thor.json python evaluate.py --data MORE/tests --checkpoint $ALL
+--json docs/cross_domain/more.json python evaluate.py --data DATA --dataset zara1
+--checkpoint $MODELS \\
     --json docs/cross_domain/zara1.json
-for scene in all-forward cross-path; do
-    python evaluate.py --dataset $scene --checkpoint $ALL --json docs/cross_domain/$scene.json
+for scene in all-forward cross-path; do python evaluate.py --dataset $scene --checkpoint
+    $ALL --json docs/cross_domain/$scene.json
 done
 python -m studies.cross_domain docs/cross_domain/*.json > docs/cross_domain.md
 """
@@ -72,7 +72,8 @@ Scenes / people at 8 + 8: {counted}.
 
 def document(rows: list[dict[str, Any]]) -> str:
     """The whole page."""
-    # The baseline that `evaluate` adds is the shipped table of all data, which stands here already.
+    # The baseline that `evaluate` adds is the shipped table of all data, which stands
+    # here already.
     rows = [row for row in rows if row["checkpoint"] or row["model"] != "anchor table"]
     parts = [HEAD.format(samples=max(row["samples"] for row in rows))]
     for pred_len in (8, 12):
@@ -83,9 +84,16 @@ def document(rows: list[dict[str, Any]]) -> str:
         for row in rows
         if row["pred_len"] == 8
     }
-    counts = {test: sum(sizes[member] for member in members) for test, members in TESTS.items()}
-    counted = ", ".join(f"{test} {scenes} / {agents}" for test, (scenes, agents) in counts.items())
-    return "\n".join([*parts, TAIL.strip("\n").format(seed=rows[0]["seed"], counted=counted)])
+    counts = {
+        test: sum(sizes[member] for member in members)
+        for test, members in TESTS.items()
+    }
+    counted = ", ".join(
+        f"{test} {scenes} / {agents}" for test, (scenes, agents) in counts.items()
+    )
+    return "\n".join(
+        [*parts, TAIL.strip("\n").format(seed=rows[0]["seed"], counted=counted)]
+    )
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
@@ -95,7 +103,9 @@ def _table(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         trained, own = _trained(row["checkpoint"])
         home[row["model"], trained] = own
-        reports.setdefault((row["model"], trained), {})[row["dataset"]] = row["joint_ade"]
+        reports.setdefault((row["model"], trained), {})[row["dataset"]] = row[
+            "joint_ade"
+        ]
     table = {
         key: {
             test: f"{np.mean([errors[member] for member in members]):.2f}"
@@ -106,14 +116,19 @@ def _table(rows: list[dict[str, Any]]) -> str:
     }
     order = ["", *(trained for trained, _ in TRAINED.values())]
     tests = [test for test in TESTS if any(test in cells for cells in table.values())]
-    best = {test: min(cells[test] for cells in table.values() if test in cells) for test in tests}
+    best = {
+        test: min(cells[test] for cells in table.values() if test in cells)
+        for test in tests
+    }
     lines = []
     for key in sorted(table, key=lambda key: (order.index(key[1]), key[0])):
         cells = []
         for test in tests:
             cell = table[key].get(test, "-")
             cell = f"**{cell}**" if cell == best[test] else cell
-            cells.append(f"_{cell}_" if test in home[key] and test in table[key] else cell)
+            cells.append(
+                f"_{cell}_" if test in home[key] and test in table[key] else cell
+            )
         lines.append([*key, *cells])
     return markdown_table(["", "trained on", *tests], lines, right=len(tests))
 
@@ -122,7 +137,11 @@ def _trained(checkpoint: str | None) -> tuple[str, tuple[str, ...]]:
     """What a checkpoint was trained on, and the tests of its own domain."""
     if checkpoint is None:
         return "", ()
-    return next(domain for name, domain in TRAINED.items() if f"_{name}_" in Path(checkpoint).name)
+    return next(
+        domain
+        for name, domain in TRAINED.items()
+        if f"_{name}_" in Path(checkpoint).name
+    )
 
 
 if __name__ == "__main__":

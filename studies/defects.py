@@ -2,10 +2,11 @@
 
 python -m studies.defects [DATA]
 
-DATA is what `python evaluate.py --data` takes; without it, the embedded simulations. Everything is
-counted over the ordered pairs of different agents in the observed steps of the test windows
-(8 + 8 steps, at least 2 agents), in float64: what a network is given, so a moment counts as often
-as it is in a window. The figures are explained in docs/symbols.md.
+DATA is what `python evaluate.py --data` takes; without it, the embedded simulations.
+Everything is counted over the ordered pairs of different agents in the observed steps
+of the test windows (8 + 8 steps, at least 2 agents), in float64: what a network is
+given, so a moment counts as often as it is in a window. The figures are explained in
+docs/symbols.md.
 """
 
 import sys
@@ -19,7 +20,12 @@ import numpy as np
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import NeighbourRule, adjacency, alpha_table, encode_state
+from neurosym_jax.symbolic.states import (
+    NeighbourRule,
+    adjacency,
+    alpha_table,
+    encode_state,
+)
 
 STEPS = 8
 CHUNK = 65_536
@@ -46,7 +52,9 @@ def measure(data: Path | None) -> None:
         windows = cut_windows(source.recordings(scene), STEPS, STEPS)
         counts.append(np.array([*count(windows), *rows_served(windows.sizes)]))
     counts.append(np.sum(counts, axis=0))
-    shares = np.array([100 * part / total for part, total in (table.T for table in counts)])
+    shares = np.array(
+        [100 * part / total for part, total in (table.T for table in counts)]
+    )
     shares = np.concatenate([shares, shares[:-1].mean(axis=0, keepdims=True)])
     width = max(map(len, LABELS))
     titles = "".join(f"{title:>12}" for title in (*source.scenes, "all", "mean"))
@@ -69,13 +77,20 @@ def count(windows: Windows) -> np.ndarray:
 def pairs(windows: Windows) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
     """Chunks (k, l, real): [CHUNK, STEPS, 2] positions, of which the first `real` are pairs."""
     people = [np.arange(*ends) for ends in zip(windows.bounds, windows.bounds[1:])]
-    i, j = (np.concatenate([expand(p, len(p)) for p in people]) for expand in (np.repeat, np.tile))
+    i, j = (
+        np.concatenate([expand(p, len(p)) for p in people])
+        for expand in (np.repeat, np.tile)
+    )
     i, j = i[i != j], j[i != j]
     observed = windows.position[:, :STEPS]
     for start in range(0, len(i), CHUNK):
         part = slice(start, start + CHUNK)
         fill = [(0, CHUNK - len(i[part]))]
-        yield observed[np.pad(i[part], fill)], observed[np.pad(j[part], fill)], len(i[part])
+        yield (
+            observed[np.pad(i[part], fill)],
+            observed[np.pad(j[part], fill)],
+            len(i[part]),
+        )
 
 
 @jax.jit
@@ -105,7 +120,9 @@ def _count(k: jax.Array, l: jax.Array) -> jax.Array:  # noqa: E741
         (follows("continuity"), before != after),
         (follows("dominance"), before != after),
     ]
-    return jnp.stack([jnp.stack([hits.sum(1), cases.sum(1)]) for hits, cases in counted])
+    return jnp.stack(
+        [jnp.stack([hits.sum(1), cases.sum(1)]) for hits, cases in counted]
+    )
 
 
 def rows_served(sizes: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -116,7 +133,8 @@ def rows_served(sizes: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
     numbers = np.arange(len(scene))[:, None]
     own_scene = own_pair = 0
     first = np.cumsum(sizes**2) - sizes**2
-    # The release has a row for each pair, and slices the rows by the bounds of the agents.
+    # The release has a row for each pair, and slices the rows by the bounds of the
+    # agents.
     for s, rows in enumerate(numbers[a:b] for a, b in bounds):
         own_scene += int((scene[rows[:, 0]] == s).sum() * sizes[s])
         own_rows = first[s] + np.arange(sizes[s] ** 2).reshape(sizes[s], sizes[s])
@@ -130,14 +148,19 @@ def tables() -> None:
     described, shipped = alpha_table("c1"), alpha_table("c1", "continuity", True)
     print("\nalpha by number of zero symbols  " + "".join(f"{z:>9}" for z in range(5)))
     for name, table in (("papers (cnd)", described), ("authors' table", shipped)):
-        # A code's digits are q + 1: here z of 1 (the symbol 0) after others of 0 (the symbol -).
+        # A code's digits are q + 1: here z of 1 (the symbol 0) after others of 0 (the
+        # symbol -).
         weights = [table[sum(3**place for place in range(z))] for z in range(5)]
         print(f"  {name:31}" + "".join(f"{f'1/{round(1 / w)}':>9}" for w in weights))
     first = [f"{weight:.4f}"[0] for weight in np.unique(shipped)]
     print(f"first characters of the authors' weights (defect 2): {', '.join(first)}")
-    stamps = np.random.default_rng(0).uniform(0, 1, 100_000)[:, None] + 0.1 * np.arange(STEPS)
+    stamps = np.random.default_rng(0).uniform(0, 1, 100_000)[:, None] + 0.1 * np.arange(
+        STEPS
+    )
     shuffled = (np.diff(stamps % 1) < 0).any(axis=1).mean()
-    print(f"windows of 8 samples at 10 Hz out of order by nanosecond (defect 7): {shuffled:.0%}")
+    print(
+        f"windows of 8 samples at 10 Hz out of order by nanosecond (defect 7): {shuffled:.0%}"
+    )
 
 
 def main(arguments: list[str]) -> None:

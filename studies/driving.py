@@ -1,8 +1,9 @@
 """A robot crosses a hall of people, with and without forecasts: `python -m studies.driving`.
 
-The halls have seeds 0 to 199. People do not see the robot, and a 10 Hz tracker with its losses sees
-them. Every 0.4 s the robot takes the best of 33 velocities by what it
-believes of people: that they stand, go straight on, or do what one of 20 sampled futures says.
+The halls have seeds 0 to 199. People do not see the robot, and a 10 Hz tracker with its
+losses sees them. Every 0.4 s the robot takes the best of 33 velocities by what it
+believes of people: that they stand, go straight on, or do what one of 20 sampled
+futures says.
 """
 
 from collections import defaultdict
@@ -22,8 +23,14 @@ __all__ = ["beliefs", "drive", "hall", "main"]
 EPISODES, BEGIN, LONGEST = 200, 100, 300  # the last two in frames of 0.1 s
 START, GOAL = np.array([0.0, 7.5]), np.array([15.0, 7.5])
 PERIOD, EVERY, STEPS = 0.4, 4, 8
-CONTACT, KEPT = 0.5, 0.7  # metres between two centres: a collision, and what is planned for
-RISK, FADE = 2.0, 0.85  # of a contact, in units of 3.2 m of way; each step later counts less
+CONTACT, KEPT = (
+    0.5,
+    0.7,
+)  # metres between two centres: a collision, and what is planned for
+RISK, FADE = (
+    2.0,
+    0.85,
+)  # of a contact, in units of 3.2 m of way; each step later counts less
 ANGLES = np.linspace(0, 2 * np.pi, 16, endpoint=False)
 WAYS = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
 VELOCITIES = np.concatenate([np.zeros((1, 2)), 0.5 * WAYS, WAYS])
@@ -45,14 +52,22 @@ def beliefs(tracks: Tracks, predictor: Predictor) -> dict[str, list[Belief]]:
             continue
         pair = predictor.window.resampled(ids, [stamp - PERIOD, stamp])
         pair = np.where(np.isfinite(pair), pair, xy[:, None])  # New ones stand.
-        for name, last_two in (("people stand", pair[:, [1, 1]]), ("constant velocity", pair)):
+        for name, last_two in (
+            ("people stand", pair[:, [1, 1]]),
+            ("constant velocity", pair),
+        ):
             history[name].append((straight(last_two, STEPS)[None], np.ones(1)))
         (model,), forecast = predictor.models, predictor.forecast()
         belief = history["constant velocity"][-1]
         if forecast is not None:
             result = forecast.models[model]
-            others = belief[0][:, ~np.isin(ids, forecast.ids)].repeat(len(result.samples), axis=0)
-            belief = np.append(result.samples[:, :, :STEPS], others, axis=1), result.weights
+            others = belief[0][:, ~np.isin(ids, forecast.ids)].repeat(
+                len(result.samples), axis=0
+            )
+            belief = (
+                np.append(result.samples[:, :, :STEPS], others, axis=1),
+                result.weights,
+            )
         history[model].append(belief)
     return history
 
@@ -65,14 +80,18 @@ def drive(people: np.ndarray, seen: list[Belief]) -> list[float]:
     robot, least, way = START.copy(), 3.0, 0.0
     for n, (samples, weights) in enumerate(seen):
         places = robot + VELOCITIES[:, None] * PERIOD * np.arange(1, STEPS + 1)[:, None]
-        distance = np.linalg.norm(places[:, None, None] - samples, axis=-1)  # [V, k, N, STEPS]
+        distance = np.linalg.norm(
+            places[:, None, None] - samples, axis=-1
+        )  # [V, k, N, STEPS]
         touched = (distance < KEPT).any(axis=2) * FADE ** np.arange(STEPS)
         left = np.linalg.norm(places - GOAL, axis=-1).min(axis=1)
         cost = left / (PERIOD * STEPS) + RISK * touched.max(axis=2) @ weights
         velocity = VELOCITIES[np.argmin(cost)]
         for places_now in people[n * EVERY + 1 : (n + 1) * EVERY + 1]:
             robot = robot + velocity / 10
-            least = np.nanmin(np.linalg.norm(places_now - robot, axis=-1), initial=least)
+            least = np.nanmin(
+                np.linalg.norm(places_now - robot, axis=-1), initial=least
+            )
         way += PERIOD * float(np.linalg.norm(velocity))
         if np.linalg.norm(robot - GOAL) < 0.5:
             break
@@ -91,14 +110,25 @@ def main() -> None:
         people[np.rint(10 * steady.stamp).astype(int), steady.id] = steady.position
         for name, seen in beliefs(tracked, predictor).items():
             rows[name].append(drive(people[BEGIN:], seen))
-    tables = {name: np.array(episodes) * [100, 1, 1, 1] for name, episodes in rows.items()}
+    tables = {
+        name: np.array(episodes) * [100, 1, 1, 1] for name, episodes in rows.items()
+    }
     *_, straight_on, forecast = tables.values()
     tables["difference of the last two"] = forecast - straight_on
-    print("| what the robot believes | collisions, % | least distance, m | way, m | time, s |")
+    print(
+        "| what the robot believes | collisions, % | least distance, m | way, m | time, s |"
+    )
     print("|---|---:|---:|---:|---:|")
     for name, table in tables.items():
-        mean, half = table.mean(axis=0), 1.96 * table.std(axis=0, ddof=1) / len(table) ** 0.5
-        print(f"| {name} |", " | ".join(f"{m:.2f} ± {h:.2f}" for m, h in zip(mean, half)), "|")
+        mean, half = (
+            table.mean(axis=0),
+            1.96 * table.std(axis=0, ddof=1) / len(table) ** 0.5,
+        )
+        print(
+            f"| {name} |",
+            " | ".join(f"{m:.2f} ± {h:.2f}" for m, h in zip(mean, half)),
+            "|",
+        )
 
 
 def hall(seed: int) -> Labelled:
@@ -109,7 +139,9 @@ def hall(seed: int) -> Labelled:
         sides = rng.choice(4, 2, replace=False)
         first, last = (_on_side(side, rng.uniform(1, 14)) for side in sides)
         pause = rng.uniform(1, 5) if rng.random() < 0.4 else 0.0
-        ways.append((start, [first, rng.uniform(4, 11, 2), last], rng.uniform(0.9, 1.5), pause))
+        ways.append(
+            (start, [first, rng.uniform(4, 11, 2), last], rng.uniform(0.9, 1.5), pause)
+        )
     return _seen(rng, ways)
 
 
@@ -137,10 +169,14 @@ def _seen(rng: np.random.Generator, ways: list) -> Labelled:
                 persons.append(person)
                 places.append(path[n] + rng.normal(0, FAULTS.noise, 2))
                 ids.append(id)
-    return _labelled(np.array(stamps), np.array(ids), np.array(places), np.array(persons))
+    return _labelled(
+        np.array(stamps), np.array(ids), np.array(places), np.array(persons)
+    )
 
 
-def _walk(rng, start: float, goals, speed: float, pause: float) -> tuple[np.ndarray, np.ndarray]:
+def _walk(
+    rng, start: float, goals, speed: float, pause: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Stamps [F] and path [F, 2] from the first goal to the last, with a pause in between."""
     goals = [np.asarray(goal, float) for goal in goals]
     place, heading = goals[0].copy(), np.arctan2(*(goals[1] - goals[0])[::-1])
@@ -162,7 +198,9 @@ def _walk(rng, start: float, goals, speed: float, pause: float) -> tuple[np.ndar
         error = np.arctan2(way[1], way[0]) - heading
         turn = 2.5 / RATE
         heading += np.clip(np.arctan2(np.sin(error), np.cos(error)), -turn, turn)
-        wobble += -wobble / (1.5 * RATE) + 0.1 * np.sqrt(2 / (1.5 * RATE)) * rng.normal()
+        wobble += (
+            -wobble / (1.5 * RATE) + 0.1 * np.sqrt(2 / (1.5 * RATE)) * rng.normal()
+        )
         pace = speed * (1 + 0.5 * wobble) / RATE
         place += pace * np.array([np.cos(heading + wobble), np.sin(heading + wobble)])
     return (first + np.arange(len(path))) / RATE, np.array(path).reshape(-1, 2)

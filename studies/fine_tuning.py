@@ -1,14 +1,15 @@
 """When does it pay to fine-tune `recommended` on the first minutes of a place? `docs/training.md`.
 
-NPROC=1 python -m studies.fine_tuning DATA MORE THOR docs/fine_tuning.csv   # trains and tests
-python -m studies.fine_tuning docs/fine_tuning.csv                          # the table
+NPROC=1 python -m studies.fine_tuning DATA MORE THOR docs/fine_tuning.csv   # trains and
+tests python -m studies.fine_tuning docs/fine_tuning.csv                          # the
+table
 
-DATA is ETH/UCY as SGAN arranges it, MORE what `studies.more_data` writes, THOR a folder with THÖR
-and THÖR-MAGNI. Of six places that the model has not learned, the first 10, 25 or 50 % of the
-recording are learned from (`prepare` keeps a part of them for validation) and the last 40 % are
-tested on: from the model, from nothing where the part is a half, and the model as it is. A seed is
-one training of each.
-The CSV grows row by row, and what it has is not done again.
+DATA is ETH/UCY as SGAN arranges it, MORE what `studies.more_data` writes, THOR a folder
+with THÖR and THÖR-MAGNI. Of six places that the model has not learned, the first 10, 25
+or 50 % of the recording are learned from (`prepare` keeps a part of them for
+validation) and the last 40 % are tested on: from the model, from nothing where the part
+is a half, and the model as it is. A seed is one training of each. The CSV grows row by
+row, and what it has is not done again.
 """
 
 import contextlib
@@ -104,7 +105,9 @@ def run_all(folders: dict[str, str], table: Path) -> None:
     if not table.exists():
         table.write_text(",".join(HEAD) + "\n")
     with table.open() as file:
-        finished = {(row["place"], row["share"], row["seed"]) for row in csv.DictReader(file)}
+        finished = {
+            (row["place"], row["share"], row["seed"]) for row in csv.DictReader(file)
+        }
     for seed, place, share in itertools.product(SEEDS, PLACES, SHARES):
         if (place, str(share), str(seed)) in finished:
             continue
@@ -123,18 +126,22 @@ def run_all(folders: dict[str, str], table: Path) -> None:
 def report(rows: pl.DataFrame) -> str:
     """The change of energy against the model as it is, per cent, by place; means of both metrics.
 
-    Cells are means over seeds, the last rows means over places with their 95 % intervals.
+    Cells are means over seeds, the last rows means over places with their 95 %
+    intervals.
     """
     columns = [*itertools.product(SHARES, ["fine-tuned"]), (SHARES[-1], "from nothing")]
     means = rows.group_by("place", "share", "arm").agg(
         pl.col(*METRICS).mean(), pl.col("people").max()
     )
-    mean_of = {(row["place"], row["share"], row["arm"]): row for row in means.to_dicts()}
+    mean_of = {
+        (row["place"], row["share"], row["arm"]): row for row in means.to_dicts()
+    }
 
     def changes(metric: str, place: str) -> list[float]:
         """NaN where a part was too short, or is not done yet."""
         return [
-            100 * (mean_of[tuned][metric] / mean_of[place, share, "as it is"][metric] - 1)
+            100
+            * (mean_of[tuned][metric] / mean_of[place, share, "as it is"][metric] - 1)
             if (tuned := (place, share, arm)) in mean_of
             else np.nan
             for share, arm in columns
@@ -142,14 +149,22 @@ def report(rows: pl.DataFrame) -> str:
 
     lines = []
     for place in PLACES:
-        people = mean_of.get((place, SHARES[-1], "fine-tuned"), {"people": "-"})["people"]
+        people = mean_of.get((place, SHARES[-1], "fine-tuned"), {"people": "-"})[
+            "people"
+        ]
         cells = [f"{change:+.0f}" for change in changes("energy_score", place)]
-        lines.append([place, f"{people}", *("-" if cell == "+nan" else cell for cell in cells)])
+        lines.append(
+            [place, f"{people}", *("-" if cell == "+nan" else cell for cell in cells)]
+        )
     for metric, title in zip(METRICS, ("energy", "joint ADE")):
         cells = []
         for column in zip(*(changes(metric, place) for place in PLACES)):
             values = [change for change in column if np.isfinite(change)]
-            cells.append(f"{np.mean(values):+.0f} ± {student_half(values):.0f}" if values else "-")
+            cells.append(
+                f"{np.mean(values):+.0f} ± {student_half(values):.0f}"
+                if values
+                else "-"
+            )
         lines.append([f"mean, {title}", "", *cells])
     head = ["place", "people in windows"]
     head += [f"{100 * share:.0f} %, {arm}" for share, arm in columns]
@@ -160,5 +175,7 @@ def report(rows: pl.DataFrame) -> str:
 if __name__ == "__main__":
     print_or_run(
         report,
-        lambda *words: run_all(dict(zip(("data", "more", "thor"), words)), Path(words[3])),
+        lambda *words: run_all(
+            dict(zip(("data", "more", "thor"), words)), Path(words[3])
+        ),
     )

@@ -1,13 +1,14 @@
 """Joint against marginal error of anchors, by the weight of the marginal error in the loss.
 
-    for weight in 0 0.25 3; do
-        neurosym sweep --model anchors --dataset eth hotel univ zara1 zara2 --data DATA \\
+    for weight in 0 0.25 3; do neurosym sweep --model anchors --dataset eth hotel univ
+        zara1 zara2 --data DATA \\
             --pred-len 12 --seed 0 --set marginal_weight=$weight --out OUT/$weight
     done
     python -m studies.frontier OUT/*/sweep.json
 
-writes docs/frontier.csv, means over the data sets at 8 + 12, and draws docs/figures/frontier.png.
-The default weight and the other networks are from docs/results.json, of one training each.
+writes docs/frontier.csv, means over the data sets at 8 + 12, and draws
+docs/figures/frontier.png. The default weight and the other networks are from
+docs/results.json, of one training each.
 """
 
 import sys
@@ -18,7 +19,13 @@ import polars as pl
 
 from neurosym_jax.evaluation.report import read_report
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.plotting.style import SMALL, dress, model_looks, new_figure, save_figure
+from neurosym_jax.plotting.style import (
+    SMALL,
+    dress,
+    model_looks,
+    new_figure,
+    save_figure,
+)
 
 __all__ = ["draw", "errors"]
 
@@ -36,7 +43,9 @@ def errors(sweeps: Sequence[Path], results: pl.DataFrame) -> pl.DataFrame:
     parts = [(None, first.filter(pl.col("model").is_in(OTHERS)))]
     parts += [(DEFAULT, first.filter(model="anchors"))]
     for path in sweeps:
-        parts.append((float(path.parent.name), read_report(path).filter(model="anchors")))
+        parts.append(
+            (float(path.parent.name), read_report(path).filter(model="anchors"))
+        )
     means = [
         rows.group_by("model")
         .agg(pl.len().alias("data sets"), pl.col(ERRORS).mean())
@@ -64,6 +73,8 @@ def draw(means: pl.DataFrame, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    table = errors([Path(path) for path in sys.argv[1:]], read_report(DOCS / "results.json"))
+    table = errors(
+        [Path(path) for path in sys.argv[1:]], read_report(DOCS / "results.json")
+    )
     table.write_csv(DOCS / "frontier.csv", float_precision=4)
     draw(table, DOCS / "figures" / "frontier.png")

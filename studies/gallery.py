@@ -1,6 +1,7 @@
 """Draw the figures of docs/gallery.md that Python draws: `python -m studies.gallery DATA`.
 
-DATA is ETH/UCY (`neurosym download eth-ucy`). What runs is the page's own code; seeds are 0.
+DATA is ETH/UCY (`neurosym download eth-ucy`). What runs is the page's own code; seeds
+are 0.
 """
 
 import re

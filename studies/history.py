@@ -1,12 +1,13 @@
 """Symbols over time: is a pair's history of QTC states worth more than geometry's?
 
-NPROC=1 python -m studies.history DATA docs/history.csv   # the runs that the table lacks
-python -m studies.history docs/history.csv                # what they say, in Markdown
+NPROC=1 python -m studies.history DATA docs/history.csv   # the runs that the table
+lacks python -m studies.history docs/history.csv                # what they say, in
+Markdown
 
 DATA is that of `studies.weighting`. What is asked was written before the first run:
-studies/weighting/protocol.md, fifth part. The table has a row for each run and metric. Runs that it
-has are not done again, so an interrupted command continues; with one thread a run whose rows are
-deleted repeats to the bit.
+studies/weighting/protocol.md, fifth part. The table has a row for each run and metric.
+Runs that it has are not done again, so an interrupted command continues; with one
+thread a run whose rows are deleted repeats to the bit.
 """
 
 import csv
@@ -26,7 +27,13 @@ from jax import Array
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.forecasting.forecaster import register_forecaster
 from neurosym_jax.models.anchors.forecaster import AnchorsForecaster
-from neurosym_jax.models.anchors.frames import LONGEST, SLOW, closest_approach, length, turned
+from neurosym_jax.models.anchors.frames import (
+    LONGEST,
+    SLOW,
+    closest_approach,
+    length,
+    turned,
+)
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import ABSENT, adjacency, alpha_table, encode_state
@@ -82,10 +89,11 @@ def diagram_distance() -> np.ndarray:
 def symbol_history(states: Array, period: float) -> Array:
     """[..., 4 S + 25] features of a pair's QTC_C1 `states [..., S, 4]`, each of `period` seconds.
 
-    The states, oldest first; of the last one: |symbols|, seconds that each symbol and the state
-    have lasted, and share of time in it; the previous state, how many symbols changed from it, and
-    the transitions that the diagram has between them; each symbol's previous value, the one that
-    the diagram lets a 0 pass on to, and the papers' alpha, relative to 1/15.
+    The states, oldest first; of the last one: |symbols|, seconds that each symbol and
+    the state have lasted, and share of time in it; the previous state, how many symbols
+    changed from it, and the transitions that the diagram has between them; each
+    symbol's previous value, the one that the diagram lets a 0 pass on to, and the
+    papers' alpha, relative to 1/15.
     """
     states = jnp.where(states == ABSENT, 0, states)
     count, present = states.shape[-2], states[..., -1, :]
@@ -101,7 +109,9 @@ def symbol_history(states: Array, period: float) -> Array:
     previous, symbol_before = before(state_lasted), before(lasted)
     changed = state_lasted < count
     code = encode_state(present)
-    transitions = jnp.asarray(diagram_distance())[encode_state(previous), code][..., None]
+    transitions = jnp.asarray(diagram_distance())[encode_state(previous), code][
+        ..., None
+    ]
     features = [
         states.reshape(*states.shape[:-2], -1),
         jnp.abs(present),
@@ -120,12 +130,15 @@ def geometry_history(
 ) -> Array:
     """[..., 7 (T - 1)] features of the tracks `others` as seen from `track`, both [..., T, 2].
 
-    After each step: bearing and relative velocity in the frame of the present `heading [..., 2]`,
-    distance, time of the closest approach and how close it is, scaled as the present ones are.
+    After each step: bearing and relative velocity in the frame of the present `heading
+    [..., 2]`, distance, time of the closest approach and how close it is, scaled as the
+    present ones are.
     """
     offset = (others - track)[..., 1:, :]
     bearing = turned(offset, heading[..., None, :], -1)
-    motion = turned(jnp.diff(others - track, axis=-2) / period, heading[..., None, :], -1)
+    motion = turned(
+        jnp.diff(others - track, axis=-2) / period, heading[..., None, :], -1
+    )
     distance = length(offset)[..., None]
     soon, miss = closest_approach(bearing, motion, 0.05, LONGEST)
     approach = jnp.stack([soon, jnp.exp(-2 * miss - soon)], -1)
@@ -144,18 +157,30 @@ class HistoryConfig(AnchorConfig):
     """Whether the attention sees positions and velocities after each observed step."""
 
     def pair_features(
-        self, observed: Array, velocity: Array, heading: Array, valid: Array, near: Array | None
+        self,
+        observed: Array,
+        velocity: Array,
+        heading: Array,
+        valid: Array,
+        near: Array | None,
     ) -> tuple[Array, Array, Array]:
         """The present features, nearness and number around, and the history of each near pair."""
-        present, gate, crowd = super().pair_features(observed, velocity, heading, valid, near)
+        present, gate, crowd = super().pair_features(
+            observed, velocity, heading, valid, near
+        )
         own, others = observed[:, None], observed[near]  # None adds an axis.
         features = []
         if self.past_symbols:
             factor: Any = SLOW * self.period
-            factors = {"quantisation_factor": factor, "side_quantisation_factor": factor}
+            factors = {
+                "quantisation_factor": factor,
+                "side_quantisation_factor": factor,
+            }
             features += [symbol_history(observe(own, others, **factors), self.period)]
         if self.past_geometry:
-            history = geometry_history(own, others, heading[:, None], self.period, self.radius)
+            history = geometry_history(
+                own, others, heading[:, None], self.period, self.radius
+            )
             features += [history]
         features = [jnp.where(gate[..., None] > 0, feature, 0) for feature in features]
         return jnp.concatenate([present, *features], -1), gate, crowd
@@ -189,7 +214,10 @@ def run_all(data: Path, table: Path) -> None:
     finished = set()
     if table.is_file():
         with table.open() as file:
-            finished = {(int(row["seed"]), row["set"], row["arm"]) for row in csv.DictReader(file)}
+            finished = {
+                (int(row["seed"]), row["set"], row["arm"])
+                for row in csv.DictReader(file)
+            }
     else:
         table.write_text(",".join(HEAD) + "\n")
     load_place = functools.cache(load)
@@ -200,7 +228,9 @@ def run_all(data: Path, table: Path) -> None:
         params = jax.block_until_ready(train(ARMS[arm], RECIPE, training, seed))
         scores = score(ARMS[arm], params, test)
         # All rows of a run at once: a table never holds a part of one.
-        lines = [(place, arm, seed, metric, f"{scores[metric][0]:.6f}") for metric in METRICS]
+        lines = [
+            (place, arm, seed, metric, f"{scores[metric][0]:.6f}") for metric in METRICS
+        ]
         with table.open("a", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows(lines)
         print(*lines[0], *lines[1][3:], *lines[-1][3:], flush=True)
@@ -209,20 +239,26 @@ def run_all(data: Path, table: Path) -> None:
 def with_mean(rows: pl.DataFrame) -> pl.DataFrame:
     """The runs of whole seeds, and for each seed and arm the mean over places, as a further set.
 
-    Errors are relative to those of `now` at the same place. The mean's network uses its neighbours
-    as much as at the place where it does least.
+    Errors are relative to those of `now` at the same place. The mean's network uses its
+    neighbours as much as at the place where it does least.
     """
     counts = rows.filter(metric=METRICS[0]).group_by("seed").len()
     seeds = counts.filter(pl.col("len") == len(PLACES) * len(ARMS))
     rows = rows.join(seeds, on="seed", how="semi")
-    level = rows.filter(arm="now").group_by("set", "metric").agg(level=pl.col("value").mean())
+    level = (
+        rows.filter(arm="now")
+        .group_by("set", "metric")
+        .agg(level=pl.col("value").mean())
+    )
     ratio = pl.col("value") / pl.col("level")
     near = pl.col("metric") == "neighbour_near"
     mean = (
         rows.join(level, on=["set", "metric"])
         .group_by("arm", "seed", "metric", maintain_order=True)
         .agg(least=pl.col("value").min(), ratio=ratio.mean())
-        .with_columns(set=pl.lit(MEAN), value=pl.when(near).then("least").otherwise("ratio"))
+        .with_columns(
+            set=pl.lit(MEAN), value=pl.when(near).then("least").otherwise("ratio")
+        )
     )
     return pl.concat([rows, mean.select(rows.columns)])
 
@@ -231,7 +267,9 @@ def report(rows: pl.DataFrame) -> str:
     """Tables of the answers, and of the mean's further comparisons; networks left out, if any."""
     runs = Runs(with_mean(rows), TOLERATED)
 
-    def compare(people: str, places: Sequence[str], pairs: Sequence[Pair]) -> list[Endpoints]:
+    def compare(
+        people: str, places: Sequence[str], pairs: Sequence[Pair]
+    ) -> list[Endpoints]:
         endpoints = []
         for place, pair in itertools.product(places, pairs):
             joint = runs.compare(place, *pair, f"{people} joint_ade")
@@ -245,7 +283,9 @@ def report(rows: pl.DataFrame) -> str:
         endpoints = compare("interacting", places, QUESTIONS)
         corrected = adjusted([*itertools.chain(*endpoints)])
         for joint, energy in zip(corrected[::2], corrected[1::2]):
-            answers.append([joint.dataset, *_arms(joint), *_answer(joint), *_answer(energy)])
+            answers.append(
+                [joint.dataset, *_arms(joint), *_answer(joint), *_answer(energy)]
+            )
     further = [
         [people, _arms(joint)[0], percent_text(joint), percent_text(energy)]
         for people, pairs in (("interacting", FURTHER), ("all", QUESTIONS))
@@ -253,9 +293,20 @@ def report(rows: pl.DataFrame) -> str:
     ]
     left_out = [
         f"{dead} of {count} of `{arm}` on {place}"
-        for place, arm, dead, count in runs.dead.filter(pl.col("set") != MEAN).iter_rows()
+        for place, arm, dead, count in runs.dead.filter(
+            pl.col("set") != MEAN
+        ).iter_rows()
     ]
-    head = ["arms", "seeds", "joint ADE, %", "p", "answer", "energy score, %", "p", "answer"]
+    head = [
+        "arms",
+        "seeds",
+        "joint ADE, %",
+        "p",
+        "answer",
+        "energy score, %",
+        "p",
+        "answer",
+    ]
     further_head = ["people", "arms", "joint ADE, %", "energy score, %"]
     return f"""{markdown_table(["place", *head], answers, right=6)}
 

@@ -2,10 +2,10 @@
 
 python -m studies.more_data OPENTRAJ OUT
 
-OPENTRAJ is the public repository crowdbotp/OpenTraj. We read its Stanford drone scenes, as
-the TrajNet challenge gives them (metres, every person for 20 steps), and HERMES's corridors, split
-as in `studies.weighting.data`. OUT gets a folder each for training, `tests`, and `kept_back`, which
-no choice was made on.
+OPENTRAJ is the public repository crowdbotp/OpenTraj. We read its Stanford drone scenes,
+as the TrajNet challenge gives them (metres, every person for 20 steps), and HERMES's
+corridors, split as in `studies.weighting.data`. OUT gets a folder each for training,
+`tests`, and `kept_back`, which no choice was made on.
 """
 
 import shutil

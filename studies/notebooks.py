@@ -2,8 +2,8 @@
 
     python -m studies.notebooks [NAME ...]
 
-runs `docs/notebooks/NAME.ipynb`, by default all, each in a process of its own, and writes their
-outputs into them. Needs the extra `test`.
+runs `docs/notebooks/NAME.ipynb`, by default all, each in a process of its own, and
+writes their outputs into them. Needs the extra `test`.
 """
 
 import sys
@@ -32,8 +32,12 @@ def execute(path: Path) -> Any:
     for cell in notebook.cells:
         # Progress is for who waits.
         if cell.cell_type == "code":
-            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
-    notebook.metadata.language_info = {"name": "python"}  # Without this machine's version.
+            cell.outputs = [
+                output for output in cell.outputs if output.get("name") != "stderr"
+            ]
+    notebook.metadata.language_info = {
+        "name": "python"
+    }  # Without this machine's version.
     return notebook
 
 

@@ -2,12 +2,13 @@
 
 python -m studies.pairs DATA CORRIDORS > docs/pairs.csv
 
-DATA is ETH/UCY as SGAN arranges it, CORRIDORS the folder `tests` of `studies.more_data`. Of every
-person of every third scene at 8 + 12: the gain in nats of the truth's probability among the points
-of the network, if each point weighs exp(-w f) in place of equally. Features f of a point and the
-true futures of others are those of `models.anchors.draws` (overlap, parting), or of the pair's
-QTC_C1 symbols, the mean over people within some 4 m. Weights w are those by which scenes are drawn,
-or maximise the gain at all other places (Besag's pseudo-likelihood). Half of a 95 % interval,
+DATA is ETH/UCY as SGAN arranges it, CORRIDORS the folder `tests` of
+`studies.more_data`. Of every person of every third scene at 8 + 12: the gain in nats of
+the truth's probability among the points of the network, if each point weighs exp(-w f)
+in place of equally. Features f of a point and the true futures of others are those of
+`models.anchors.draws` (overlap, parting), or of the pair's QTC_C1 symbols, the mean
+over people within some 4 m. Weights w are those by which scenes are drawn, or maximise
+the gain at all other places (Besag's pseudo-likelihood). Half of a 95 % interval,
 Student's t over 20 blocks of scenes.
 """
 
@@ -54,7 +55,9 @@ ARMS = {
 
 def places(data: Path, corridors: Path) -> dict[str, tuple[Windows, Model]]:
     """The test windows of each place, and a network that has not learned them."""
-    files = {name: (split_files(data, name, "test"), f"anchors_{name}_12") for name in SCENES}
+    files = {
+        name: (split_files(data, name, "test"), f"anchors_{name}_12") for name in SCENES
+    }
     files["corridors"] = sorted(corridors.glob("bo*")), "anchors_general_12"
     return {
         name: (
@@ -82,19 +85,28 @@ def features(config: Any, params: Any, scene: Scene) -> tuple[Array, Array]:
     seen = jnp.where(present, jnp.exp(-jnp.square(distance / 4)), 0)
     seen = seen / jnp.maximum(seen.sum(1, keepdims=True), 1)
     symbols = _symbols(points, future, observed, near, SLOW * config.period)
-    return jnp.concatenate([geometry, jnp.einsum("nm,nmpf->npf", seen, symbols)], -1), nearness
+    return jnp.concatenate(
+        [geometry, jnp.einsum("nm,nmpf->npf", seen, symbols)], -1
+    ), nearness
 
 
-def _symbols(points: Array, future: Array, observed: Array, near: Array, least: float) -> Array:
+def _symbols(
+    points: Array, future: Array, observed: Array, near: Array, least: float
+) -> Array:
     """[N, M, P, 5]: changes of symbols from now on, and means of towards and sides over time.
 
     Steps shorter than `least` metres are none.
     """
-    paths = jnp.concatenate([observed[None, :, -2:].repeat(len(points), 0), points], axis=2)
+    paths = jnp.concatenate(
+        [observed[None, :, -2:].repeat(len(points), 0), points], axis=2
+    )
     others = jnp.concatenate([observed[:, -2:], future], axis=1)[near]
     own = paths.swapaxes(0, 1)[:, None]  # [N, 1, P, T, 2]
     states = observe(
-        own, others[:, :, None], quantisation_factor=least, side_quantisation_factor=least
+        own,
+        others[:, :, None],
+        quantisation_factor=least,
+        side_quantisation_factor=least,
     ).astype(jnp.float32)
     towards, sides = states[..., 1:, :2], states[..., 1:, 2:]
     changes = jnp.abs(jnp.diff(states, axis=-2)).sum((-1, -2)) / 10
@@ -106,7 +118,9 @@ def _symbols(points: Array, future: Array, observed: Array, near: Array, least: 
 def gain(weights: Array, feature: Array, nearness: Array) -> Array:
     """[people] nats by which the truth is more probable than among equally probable points."""
     share = jax.nn.log_softmax(-feature @ weights)
-    return jax.nn.logsumexp(share + jnp.log(nearness + 1e-12), axis=-1) + jnp.log(share.shape[1])
+    return jax.nn.logsumexp(share + jnp.log(nearness + 1e-12), axis=-1) + jnp.log(
+        share.shape[1]
+    )
 
 
 def fitted(chosen: list[int], training: list[tuple[Array, Array]]) -> Array:
@@ -122,7 +136,9 @@ def fitted(chosen: list[int], training: list[tuple[Array, Array]]) -> Array:
     return found.x * mask
 
 
-def main(data: tyro.conf.Positional[Path], corridors: tyro.conf.Positional[Path]) -> None:
+def main(
+    data: tyro.conf.Positional[Path], corridors: tyro.conf.Positional[Path]
+) -> None:
     """Print the table."""
     people = {}
     for name, (windows, model) in places(data, corridors).items():
@@ -130,7 +146,10 @@ def main(data: tyro.conf.Positional[Path], corridors: tyro.conf.Positional[Path]
         for number in range(0, windows.scenes, SKIP):
             scene = single_scene(windows, number).replace(origin=None, extras={})
             parts.append(
-                [each[scene.valid] for each in features(model.config, model.params, scene)]
+                [
+                    each[scene.valid]
+                    for each in features(model.config, model.params, scene)
+                ]
             )
         people[name] = tuple(jnp.concatenate(each) for each in zip(*parts))
     lines = csv.writer(sys.stdout, lineterminator="\n")

@@ -1,14 +1,16 @@
 """How good are models at places where they have not learned? `docs/left_out.md`, from nothing.
 
-NPROC=1 python -m studies.places DATA MORE THOR OUT   # trains, tests, writes docs/left_out.csv
-python -m studies.places > docs/left_out.md           # from docs/left_out.csv
+NPROC=1 python -m studies.places DATA MORE THOR OUT   # trains, tests, writes
+docs/left_out.csv python -m studies.places > docs/left_out.md           # from
+docs/left_out.csv
 
-A place is left out whole, with all its recordings, and models are trained on the others: three of
-ETH/UCY's places are a recording or two each that data sets share, such as the street Zara. DATA is
-ETH/UCY as SGAN arranges it, MORE what `studies.more_data` writes, THOR a folder with three
-recordings of THÖR and THÖR-MAGNI. Models without the corridors, which learned from ETH/UCY alone,
-are also tested on Stanford's scenes and on THÖR, from which nothing is trained. OUT gets the runs
-and reports; a finished run is not repeated.
+A place is left out whole, with all its recordings, and models are trained on the
+others: three of ETH/UCY's places are a recording or two each that data sets share, such
+as the street Zara. DATA is ETH/UCY as SGAN arranges it, MORE what `studies.more_data`
+writes, THOR a folder with three recordings of THÖR and THÖR-MAGNI. Models without the
+corridors, which learned from ETH/UCY alone, are also tested on Stanford's scenes and on
+THÖR, from which nothing is trained. OUT gets the runs and reports; a finished run is
+not repeated.
 """
 
 import os
@@ -34,11 +36,24 @@ PLACES = {
     "corridors": (),
 }
 """The places that are left out, and their recordings in ETH/UCY."""
-RUNS = (("anchors", 0), ("sgan", 0), ("anchor_table", 0), ("anchors", 1), ("anchors", 2))
+RUNS = (
+    ("anchors", 0),
+    ("sgan", 0),
+    ("anchor_table", 0),
+    ("anchors", 1),
+    ("anchors", 2),
+)
 RUNS += (("neurosym", 0),)
 """Models and seeds, in the order of training."""
 BASELINES = ("constant_velocity", "constant_velocity_sampled")
-METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "central_ade", "central_fde")
+METRICS = (
+    "joint_ade",
+    "joint_fde",
+    "marginal_ade",
+    "marginal_fde",
+    "central_ade",
+    "central_fde",
+)
 METRICS += ("energy_score",)
 PARTS = {
     "Joint ADE / FDE": ("joint_ade", "joint_fde"),
@@ -48,7 +63,8 @@ PARTS = {
 }
 """Parts of the page, and what of `METRICS` they show."""
 PAIRED = {"joint ADE, %": "joint_ade", "energy score, %": "energy_score"}
-# The first two paragraphs are written by hand from the numbers; check them when they change.
+# The first two paragraphs are written by hand from the numbers; check them when they
+# change.
 HEAD = """# Places left out whole
 
 **By joint ADE `anchors` leads at all eight places: the error of SGAN is higher by 20 ± 10 %, of
@@ -83,7 +99,9 @@ with pairs of ETH/UCY's data sets left out, and earlier forms of `anchors` were 
 Stanford's scenes, THÖR and HERMES: none of the places is a fresh test."""
 
 
-def train(data: Path, extra: Path, out: Path, place: str, model: str, seed: int) -> None:
+def train(
+    data: Path, extra: Path, out: Path, place: str, model: str, seed: int
+) -> None:
     """Train a model without a place, unless that is done."""
     run = out / place / f"{model}_seed{seed}"
     if not (run / "model").is_dir():
@@ -96,20 +114,47 @@ def train(data: Path, extra: Path, out: Path, place: str, model: str, seed: int)
             for split in ("train", "val")
         }
         call(
-            *("train.py", "--model", model, *LENGTHS, "--seed", str(seed), "--out", str(run)),
+            *(
+                "train.py",
+                "--model",
+                model,
+                *LENGTHS,
+                "--seed",
+                str(seed),
+                "--out",
+                str(run),
+            ),
             *("--data", str(data), "--resume"),
             *("--train-on", *files["train"], "--validate-on", *files["val"]),
             *(() if place == "corridors" else ("--train-also", str(extra / "hermes"))),
         )
 
 
-def test(folder: Path, names: list[str], report: Path, runs: list[Path]) -> pl.DataFrame:
+def test(
+    folder: Path, names: list[str], report: Path, runs: list[Path]
+) -> pl.DataFrame:
     """Rows of an evaluation on recordings as one test set, repeated where there are new runs."""
     tested = read_report(report)["checkpoint"].drop_nulls() if report.is_file() else ()
     if set(tested) != set(map(str, runs)):
         call(
-            *("evaluate.py", "--data", str(folder), "--test-on", *names, *LENGTHS, "--seeds", "1"),
-            *("--checkpoint", *map(str, runs), "--baselines", *BASELINES, "--json", str(report)),
+            *(
+                "evaluate.py",
+                "--data",
+                str(folder),
+                "--test-on",
+                *names,
+                *LENGTHS,
+                "--seeds",
+                "1",
+            ),
+            *(
+                "--checkpoint",
+                *map(str, runs),
+                "--baselines",
+                *BASELINES,
+                "--json",
+                str(report),
+            ),
             *("--metrics", "energy_score", "central_ade", "central_fde"),
         )
     return read_report(report).with_columns(dataset=pl.lit(report.stem))
@@ -119,7 +164,8 @@ def page(means: pl.DataFrame) -> str:
     """The page, of a row for each model and place."""
     places = means["dataset"].unique(maintain_order=True).to_list()
     parts = [
-        f"## {title}\n\n{_table(means, metrics, places)}\n" for title, metrics in PARTS.items()
+        f"## {title}\n\n{_table(means, metrics, places)}\n"
+        for title, metrics in PARTS.items()
     ]
     errors = {
         model: rows.select(PAIRED.values()).to_numpy()
@@ -127,7 +173,13 @@ def page(means: pl.DataFrame) -> str:
     }
     anchors = errors.pop("anchors")
     paired = [
-        [model, *(f"{column.mean():+.1f} ± {student_half(column):.1f}" for column in percent.T)]
+        [
+            model,
+            *(
+                f"{column.mean():+.1f} ± {student_half(column):.1f}"
+                for column in percent.T
+            ),
+        ]
         for model, others in errors.items()
         if len(percent := 100 * (others / anchors - 1))
     ]
@@ -138,13 +190,17 @@ def page(means: pl.DataFrame) -> str:
 
 def _table(means: pl.DataFrame, metrics: Sequence[str], places: list[str]) -> str:
     """A row for each model, a column for each place; the least of a metric there is bold."""
-    values = means.with_columns(pl.col(metrics).map_elements("{:.3f}".format, pl.String))
+    values = means.with_columns(
+        pl.col(metrics).map_elements("{:.3f}".format, pl.String)
+    )
     best = values.group_by("dataset").agg(pl.col(metrics).min()).rows_by_key("dataset")
     lines = []
     for (model,), rows in values.group_by("model", maintain_order=True):
         cells = []
         for place, *texts in rows.select("dataset", *metrics).iter_rows():
-            marked = (f"**{t}**" if t == b else t for t, b in zip(texts, best[place][0]))
+            marked = (
+                f"**{t}**" if t == b else t for t, b in zip(texts, best[place][0])
+            )
             cells.append(" / ".join(marked))
         lines.append([model, *cells])
     return markdown_table(["", *places], lines)
@@ -154,7 +210,11 @@ def call(*command: str) -> None:
     """Run one of the project's commands with one thread, its words on our standard error."""
     environment = {**os.environ, "NPROC": "1"}
     subprocess.run(
-        [sys.executable, *command], cwd=ROOT, env=environment, stdout=sys.stderr, check=True
+        [sys.executable, *command],
+        cwd=ROOT,
+        env=environment,
+        stdout=sys.stderr,
+        check=True,
     )
 
 
@@ -172,7 +232,11 @@ def run() -> None:
         [path.stem for path in (extra / "stanford").iterdir()],
         "",
     )
-    tests["THÖR"] = thor, ["CLiFF-LHMP_thor1_exp-1-run-2", "CLiFF-LHMP_thor3_exp-3-run-2"], ""
+    tests["THÖR"] = (
+        thor,
+        ["CLiFF-LHMP_thor1_exp-1-run-2", "CLiFF-LHMP_thor3_exp-3-run-2"],
+        "",
+    )
     tests["MAGNI"] = thor, ["THOR-MAGNI_Scenario_5"], ""
     rows = []
     for name, (folder, recordings, place) in tests.items():

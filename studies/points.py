@@ -4,10 +4,11 @@ NPROC=1 python -m studies.points DATA HERMES OUT [NAME ...] [--seed N] [--steps 
 
 writes OUT/NAME of checkpoints/anchors_*, by default of all.
 
-DATA is ETH/UCY as SGAN arranges it, HERMES the folder `hermes` of `studies.more_data`, from which
-the general networks learned, too. A network's other parameters stay as they are, and so do its
-samples, bit by bit: points are a further output of the same trunk. Nothing is chosen by a
-validation: the averaged parameters of the last step are kept. Finished networks are not repeated.
+DATA is ETH/UCY as SGAN arranges it, HERMES the folder `hermes` of `studies.more_data`,
+from which the general networks learned, too. A network's other parameters stay as they
+are, and so do its samples, bit by bit: points are a further output of the same trunk.
+Nothing is chosen by a validation: the averaged parameters of the last step are kept.
+Finished networks are not repeated.
 """
 
 import dataclasses
@@ -50,7 +51,9 @@ def learned_windows(data: Path, hermes: Path, model: Model) -> Windows:
     files = split_files(data, None if general else model.dataset, "train")
     files += sorted(hermes.glob("*.txt")) if general else []
     lengths = model.config.obs_len, model.config.pred_len
-    return cut_windows(recordings_in(map(str, files)), *lengths, min_agents=RECIPE.min_agents)
+    return cut_windows(
+        recordings_in(map(str, files)), *lengths, min_agents=RECIPE.min_agents
+    )
 
 
 def points_of(params: Any) -> Any:
@@ -60,7 +63,12 @@ def points_of(params: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def step(
-    config: Any, recipe: AnchorRecipe, trunk: Any, key: Array, state: TrainState, batch: Any
+    config: Any,
+    recipe: AnchorRecipe,
+    trunk: Any,
+    key: Array,
+    state: TrainState,
+    batch: Any,
 ) -> tuple[TrainState, Array]:
     """The state of the points after one step on a batch of `AnchorStream`, and its loss []."""
     scenes, crowd = batch
@@ -111,9 +119,17 @@ def main(
         print(name, flush=True)
         model = load_model(CHECKPOINTS / name)
         changed = with_points(model, learned_windows(data, hermes, model), recipe)
-        card = (CHECKPOINTS / name / CARD).read_text(encoding="utf-8").split("\n## Distribution")[0]
+        card = (
+            (CHECKPOINTS / name / CARD)
+            .read_text(encoding="utf-8")
+            .split("\n## Distribution")[0]
+        )
         note = {name: getattr(recipe, name) for name in ("steps", "seed", "stretch")}
-        save_model(out / name, changed, card.rstrip() + "\n" + NOTE.format(points=POINTS, **note))
+        save_model(
+            out / name,
+            changed,
+            card.rstrip() + "\n" + NOTE.format(points=POINTS, **note),
+        )
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
     python -m studies.reliability
 
-It takes minutes. Every bit of a shipped model's `config.json`, bits of its parameters and of its
-compiled programs drawn with a seed, and bytes of bags are changed. Silent is what reads differently
-without a warning.
+It takes minutes. Every bit of a shipped model's `config.json`, bits of its parameters
+and of its compiled programs drawn with a seed, and bytes of bags are changed. Silent is
+what reads differently without a warning.
 """
 
 import contextlib
@@ -39,14 +39,28 @@ BAGS = ("bag LZ4", "bag BZ2", "mcap STORAGE", "db3 MESSAGE", "db3 FILE")
 """Kinds of bags, and what in them is compressed."""
 SIZE = 600_000_000  # bytes in a small file, once it is decompressed
 FLIPS, PROGRAM_FLIPS, MUTATIONS = 1000, 500, 300
-COLUMNS = ("refused", "read as before", "other values", "frames lost, said", "frames lost, silent")
+COLUMNS = (
+    "refused",
+    "read as before",
+    "other values",
+    "frames lost, said",
+    "frames lost, silent",
+)
 
 TABLE, MODEL = "nj.data.read_any(path)", "nj.load_model(path)"
-MAP = "from neurosym_robot.dashboard.moments import read_floor_map; read_floor_map(path)"
-LAUGHS = "a0: &a0 [x]\n" + "".join(f"a{n}: &a{n} [{f'*a{n - 1},' * 10}]\n" for n in range(1, 10))
+MAP = (
+    "from neurosym_robot.dashboard.moments import read_floor_map; read_floor_map(path)"
+)
+LAUGHS = "a0: &a0 [x]\n" + "".join(
+    f"a{n}: &a{n} [{f'*a{n - 1},' * 10}]\n" for n in range(1, 10)
+)
 TEXTS = {
     # what: file, content, code that reads it
-    "table of 8 million columns": ("a.csv", "t,id,x,y" + ",c" * 8_000_000 + "\n1\n", TABLE),
+    "table of 8 million columns": (
+        "a.csv",
+        "t,id,x,y" + ",c" * 8_000_000 + "\n1\n",
+        TABLE,
+    ),
     "JSON, 100,000 deep": ("deep.ndjson", '{"track": {"f": ' + "[" * 100_000, TABLE),
     "YAML of a map, aliases of aliases": ("a.yaml", LAUGHS, MAP),
 }
@@ -75,15 +89,23 @@ def main() -> None:
         for name, path, code in _bombs(Path(folder)):
             size = sum(f.stat().st_size for f in (path, *path.glob("*")) if f.is_file())
             command = [sys.executable, "-c", READING, str(path), code]
-            took = json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
+            took = json.loads(
+                subprocess.check_output(command, text=True).splitlines()[-1]
+            )
             print(f"| {name} | {size} | {' | '.join(took)} |")
         print("\n| damage | cases | refused | loaded |\n|---|---|---|---|")
         for name, counts in _models(Path(folder)):
-            print(f"| {name} | {counts.total()} | {counts['refused']} | {counts['loaded']} |")
+            print(
+                f"| {name} | {counts.total()} | {counts['refused']} | {counts['loaded']} |"
+            )
         print("\n| damage | cases | same forecast | healed |\n|---|---:|---:|---:|")
         same, healed = _programs(Path(folder))
-        print(f"| compiled programs, random bits | {PROGRAM_FLIPS} | {same} | {healed} |")
-        print(f"\n| bag | cases | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 2)}")
+        print(
+            f"| compiled programs, random bits | {PROGRAM_FLIPS} | {same} | {healed} |"
+        )
+        print(
+            f"\n| bag | cases | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 2)}"
+        )
         for kind in ("bag", "db3", "mcap"):
             counts = _changed_bytes(Path(folder), kind)
             cells = " | ".join(str(counts[name]) for name in COLUMNS)
@@ -104,7 +126,9 @@ def bag_of_blanks(path: Path, kind: str, size: int = SIZE) -> Path:
     else:
         plugin = rosbag2.StoragePlugin["MCAP" if ending == "mcap" else "SQLITE3"]
         writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
-        writer.set_compression(rosbag2.CompressionMode[compressed], rosbag2.CompressionFormat.ZSTD)
+        writer.set_compression(
+            rosbag2.CompressionMode[compressed], rosbag2.CompressionFormat.ZSTD
+        )
     serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
     with writer:
         connection = writer.add_connection("/text", text.__msgtype__, typestore=store)
@@ -127,12 +151,16 @@ def _bombs(folder: Path) -> Iterator[tuple[str, Path, str]]:
 def _models(folder: Path) -> Iterator[tuple[str, Counter]]:
     """What is damaged, and how often it was refused and loaded."""
     model = folder / "model"
-    shutil.copytree(next(path for path in shipped_models() if path.name == "sgan_zara1_8"), model)
+    shutil.copytree(
+        next(path for path in shipped_models() if path.name == "sgan_zara1_8"), model
+    )
     rng = np.random.default_rng(0)
     for name, flips in (("config.json", None), ("params.safetensors", FLIPS)):
         file = model / name
         bits = 8 * file.stat().st_size
-        chosen = range(bits) if flips is None else rng.choice(bits, flips, replace=False)
+        chosen = (
+            range(bits) if flips is None else rng.choice(bits, flips, replace=False)
+        )
         counts: Counter[str] = Counter()
         for bit in map(int, chosen):
             with _changed(file, {bit // 8: 1 << bit % 8}):
@@ -181,7 +209,10 @@ def _changed_bytes(folder: Path, kind: str) -> Counter:
         rng = np.random.default_rng(seed)
         file = files[0] if seed % 10 == 0 else files[-1]  # metadata.yaml now and then
         size = file.stat().st_size
-        damage = {int(rng.integers(size)): int(rng.integers(1, 256)) for _ in range(1 + seed % 3)}
+        damage = {
+            int(rng.integers(size)): int(rng.integers(1, 256))
+            for _ in range(1 + seed % 3)
+        }
         with _changed(file, damage), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:

@@ -1,12 +1,13 @@
 """`docs/results.md` and `docs/results.csv` from two evaluations.
 
-PUBLISHED is sgan-20v/*.pt sgan-20vp/*.pt, where `neurosym download sgan-checkpoints` put them.
-Trainings that differ in their seed become one row: RUNS has five of each `anchors`, by `neurosym
-train --model anchors --dataset eth --pred-len 8 --seed 1` and so on, and three of SGAN and NeuroSyM
-for eth and zara1 (`--steps 5000`); those of seed 0 ship.
+PUBLISHED is sgan-20v/*.pt sgan-20vp/*.pt, where `neurosym download sgan-checkpoints`
+put them. Trainings that differ in their seed become one row: RUNS has five of each
+`anchors`, by `neurosym train --model anchors --dataset eth --pred-len 8 --seed 1` and
+so on, and three of SGAN and NeuroSyM for eth and zara1 (`--steps 5000`); those of seed
+0 ship.
 
-python evaluate.py --data DATA --seeds 5 --metrics energy_score central_ade neighbour_share \\
-    --baselines constant_velocity constant_velocity_sampled \\
+python evaluate.py --data DATA --seeds 5 --metrics energy_score central_ade
+    neighbour_share \\ --baselines constant_velocity constant_velocity_sampled \\
     --checkpoint checkpoints/{anchor_table,n,s}*_[ehuz]*_* RUNS/*_seed[0-4] PUBLISHED \\
     --json docs/results.json
 python evaluate.py --data DATA --seeds 5 --protocol joint-metrics \\
@@ -44,8 +45,8 @@ def _by_scene(text: str) -> dict[str, Errors]:
 
 
 PRINTED = {
-    # Joint best of 20 by forecast steps, as Gupta et al. (CVPR 2018) and the released logs have it,
-    # which have none of zara2 at 8 + 12.
+    # Joint best of 20 by forecast steps, as Gupta et al. (CVPR 2018) and the released
+    # logs have it, which have none of zara2 at 8 + 12.
     "SGAN-20V, as printed": {
         8: _by_scene(".58/1.13 .36/.71 .33/.70 .21/.42 .21/.42"),
         12: _by_scene(".71/1.29 .48/1.02 .56/1.18 .34/.69 .31/.64"),
@@ -64,7 +65,10 @@ ALL_WINDOWS = {
     "Joint AgentFormer, second hand": _by_scene(".485/.798 - - - -"),
 }
 """By Joint Metrics Matter's protocol, 8 + 12, as quoted by others and not read in its tables."""
-PLACES = {"sgan-20v/": "SGAN-20V, published network", "sgan-20vp/": "SGAN-20VP, published network"}
+PLACES = {
+    "sgan-20v/": "SGAN-20V, published network",
+    "sgan-20vp/": "SGAN-20VP, published network",
+}
 """What a row is called that is not called by its model, by where its checkpoint lies."""
 Value = dict[str, Any]
 """A row of `summarise`."""
@@ -191,10 +195,14 @@ def table(rows: Sequence[dict[str, Any]], all_windows: Sequence[dict[str, Any]])
         for name, printed in PRINTED.items():
             cells = _printed(printed[steps])
             writer.writerow([name, f"8 + {steps}", ERRORS["joint"], *cells])
-        for line in _lines([row for row in rows if row["pred_len"] == steps], tuple(ERRORS)):
+        for line in _lines(
+            [row for row in rows if row["pred_len"] == steps], tuple(ERRORS)
+        ):
             writer.writerow(line)
     for name, printed in ALL_WINDOWS.items():
-        writer.writerow([name, "8 + 12", "windows of one person too", *_printed(printed)])
+        writer.writerow(
+            [name, "8 + 12", "windows of one person too", *_printed(printed)]
+        )
     for model, steps, _, *cells in _lines(all_windows, ("joint",)):
         if " / " in cells[0]:
             writer.writerow([model, steps, "windows of one person too", *cells])
@@ -207,7 +215,9 @@ def _not_best(rows: Sequence[dict[str, Any]]) -> str:
     for scene in SCENES:
         scores = defaultdict(list)
         for row in rows:
-            if (row["dataset"], row["pred_len"]) == (scene, 12) and row.get("energy_score"):
+            if (row["dataset"], row["pred_len"]) == (scene, 12) and row.get(
+                "energy_score"
+            ):
                 trained = None if row["model"] == "anchors" else row["checkpoint"]
                 scores[row["model"], trained].append(row["energy_score"])
         means = {key: sum(values) / len(values) for key, values in scores.items()}
@@ -227,7 +237,9 @@ def _by_name(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Value]]
         path = any_value["checkpoint"] or ""
         names = [name for place, name in PLACES.items() if path.startswith(place)]
         name, count = [*names, any_value["model"]][0], any_value["trainings"]
-        lines.setdefault(f"{name}, {count} trainings" if count > 1 else name, []).append(values)
+        lines.setdefault(
+            f"{name}, {count} trainings" if count > 1 else name, []
+        ).append(values)
     return lines
 
 
@@ -236,10 +248,15 @@ def _means(rows: Sequence[dict[str, Any]]) -> str:
     lines = []
     for name, values in _by_name(rows).items():
         means = {
-            line["joint_ade"]["pred_len"]: line for line in values if line["joint_ade"]["sets"] > 1
+            line["joint_ade"]["pred_len"]: line
+            for line in values
+            if line["joint_ade"]["sets"] > 1
         }
         cells = [
-            " / ".join(f"{means[steps][f'{kind}_{part}']['mean']:.2f}" for part in ("ade", "fde"))
+            " / ".join(
+                f"{means[steps][f'{kind}_{part}']['mean']:.2f}"
+                for part in ("ade", "fde")
+            )
             if steps in means
             else "-"
             for steps in (8, 12)
@@ -256,7 +273,9 @@ def _means(rows: Sequence[dict[str, Any]]) -> str:
 def _lines(rows: Sequence[dict[str, Any]], kinds: Sequence[str]) -> Iterator[list[str]]:
     for name, lines in _by_name(rows).items():
         values = {
-            "mean" if line["joint_ade"]["sets"] > 1 else line["joint_ade"]["dataset"]: line
+            "mean"
+            if line["joint_ade"]["sets"] > 1
+            else line["joint_ade"]["dataset"]: line
             for line in lines
         }
         steps = f"8 + {lines[0]['joint_ade']['pred_len']}"
@@ -265,19 +284,35 @@ def _lines(rows: Sequence[dict[str, Any]], kinds: Sequence[str]) -> Iterator[lis
                 scene: " / ".join(_text(line[f"{kind}_{e}"]) for e in ("ade", "fde"))
                 for scene, line in values.items()
             }
-            yield [name, steps, ERRORS[kind], *(cells.get(column, "") for column in COLUMNS)]
+            yield [
+                name,
+                steps,
+                ERRORS[kind],
+                *(cells.get(column, "") for column in COLUMNS),
+            ]
         for metric, words in (SCORES | {"collision_rate": "collision rate"}).items():
-            if any(line.get(metric, {}).get("mean") is not None for line in values.values()):
+            if any(
+                line.get(metric, {}).get("mean") is not None for line in values.values()
+            ):
                 cells = {scene: _text(line[metric]) for scene, line in values.items()}
-                yield [name, steps, words, *(cells.get(column, "") for column in COLUMNS)]
+                yield [
+                    name,
+                    steps,
+                    words,
+                    *(cells.get(column, "") for column in COLUMNS),
+                ]
 
 
 def _printed(cells: Mapping[str, Any]) -> list[str]:
     texts = [
-        "" if cells[scene] is None else "{:.2f} / {:.2f}".format(*cells[scene]) for scene in SCENES
+        "" if cells[scene] is None else "{:.2f} / {:.2f}".format(*cells[scene])
+        for scene in SCENES
     ]
     if all(texts):
-        means = (sum(values[part] for values in cells.values()) / len(SCENES) for part in (0, 1))
+        means = (
+            sum(values[part] for values in cells.values()) / len(SCENES)
+            for part in (0, 1)
+        )
         return [*texts, " / ".join(f"{mean:.3f}" for mean in means)]
     return [*texts, ""]
 
@@ -292,6 +327,9 @@ def _text(value: Value) -> str:
 
 
 if __name__ == "__main__":
-    reports = [json.loads(Path(path).read_text(encoding="utf-8"))["rows"] for path in sys.argv[1:3]]
+    reports = [
+        json.loads(Path(path).read_text(encoding="utf-8"))["rows"]
+        for path in sys.argv[1:3]
+    ]
     write_text(Path(sys.argv[3]) / "results.md", document(reports[0]))
     write_text(Path(sys.argv[3]) / "results.csv", table(*reports))

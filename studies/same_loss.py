@@ -1,11 +1,13 @@
 """SGAN and NeuroSyM trained with the same loss: the release's comparison, repeated fairly.
 
-NPROC=1 python -m studies.same_loss DATA docs/same_loss.csv   # the runs that the table lacks
-python -m studies.same_loss docs/same_loss.csv                # what they say, in Markdown
+NPROC=1 python -m studies.same_loss DATA docs/same_loss.csv   # the runs that the table
+lacks python -m studies.same_loss docs/same_loss.csv                # what they say, in
+Markdown
 
-DATA is ETH/UCY. What is asked was written before the first run: studies/weighting/protocol.md. The
-table has a row for each run, step and metric. Runs that it has are not done again, so an
-interrupted command continues, and a run whose rows are deleted repeats to the bit.
+DATA is ETH/UCY. What is asked was written before the first run:
+studies/weighting/protocol.md. The table has a row for each run, step and metric. Runs
+that it has are not done again, so an interrupted command continues, and a run whose
+rows are deleted repeats to the bit.
 """
 
 import csv
@@ -97,7 +99,8 @@ def train_and_test(
 ) -> Iterator[tuple[int, str, str, float]]:
     """Rows of step, split, metric and value; the last state is tested, not the best.
 
-    A `d_loss` of 2 log 2 is that of a discriminator whose last ReLU is shut: it teaches nothing.
+    A `d_loss` of 2 log 2 is that of a discriminator whose last ReLU is shut: it teaches
+    nothing.
     """
     state, advance, forecaster = run.init_state(), run.rounds(), run.forecaster
     for done in range(0, run.recipe.steps, ROUND):
@@ -120,7 +123,10 @@ def run_all(source: Source, table: Path) -> None:
     if table.is_file():
         with table.open() as file:
             rows = [*csv.DictReader(file)]
-        finished = {(row["place"], row["loss"], row["network"], int(row["seed"])) for row in rows}
+        finished = {
+            (row["place"], row["loss"], row["network"], int(row["seed"]))
+            for row in rows
+        }
     else:
         table.write_text(",".join(HEAD) + "\n")
     arms = [*itertools.product(NETWORKS, PLACES, LOSSES)]
@@ -130,14 +136,18 @@ def run_all(source: Source, table: Path) -> None:
                 continue
             network = NETWORKS[name]
             training, validation, test = (
-                cut_windows(source.recordings(place, split), network.obs_len, network.pred_len)
+                cut_windows(
+                    source.recordings(place, split), network.obs_len, network.pred_len
+                )
                 for split in ("train", "val", "test")
             )
             recipe = dataclasses.replace(LOSSES[loss], seed=seed)
             splits = {"val": make_batches(validation), "test": make_batches(test)}
             rows = [*train_and_test(Run(network, recipe, training, validation), splits)]
             # All rows of a run at once: a table never holds a part of one.
-            lines = [(place, loss, name, seed, *row[:3], f"{row[3]:.6f}") for row in rows]
+            lines = [
+                (place, loss, name, seed, *row[:3], f"{row[3]:.6f}") for row in rows
+            ]
             with table.open("a", newline="") as file:
                 csv.writer(file, lineterminator="\n").writerows(lines)
             print(*lines[-4:], sep="\n", flush=True)
@@ -146,17 +156,24 @@ def run_all(source: Source, table: Path) -> None:
 def report(rows: pl.DataFrame) -> str:
     """A table of errors and of differences to SGAN's, and what else the protocol asks for.
 
-    Counted are the seeds that the most arms have, as the protocol says: in the end, all.
+    Counted are the seeds that the most arms have, as the protocol says: in the end,
+    all.
     """
     joint = rows.filter(metric="joint_ade", split="test", step=TESTED[-1])
     arms = joint.group_by("seed").agg(pl.len())
     seeds = arms.filter(pl.col("len") == pl.col("len").max())["seed"].to_list()
     rows = rows.filter(pl.col("seed").is_in(seeds))
     last = rows.filter(split="test", step=TESTED[-1])
-    runs = Runs(last.rename({"network": "arm"}).with_columns(set=SET).filter(metric="joint_ade"))
+    runs = Runs(
+        last.rename({"network": "arm"}).with_columns(set=SET).filter(metric="joint_ade")
+    )
     sets = last.select(SET.alias("set"))["set"].unique(maintain_order=True)
     others = [name for name in NETWORKS if name != "sgan"]
-    pairs = [runs.compare(name, other, "sgan", "joint_ade") for name in sets for other in others]
+    pairs = [
+        runs.compare(name, other, "sgan", "joint_ade")
+        for name in sets
+        for other in others
+    ]
     comparisons = adjusted([pair for pair in pairs if pair is not None])
     differences = {(pair.dataset, pair.arm): pair for pair in comparisons}
     lines = []
@@ -172,14 +189,21 @@ def report(rows: pl.DataFrame) -> str:
     still = near.group_by("loss", maintain_order=True).agg(
         (pl.col("value") < ALIVE).sum(), runs=pl.len()
     )
-    ignoring = ", ".join(f"{loss} {count} of {runs}" for loss, count, runs in still.iter_rows())
+    ignoring = ", ".join(
+        f"{loss} {count} of {runs}" for loss, count, runs in still.iter_rows()
+    )
     arm = ["place", "loss", "network"]
     validation = rows.filter(metric="joint_ade", split="val").group_by(arm)
     means = validation.agg(
-        *(pl.col("value").filter(pl.col("step") == step).mean().alias(str(step)) for step in TESTED)
+        *(
+            pl.col("value").filter(pl.col("step") == step).mean().alias(str(step))
+            for step in TESTED
+        )
     )
     before, after = (means[str(step)] for step in TESTED[-2:])
-    shut = rows.filter(pl.col("value").is_close(2 * math.log(2), abs_tol=1e-4), metric="d_loss")
+    shut = rows.filter(
+        pl.col("value").is_close(2 * math.log(2), abs_tol=1e-4), metric="d_loss"
+    )
     shut = shut.filter(step=TESTED[0]).group_by("loss", maintain_order=True).len()
     closed = ", ".join(f"{loss} {count}" for loss, count in shut.iter_rows()) or "none"
     return f"""{markdown_table(["joint ADE", *sets], lines, right=len(sets))}

@@ -1,10 +1,11 @@
 """Ship finished runs: their models to `checkpoints/`, with cards that hold the test numbers.
 
-python -m studies.ship RUNS                         # copies RUNS/*_seed0/model to checkpoints/*
-python -m studies.ship RUNS docs/results.json       # writes the cards again, tested
+python -m studies.ship RUNS                         # copies RUNS/*_seed0/model to
+checkpoints/* python -m studies.ship RUNS docs/results.json       # writes the cards
+again, tested
 
-The first of several trainings ships; `studies.results` has the mean of all. Its evaluation names
-either `checkpoints/NAME` or `RUNS/NAME_seed0/model`.
+The first of several trainings ships; `studies.results` has the mean of all. Its
+evaluation names either `checkpoints/NAME` or `RUNS/NAME_seed0/model`.
 """
 
 import json
@@ -27,10 +28,14 @@ def ship(runs: Path, rows: list[dict[str, Any]]) -> None:
         if not folder.exists():
             shutil.copytree(run / "model", folder)
         names = {folder.name, run.name}
-        tested = [row for row in rows if names & set(Path(row["checkpoint"] or "").parts)]
+        tested = [
+            row for row in rows if names & set(Path(row["checkpoint"] or "").parts)
+        ]
         tests = {(row["dataset"], row["pred_len"]) for row in tested}
         untrained = [row for row in rows if row["checkpoint"] is None]
-        baselines = [row for row in untrained if (row["dataset"], row["pred_len"]) in tests]
+        baselines = [
+            row for row in untrained if (row["dataset"], row["pred_len"]) in tests
+        ]
         facts = json.loads((run / "run.json").read_text())
         replace_card(folder, model_card(facts, [*tested, *baselines]))
         print(f"{folder.name}: {len(tested)} test sets")

@@ -1,6 +1,7 @@
 """The size of the code by package, at several commits: `python -m studies.sizes a5ca0f7 HEAD`.
 
-Prints lines of Python, files and statements without docstrings: the table of docs/architecture.md.
+Prints lines of Python, files and statements without docstrings: the table of
+docs/architecture.md.
 """
 
 import ast
@@ -29,7 +30,13 @@ def main(revisions: list[str]) -> None:
     )
     head = ["", *(f"{revision}: lines, files, statements" for revision in revisions)]
     rows = [
-        [name, *(f"{size[name][0]:,}, {size[name][1]}, {size[name][2]:,}" for size in sizes)]
+        [
+            name,
+            *(
+                f"{size[name][0]:,}, {size[name][1]}, {size[name][2]:,}"
+                for size in sizes
+            ),
+        ]
         for name in names
     ]
     print(markdown_table(head, rows, right=len(revisions)))
@@ -45,7 +52,9 @@ def _sizes(revision: str) -> dict[str, list[int]]:
             names.append("/".join(parts[:2]))
         statements = sum(
             isinstance(node, ast.stmt)
-            and not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
+            and not (
+                isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            )
             for node in ast.walk(ast.parse(text))
         )
         for name in names:
@@ -56,7 +65,9 @@ def _sizes(revision: str) -> dict[str, list[int]]:
 
 def _files(revision: str) -> Iterator[tuple[str, str]]:
     """(path, text) of the Python files of a commit."""
-    archive = subprocess.run(["git", "archive", revision], capture_output=True, check=True).stdout
+    archive = subprocess.run(
+        ["git", "archive", revision], capture_output=True, check=True
+    ).stdout
     with tarfile.open(fileobj=io.BytesIO(archive)) as files:
         for member in files:
             if member.name.startswith(FOLDERS) and member.name.endswith(".py"):

@@ -2,8 +2,9 @@
 
 python -m studies.walking DATA
 
-A walk is smooth over five steps of 0.4 s, errors are not: of independent errors of standard
-deviation s, fourth differences have the deviation sqrt(70) s. Printed is s by their median.
+A walk is smooth over five steps of 0.4 s, errors are not: of independent errors of
+standard deviation s, fourth differences have the deviation sqrt(70) s. Printed is s by
+their median.
 """
 
 import sys
@@ -29,7 +30,9 @@ if __name__ == "__main__":
             print(f"{scene:8}{split:8}{spread}{100 * np.mean(speed > FAST):10.1f} %")
     for recording in (name for names in SCENES.values() for name in names):
         windows = cut_windows(source.files([recording]), 8, 12)
-        speed = np.linalg.norm(np.diff(windows.position, axis=1), axis=-1) / windows.period
+        speed = (
+            np.linalg.norm(np.diff(windows.position, axis=1), axis=-1) / windows.period
+        )
         walks = windows.position[speed.mean(axis=1) > WALKING]
         # 0.6745 is the median of a standard normal's size.
         error = np.median(np.abs(np.diff(walks, n=4, axis=1))) / 0.6745 / np.sqrt(70)

@@ -1,9 +1,10 @@
 """Strict numerics for every test, cheap compiling, and the folder of real data if there is one.
 
-Most of the time of these tests is XLA's compiling of programs that run once. So programs are
-compiled with little optimisation, and kept in a folder that the session's processes share.
-Where XLA_FLAGS is set (`XLA_FLAGS= pytest`) it is left alone, and programs are those of users.
-`test_optimised.py` runs the tests that hang on rounding in that way, instead of this one.
+Most of the time of these tests is XLA's compiling of programs that run once. So
+programs are compiled with little optimisation, and kept in a folder that the session's
+processes share. Where XLA_FLAGS is set (`XLA_FLAGS= pytest`) it is left alone, and
+programs are those of users. `test_optimised.py` runs the tests that hang on rounding in
+that way, instead of this one.
 """
 
 import functools
@@ -29,7 +30,11 @@ CHEAP = {
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 QUIET = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    *(
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+    ),
 )
 
 
@@ -40,19 +45,25 @@ def accepted(flags: dict[str, str]) -> str:
     def ends_well(*chosen: str) -> bool:
         command = [sys.executable, "-c", "import jax; jax.devices()"]
         environment = {**os.environ, "XLA_FLAGS": " ".join(chosen)}
-        return not subprocess.run(command, env=environment, capture_output=True).returncode
+        return not subprocess.run(
+            command, env=environment, capture_output=True
+        ).returncode
 
     return " ".join(words if ends_well(*words) else filter(ends_well, words))
 
 
 if "XLA_FLAGS" not in os.environ:
     os.environ["XLA_FLAGS"] = accepted(CHEAP)
-if "PYTEST_XDIST_WORKER" not in os.environ:  # A worker takes what the first process has made.
+if (
+    "PYTEST_XDIST_WORKER" not in os.environ
+):  # A worker takes what the first process has made.
     caches = tempfile.TemporaryDirectory(prefix="neurosym-tests-")
     os.environ["XDG_CACHE_HOME"] = caches.name
     os.environ["NEUROSYM_DATA"] = f"{caches.name}/data"  # Not what was downloaded here.
     # `.ci/mutation/run` names one that its mutants share.
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", f"{caches.name}/neurosym_jax/xla")
+    os.environ.setdefault(
+        "JAX_COMPILATION_CACHE_DIR", f"{caches.name}/neurosym_jax/xla"
+    )
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 # They import jax, which reads the environment.
@@ -75,14 +86,21 @@ def pytest_configure(config: pytest.Config) -> None:
     except ImportError:
         return
     complete = "not exhaustive" not in config.option.markexpr
-    settings.register_profile("run", max_examples=300 if complete else 15, deadline=None)
+    settings.register_profile(
+        "run", max_examples=300 if complete else 15, deadline=None
+    )
     settings.load_profile("run")
 
 
 @pytest.hookimpl(trylast=True)  # After `-m`, which may have left out that file.
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(
+    config: pytest.Config, items: list[pytest.Item]
+) -> None:
     """Leave the tests that hang on rounding to `test_optimised.py`, where that is run."""
-    if any(item.path.name == "test_optimised.py" for item in items) and os.environ["XLA_FLAGS"]:
+    if (
+        any(item.path.name == "test_optimised.py" for item in items)
+        and os.environ["XLA_FLAGS"]
+    ):
         complete = "not exhaustive" not in config.option.markexpr
         left = [
             item
@@ -111,7 +129,9 @@ def model() -> Callable[..., Model]:
     @functools.cache
     def make(pooling: Any = "pool_net", noise_mix_type: Any = "global") -> Model:
         config = GeneratorConfig(
-            pooling=pooling if pooling in ("none", "social") else f"{pooling},hidden_dim=16",
+            pooling=pooling
+            if pooling in ("none", "social")
+            else f"{pooling},hidden_dim=16",
             noise_mix_type=noise_mix_type,
             obs_len=4,
             pred_len=3,
@@ -124,7 +144,9 @@ def model() -> Callable[..., Model]:
 @pytest.fixture(scope="session")
 def browser():
     """A headless Chromium; where there is none, the test says so and is skipped."""
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    api = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed"
+    )
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
         pytest.skip("no Chromium here (Debian: apt-get install chromium)")

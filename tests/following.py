@@ -28,7 +28,8 @@ def followed() -> Iterator[set[str]]:
             passed.add(file)
             files.add(file[len(FOLDER) + 1 :])
 
-    # A tracer is called at calls alone, as it returns nothing; a profiler at returns, too.
+    # A tracer is called at calls alone, as it returns nothing; a profiler at returns,
+    # too.
     threading.settrace(called)
     sys.settrace(called)
     try:

@@ -10,7 +10,9 @@ from neurosym_jax.forecasting.model import Model
 def drawing(std=None, seed=1):
     """A function from a shape to normal numbers, by default of the size that torch gives layers."""
     rng = np.random.default_rng(seed)
-    return lambda shape: rng.normal(0, std or (shape or (1,))[0] ** -0.5, shape).astype(np.float32)
+    return lambda shape: rng.normal(0, std or (shape or (1,))[0] ** -0.5, shape).astype(
+        np.float32
+    )
 
 
 def random_params(network, *inputs, std=None, seed=1):

@@ -1,8 +1,9 @@
 """Run what the pages show: `python -P tests/pages.py` in an empty folder, with a wheel installed.
 
-Sybil finds the blocks. Each page's Python runs in order with the names of `prepare`, which stand
-for a reader's own; commands run in this process, trainings for two steps. What a page shows to be
-printed is compared. What needs more than the package is left out by `LACK` and `SKIPPED`.
+Sybil finds the blocks. Each page's Python runs in order with the names of `prepare`,
+which stand for a reader's own; commands run in this process, trainings for two steps.
+What a page shows to be printed is compared. What needs more than the package is left
+out by `LACK` and `SKIPPED`.
 """
 
 import contextlib
@@ -48,7 +49,9 @@ SKIPPED = {
     "nj.plotting": "run by studies.gallery",
 }
 """Blocks by words of theirs, and why they are left out."""
-SHOWN = re.compile(r"(?:```)?\n+(?:It |which )?prints?\b[^\n]*\n\n((?: {4}[^\n]*\n|\n(?= {4}))+)")
+SHOWN = re.compile(
+    r"(?:```)?\n+(?:It |which )?prints?\b[^\n]*\n\n((?: {4}[^\n]*\n|\n(?= {4}))+)"
+)
 NUMBER = re.compile(r"\d*\.\d+")
 
 
@@ -99,7 +102,9 @@ def run_command(example: Example) -> None:
         return
     words = shlex.split(command)[1:]
     if words[0] in ("train", "sweep"):
-        words = shlex.split(re.sub(r" --steps \d+|$", " --steps 2", command, count=1))[1:]
+        words = shlex.split(re.sub(r" --steps \d+|$", " --steps 2", command, count=1))[
+            1:
+        ]
     printed, status = io.StringIO(), None
     with contextlib.redirect_stdout(printed):
         try:
@@ -121,7 +126,10 @@ def run_block(example: Example) -> None:
     tables = [dict(table) for table in TABLES]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(compile(code.replace("range(200)", "range(2)"), "block", "exec"), example.namespace)
+        exec(
+            compile(code.replace("range(200)", "range(2)"), "block", "exec"),
+            example.namespace,
+        )
     if file:
         Path(file[1].lower().removesuffix(".py") + ".py").write_text(code)
         restore(tables)
@@ -142,7 +150,9 @@ def compare(shown: str, printed: str) -> None:
             if text == NUMBER.sub("#", line)
         ]
         expected = [float(number) for number in NUMBER.findall(line)]
-        assert any(np.allclose(numbers, expected, rtol=0.1) for numbers in values), printed
+        assert any(np.allclose(numbers, expected, rtol=0.1) for numbers in values), (
+            printed
+        )
 
 
 def restore(contents: list[dict[str, Any]]) -> None:
@@ -155,7 +165,10 @@ def restore(contents: list[dict[str, Any]]) -> None:
 def run(pages: list[Path]) -> int:
     """Run all pages; print what failed and how much ran; the exit status."""
     names, failures, done = prepare(), 0, list[str]()
-    batch = {name: np.repeat(names["observed"][None], 4, axis=0) for name in ("observed", "future")}
+    batch = {
+        name: np.repeat(names["observed"][None], 4, axis=0)
+        for name in ("observed", "future")
+    }
     sybil = Sybil([CodeBlockParser("python", run_block), commands])
     for page in pages:
         document = sybil.parse(page)
@@ -167,9 +180,13 @@ def run(pages: list[Path]) -> int:
                 example.evaluate()
             except Exception:
                 failures += 1
-                print(f"{page.name}:{example.line}: {textwrap.indent(traceback.format_exc(), ' ')}")
+                print(
+                    f"{page.name}:{example.line}: {textwrap.indent(traceback.format_exc(), ' ')}"
+                )
         restore(tables)
-    print(f"ran {len(done)} blocks and commands of {len(pages)} pages, {failures} failed")
+    print(
+        f"ran {len(done)} blocks and commands of {len(pages)} pages, {failures} failed"
+    )
     return min(failures, 1)
 
 

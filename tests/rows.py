@@ -31,8 +31,8 @@ def result_row(model, dataset, means, checkpoint=None, half=0.01, p=None, **fact
 def write_sweep(folder, runs):
     """Write what a sweep leaves of (model, data set, training seed, errors [S] by metric) each.
 
-    Scenes have three people and begin at consecutive frames; a window has 16 steps. What has no
-    seed was not trained.
+    Scenes have three people and begin at consecutive frames; a window has 16 steps.
+    What has no seed was not trained.
     """
     rows, errors = [], []
     for model, dataset, seed, errors_by_metric in runs:

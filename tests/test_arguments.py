@@ -1,8 +1,9 @@
 """Every argument of every public function changes the result, or is refused.
 
-A function that is called by others can lose an argument on the way without failing. Each argument
-of the functions below has a value here that is not its default; an argument without one, and a
-public function that is neither here nor in `ELSEWHERE`, fails.
+A function that is called by others can lose an argument on the way without failing.
+Each argument of the functions below has a value here that is not its default; an
+argument without one, and a public function that is neither here nor in `ELSEWHERE`,
+fails.
 """
 
 import dataclasses
@@ -42,9 +43,13 @@ SLOWER = Model(Lengths(4, 3, period=0.8), {}, None, "constant_velocity_sampled")
 
 def rows(walks, step=0.4, label="person"):
     """A table of walks [N, T, 2]: the last walks in a vehicle, the first misses a row."""
-    person, frame = np.divmod(np.arange(walks.shape[0] * walks.shape[1]), walks.shape[1])
+    person, frame = np.divmod(
+        np.arange(walks.shape[0] * walks.shape[1]), walks.shape[1]
+    )
     x, y = walks.reshape(-1, 2).T
-    table = pl.DataFrame({"time": frame * step, "id": person, "x": x, "y": y, "z": y[::-1]})
+    table = pl.DataFrame(
+        {"time": frame * step, "id": person, "x": x, "y": y, "z": y[::-1]}
+    )
     kinds = pl.Series("label", np.where(person == len(walks) - 1, "car", label))
     return table.with_columns(kinds).filter(~((person == 0) & (frame == 20)))
 
@@ -142,12 +147,19 @@ CALLS = {
 def content(result, folder):
     """What a result holds, as something that can be compared."""
     if result is None:  # what was written, if the function returns nothing
-        files = sorted(path for path in folder.glob("*/*") if path.parent.name != "before")
+        files = sorted(
+            path for path in folder.glob("*/*") if path.parent.name != "before"
+        )
         return [(str(path), path.read_bytes()) for path in files]
     if isinstance(result, pl.DataFrame):
-        return result.drop(pl.selectors.contains("second", "latency")).to_dict(as_series=False)
+        return result.drop(pl.selectors.contains("second", "latency")).to_dict(
+            as_series=False
+        )
     if dataclasses.is_dataclass(result):
-        result = {field.name: getattr(result, field.name) for field in dataclasses.fields(result)}
+        result = {
+            field.name: getattr(result, field.name)
+            for field in dataclasses.fields(result)
+        }
     leaves = jax.tree_util.tree_leaves_with_path(result)
     return [(str(path), str(np.asarray(leaf).tolist())) for path, leaf in leaves]
 
@@ -167,7 +179,9 @@ def outcome(function, arguments, folder):
 def names(function):
     parameters = inspect.signature(function).parameters.values()
     return {
-        parameter.name for parameter in parameters if parameter.kind is not parameter.VAR_KEYWORD
+        parameter.name
+        for parameter in parameters
+        if parameter.kind is not parameter.VAR_KEYWORD
     }
 
 

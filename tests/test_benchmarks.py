@@ -36,7 +36,10 @@ def test_a_benchmark_and_its_page(tmp_path):
 
 
 def test_the_page_of_a_series_has_its_exponent_and_the_most_memory():
-    found = [(10, {"values": [0.1], "peak_mb": 2400}), (1000, {"values": [10.0], "peak_mb": 800})]
+    found = [
+        (10, {"values": [0.1], "peak_mb": 2400}),
+        (1000, {"values": [10.0], "peak_mb": 800}),
+    ]
     machine = {"cores": 2, "cpu": "x", "python": "3", "jax": "0", "platform": "cpu"}
     rows = scaling._rows("people", found)
     text = document({"scaling": {"rows": rows, "machine": machine}})
@@ -49,9 +52,14 @@ def test_no_count_of_programs_flops_or_bytes_has_grown():
     report = json.loads(printed[printed.rindex("{") :])
     baseline = json.loads((ROOT / "benchmarks/baseline.json").read_text())
     assert report.keys() == baseline.keys()
-    # A hundredth, because versions of jax write the same arithmetic a little differently.
-    grown = {name: report[name] for name in report if report[name] > 1.01 * baseline[name]}
-    assert not grown, f"was {baseline}; if it must be: python -m benchmarks.counts --write"
+    # A hundredth, because versions of jax write the same arithmetic a little
+    # differently.
+    grown = {
+        name: report[name] for name in report if report[name] > 1.01 * baseline[name]
+    }
+    assert not grown, (
+        f"was {baseline}; if it must be: python -m benchmarks.counts --write"
+    )
 
 
 def test_torch_has_the_numbers_of_anchors(monkeypatch):

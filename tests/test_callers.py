@@ -1,8 +1,8 @@
 """What callers pass on, by the number that reaches the user.
 
-Each test stands for a mistake that a refactoring might make and that no test of a formula notices:
-an argument dropped on the way, a default where a value was given, one part of data taken for
-another. Expected numbers are computed here.
+Each test stands for a mistake that a refactoring might make and that no test of a
+formula notices: an argument dropped on the way, a default where a value was given, one
+part of data taken for another. Expected numbers are computed here.
 """
 
 import itertools
@@ -33,7 +33,9 @@ def walks(people, steps, period=0.4, speed=1.0, seed=0):
     rate, phase = rng.uniform([[0.5], [0]], [[3], [6]], (2, people))[:, person]
     bend = 0.5 * np.sin(rate * period * frame + phase)
     x = rng.uniform(-5, 5, people)[person] + speed * period * frame
-    return pl.DataFrame({"time": frame * period, "id": person, "x": x, "y": 2.0 * person + bend})
+    return pl.DataFrame(
+        {"time": frame * period, "id": person, "x": x, "y": 2.0 * person + bend}
+    )
 
 
 def evaluated(model, table, **options):
@@ -44,12 +46,18 @@ def test_an_evaluation_has_the_steps_of_the_model():
     table = walks(2, 61, period=0.2)
     slow = Model(Lengths(4, 3, period=0.8), {}, None, "constant_velocity")
     # Of 12 s: 16 steps of 0.8 s, 31 of 0.4 s.
-    assert [evaluated(model, table)["scenes"] for model in (slow, STILL)] == [16 - 6, 31 - 6]
+    assert [evaluated(model, table)["scenes"] for model in (slow, STILL)] == [
+        16 - 6,
+        31 - 6,
+    ]
 
 
 def test_intervals_count_blocks_of_whole_windows():
     row = evaluated(Model(Lengths(4, 3), {}, None, "constant_velocity"), walks(3, 41))
-    assert (row["scenes"], row["blocks"]) == (35, len({start // 7 for start in range(35)}))
+    assert (row["scenes"], row["blocks"]) == (
+        35,
+        len({start // 7 for start in range(35)}),
+    )
 
 
 @pytest.mark.parametrize("columns", [("scene",), ("camera",), ("scene", "camera")])
@@ -66,7 +74,9 @@ def test_each_column_of_recordings_counts(columns):
 
 def test_extras_do_not_look_ahead():
     extras = {"group": [5, 9, 9]}
-    tracks = nj.data.make_tracks("a", [0, 0.8, 1.2], [1, 1, 1], np.eye(3)[:, :2], extras)
+    tracks = nj.data.make_tracks(
+        "a", [0, 0.8, 1.2], [1, 1, 1], np.eye(3)[:, :2], extras
+    )
     assert nj.data.resample(tracks, 0.4).extras["group"].tolist() == [5, 5, 9, 9]
 
 
@@ -77,13 +87,17 @@ def test_a_gap_of_many_steps_is_no_fast_step():
         late = pl.col("time") > 30
         moved = table.with_columns(
             x=pl.when(late).then(pl.col("x") + 30).otherwise(pl.col("x")),
-            time=pl.when(late).then(pl.col("time") + 0.1 * missing).otherwise(pl.col("time")),
+            time=pl.when(late)
+            .then(pl.col("time") + 0.1 * missing)
+            .otherwise(pl.col("time")),
         )
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")  # also of a text that was said before
             nj.data.read_any(moved)
         messages = [str(warning.message) for warning in caught]
-        assert any("faster than 10 m/s" in text for text in messages) == doubted, messages
+        assert any("faster than 10 m/s" in text for text in messages) == doubted, (
+            messages
+        )
 
 
 def test_validation_is_of_the_validation_windows(tmp_path):
@@ -129,11 +143,16 @@ def sweep(folder, differences, frames=160):
     runs = [
         (model, "eth", seed, {"joint_ade": values})
         for seed, difference in enumerate(differences)
-        for model, values in (("SGAN", np.full(frames, 1.0)), ("NeuroSyM", 1.0 + difference))
+        for model, values in (
+            ("SGAN", np.full(frames, 1.0)),
+            ("NeuroSyM", 1.0 + difference),
+        )
     ]
     write_sweep(folder, runs)
     compare_sweep(folder, "SGAN")
-    return pl.read_csv(folder / "report.csv").filter(metric="joint_ade").row(0, named=True)
+    return (
+        pl.read_csv(folder / "report.csv").filter(metric="joint_ade").row(0, named=True)
+    )
 
 
 def test_a_comparison_knows_that_trainings_differ(tmp_path):
@@ -148,8 +167,12 @@ def test_a_comparison_has_blocks_of_whole_windows(tmp_path):
     signs = np.tile(np.repeat([1.0, -1.0], 16), 5)
     wide = sweep(tmp_path, np.tile(0.1 * signs, (3, 1)))
     (tmp_path / "other").mkdir()
-    fine = sweep(tmp_path / "other", np.tile(0.1 * np.tile(np.repeat([1.0, -1.0], 8), 10), (3, 1)))
-    # Blocks of 8 would take the first for the second's like; of 16, the second has no spread.
+    fine = sweep(
+        tmp_path / "other",
+        np.tile(0.1 * np.tile(np.repeat([1.0, -1.0], 8), 10), (3, 1)),
+    )
+    # Blocks of 8 would take the first for the second's like; of 16, the second has no
+    # spread.
     assert wide["high_95"] - wide["low_95"] > 0.05
     assert fine["high_95"] - fine["low_95"] == pytest.approx(0, abs=1e-9)
 

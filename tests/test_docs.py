@@ -14,7 +14,10 @@ COMMANDS = re.compile(
     r" ?((?:[^`\n]*\\\n)*[^`\n]*)"
 )
 """Words of a command, in a line of its own or in a sentence."""
-PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(ROOT.glob("docs/*.md"))}
+PAGES = {
+    path.name: path.read_text(encoding="utf-8")
+    for path in sorted(ROOT.glob("docs/*.md"))
+}
 
 
 def test_the_format_of_the_page_reads_a_file(tmp_path):
@@ -32,13 +35,17 @@ def test_the_format_of_the_page_reads_a_file(tmp_path):
 def test_targets_of_the_readme_exist():
     for name in ("README.md", "CONTRIBUTING.md"):
         targets = re.findall(r"\]\(([^)#]+)", (ROOT / name).read_text())
-        missing = [path for path in targets if "://" not in path and not (ROOT / path).exists()]
+        missing = [
+            path for path in targets if "://" not in path and not (ROOT / path).exists()
+        ]
         assert missing == []
 
 
 def test_every_page_is_in_the_navigation_and_linked_from_another():
     navigation = (ROOT / "mkdocs.yml").read_text()
-    files = [file for kind in ("md", "ipynb") for file in ROOT.glob(f"docs/**/*.{kind}")]
+    files = [
+        file for kind in ("md", "ipynb") for file in ROOT.glob(f"docs/**/*.{kind}")
+    ]
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in files}
     assert {page for page in pages if f": {page}\n" not in navigation} == set()
     links = {
@@ -66,7 +73,9 @@ def test_pages_are_few_and_short():
 def test_every_option_that_a_page_names_is_one_of_its_command():
     known = {name: {"--plugin", "--help-all", *options_of(name)} for name in commands()}
     count = 0
-    for page, text in PAGES.items() | {"README.md": (ROOT / "README.md").read_text()}.items():
+    for page, text in (
+        PAGES.items() | {"README.md": (ROOT / "README.md").read_text()}.items()
+    ):
         for line in COMMANDS.findall(text):
             name, *words = re.sub(r"\s#.*|\s>.*|&&.*|[\[\]\\]", "", line).replace(
                 ".py", ""
@@ -74,7 +83,12 @@ def test_every_option_that_a_page_names_is_one_of_its_command():
             if name not in known:
                 continue
             count += 1
-            options = {word.partition("=")[0] for word in words if re.match(r"--[a-z]", word)}
+            options = {
+                word.partition("=")[0] for word in words if re.match(r"--[a-z]", word)
+            }
             names = {option.rstrip(",.;:").replace("--no-", "--") for option in options}
-            assert {option.replace("_", "-") for option in names} <= known[name], (page, line)
+            assert {option.replace("_", "-") for option in names} <= known[name], (
+                page,
+                line,
+            )
     assert count > 40

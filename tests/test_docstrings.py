@@ -14,7 +14,9 @@ SHAPE = re.compile(r"\[[^\]]*\]")
 def public_functions(tree):
     """Functions and methods without an underscore, of what is not private itself."""
     for node in tree.body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+        if isinstance(
+            node, ast.FunctionDef | ast.ClassDef
+        ) and not node.name.startswith("_"):
             if isinstance(node, ast.FunctionDef):
                 yield node
             else:
@@ -23,7 +25,9 @@ def public_functions(tree):
 
 def raises_input_error(function):
     return any(
-        isinstance(node, ast.Raise) and node.exc and "InputError" in ast.unparse(node.exc)
+        isinstance(node, ast.Raise)
+        and node.exc
+        and "InputError" in ast.unparse(node.exc)
         for node in ast.walk(function)
     )
 
@@ -42,8 +46,15 @@ def test_shapes_and_errors_are_said():
     lacking = []
     for path in MODULES:
         for function in public_functions(ast.parse(path.read_text(encoding="utf-8"))):
-            text, name = ast.get_docstring(function) or "", f"{path.stem}.{function.name}"
-            if takes_arrays(function) and not SHAPE.search(text) and not text.startswith("See `"):
+            text, name = (
+                ast.get_docstring(function) or "",
+                f"{path.stem}.{function.name}",
+            )
+            if (
+                takes_arrays(function)
+                and not SHAPE.search(text)
+                and not text.startswith("See `")
+            ):
                 lacking.append(f"{name}: takes arrays, but no shape is given")
             if raises_input_error(function) and "Raises:" not in text:
                 lacking.append(f"{name}: raises InputError, but does not say so")

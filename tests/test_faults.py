@@ -16,7 +16,9 @@ from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.sgan.config import GeneratorConfig
 from tests.networks import random_model
 
-NETWORK = GeneratorConfig(obs_len=2, pred_len=1, pooling="none", embedding_dim=2, mlp_dim=2)
+NETWORK = GeneratorConfig(
+    obs_len=2, pred_len=1, pooling="none", embedding_dim=2, mlp_dim=2
+)
 
 
 class Disk:
@@ -30,10 +32,14 @@ class Disk:
 
         def opening(file, mode="r", *arguments, **options):
             changes = set(mode) & set("wax+") and not str(file).startswith("/dev/")
-            opened = (self.striking(plain) if changes else plain)(file, mode, *arguments, **options)
+            opened = (self.striking(plain) if changes else plain)(
+                file, mode, *arguments, **options
+            )
             if changes:
                 write = opened.write
-                opened.write = self.striking(write, lambda data: write(data[: len(data) // 2]))
+                opened.write = self.striking(
+                    write, lambda data: write(data[: len(data) // 2])
+                )
             return opened
 
         for module in (io, builtins):
@@ -70,7 +76,10 @@ def every_fault(work, check):
 
 
 def test_a_report_is_the_old_or_the_new_one(tmp_path, capsys):
-    path, (old, new) = tmp_path / "rows.json", ([{"model": number}] * 100 for number in (1, 2))
+    path, (old, new) = (
+        tmp_path / "rows.json",
+        ([{"model": number}] * 100 for number in (1, 2)),
+    )
 
     def check(done):
         rows = json.loads(path.read_text())["rows"]

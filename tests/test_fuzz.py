@@ -1,6 +1,7 @@
 """Files that Hypothesis draws: read or refused in one line, within 2 s and 500 MB.
 
-Messages of ROS have a test of their own, in `tests/robot/ros`. `pytest -m ""` draws more.
+Messages of ROS have a test of their own, in `tests/robot/ros`. `pytest -m ""` draws
+more.
 """
 
 import json
@@ -22,10 +23,14 @@ from hypothesis import HealthCheck, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 
 SLOW = settings(suppress_health_check=[*HealthCheck])
-NUMBERS = st.one_of(st.integers(), st.floats(), st.sampled_from([2**63, 10**400, -1, 1e308]))
+NUMBERS = st.one_of(
+    st.integers(), st.floats(), st.sampled_from([2**63, 10**400, -1, 1e308])
+)
 VALUES = st.recursive(
     st.none() | st.booleans() | NUMBERS | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner)
+    ),
     max_leaves=20,
 )
 
@@ -48,7 +53,12 @@ def bounded(read, *arguments):
 CODES = {code.name: code.code.encode("latin-1") for code in pickletools.opcodes}
 OPCODE = st.sampled_from([CODES[name] for name in OPCODES.split()])
 ARGUMENT = st.binary(max_size=5) | st.sampled_from(
-    [b"ctorch._utils\n_rebuild_tensor_v2\n", b"ccollections\nOrderedDict\n", b"h\x00", b"q\x00"]
+    [
+        b"ctorch._utils\n_rebuild_tensor_v2\n",
+        b"ccollections\nOrderedDict\n",
+        b"h\x00",
+        b"q\x00",
+    ]
 )
 
 
@@ -103,7 +113,10 @@ CELL = st.one_of(NUMBERS.map(str), st.text(max_size=6), ODD)
 @SLOW
 @pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
 @given(
-    st.lists(st.sampled_from(["time", "id", "x", "y", "frame", "label", "camera"]), max_size=7),
+    st.lists(
+        st.sampled_from(["time", "id", "x", "y", "frame", "label", "camera"]),
+        max_size=7,
+    ),
     st.lists(st.lists(CELL, max_size=7), max_size=12),
     st.sampled_from([",", ";", "\t", " "]),
 )

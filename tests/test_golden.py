@@ -1,6 +1,7 @@
 """Forecasts of every shipped model on three small scenes, as they were when it shipped.
 
-`python -m tests.test_golden` writes them again, for a model that is new or meant to be another.
+`python -m tests.test_golden` writes them again, for a model that is new or meant to be
+another.
 """
 
 import numpy as np
@@ -31,7 +32,9 @@ def forecasts(name, observed):
     """Three samples `[3, 9, T, 2]` of the people of all scenes."""
     model = random_model(RANDOM[name]) if name in RANDOM else load_model(SHIPPED[name])
     scenes = np.split(observed, np.cumsum(SIZES)[:-1])
-    return np.concatenate(predict_scenes(model, scenes, samples=20, seed=0), axis=1)[SAMPLES]
+    return np.concatenate(predict_scenes(model, scenes, samples=20, seed=0), axis=1)[
+        SAMPLES
+    ]
 
 
 @pytest.mark.parametrize("name", [*map(exhaustive, RANDOM), *SHIPPED])
@@ -47,7 +50,9 @@ def write():
     """People at 0 to 1.3 m/s within a few metres, the last of each scene at rest."""
     draw = np.random.default_rng(30)
     speed = draw.uniform(0, 1.3, (sum(SIZES), 1, 1)) * 0.4
-    angle = draw.uniform(0, 2 * np.pi, (sum(SIZES), 1)) + draw.normal(0, 0.1, (sum(SIZES), 8))
+    angle = draw.uniform(0, 2 * np.pi, (sum(SIZES), 1)) + draw.normal(
+        0, 0.1, (sum(SIZES), 8)
+    )
     steps = speed * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     steps[np.cumsum(SIZES)[1:] - 1] = 0
     observed = draw.uniform(-2, 2, (sum(SIZES), 1, 2)) + np.cumsum(steps, axis=1)

@@ -35,9 +35,12 @@ def test_an_evaluation_runs_code_of_few_files(tmp_path):
     done = run_python("-c", EVALUATION, cwd=tmp_path, PYTHONPATH=str(ROOT))
     files, modules = json.loads(done.stdout.splitlines()[-1])
     assert len(files) <= EVALUATION_FILES, files
-    # An installed package's plugin is imported to ask whether it knows the file, and nothing else.
+    # An installed package's plugin is imported to ask whether it knows the file, and
+    # nothing else.
     robot = {name for name in modules if name.startswith("neurosym_robot.")}
-    assert robot <= {f"neurosym_robot.{name}" for name in ("plugin", "ros", "ros.definitions")}
+    assert robot <= {
+        f"neurosym_robot.{name}" for name in ("plugin", "ros", "ros.definitions")
+    }
     others = ("neurosym_jax.simulation", "rosbags", "rclpy", "rospy")
     assert not [name for name in modules if name.startswith(others)]
 

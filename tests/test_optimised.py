@@ -1,7 +1,7 @@
 """The tests that hang on rounding, their programs compiled as those of users are.
 
-Where this file is among what is run, they run here and not in the other way beside it; those that
-are slow do so for a release, and else in the other way.
+Where this file is among what is run, they run here and not in the other way beside it;
+those that are slow do so for a release, and else in the other way.
 """
 
 import os
@@ -19,8 +19,12 @@ FILES = [
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not os.environ.get("XLA_FLAGS"), reason="every test runs in this way")
-@pytest.mark.parametrize("marks", ["rounding and not slow", exhaustive("rounding and slow")])
+@pytest.mark.skipif(
+    not os.environ.get("XLA_FLAGS"), reason="every test runs in this way"
+)
+@pytest.mark.parametrize(
+    "marks", ["rounding and not slow", exhaustive("rounding and slow")]
+)
 def test_as_users_have_it(marks):
     words = ("-m", "pytest", "-n0", "-p", "no:cacheprovider", "-m", marks)
     run_python(*words, *FILES, XLA_FLAGS="")

@@ -20,7 +20,9 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
     """Every command says it; nothing that a model's folder names is imported."""
     model = tmp_path / "model"
     with mock.patch.dict(WEIGHTINGS):
-        register_weighting("nearness", log_reach=0.0)(lambda positions, valid, log_reach: 0)
+        register_weighting("nearness", log_reach=0.0)(
+            lambda positions, valid, log_reach: 0
+        )
         network = make_config("neurosym", changes=["weighting=nearness"])
         own = dataclasses.replace(random_model(network, std=1.0), plugins=("near.py",))
         save_model(model, own)
@@ -59,7 +61,9 @@ def test_names_are_kept_in_order_and_taken_once():
     assert list(registry.items()) == [("two", 3), ("one", 1)]
     with pytest.raises(InputError, match=r"unknown number 'six': there are two, one"):
         registry["six"]
-    with pytest.raises(InputError, match=r"unknown number 'oen': did you mean 'one'\? there are"):
+    with pytest.raises(
+        InputError, match=r"unknown number 'oen': did you mean 'one'\? there are"
+    ):
         registry["oen"]
     with pytest.raises(InputError, match="cannot name a number"):
         registry.register("one, two", 3)

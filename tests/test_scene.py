@@ -45,7 +45,12 @@ def test_the_same_numbers_anywhere_on_the_map(offset):
 def test_padding():
     with jax.enable_x64(True):
         scene = make_scene(WORLD, FUTURE)
-    assert scene.observed.dtype == scene.displacement.dtype == scene.future.dtype == np.float64
+    assert (
+        scene.observed.dtype
+        == scene.displacement.dtype
+        == scene.future.dtype
+        == np.float64
+    )
     padded = pad_scene(scene, 5)
     assert padded.valid.tolist() == [True] * 3 + [False] * 2
     for name in ("observed", "displacement", "future"):
@@ -67,12 +72,28 @@ def test_identity():
 @pytest.mark.parametrize(
     ("observed", "future", "message"),
     [
-        (np.zeros((3, 2)), None, r"observed must be \[agents, steps, 2\], not \[3, 2\]"),
+        (
+            np.zeros((3, 2)),
+            None,
+            r"observed must be \[agents, steps, 2\], not \[3, 2\]",
+        ),
         (np.zeros((0, 8, 2)), None, "at least one agent"),
-        (np.where(np.arange(48).reshape(3, 8, 2) == 20, np.nan, 0), None, "agent 1, step 2 is not"),
-        (np.zeros((3, 8, 2)), np.zeros((2, 8, 2)), "future has 2 agents but observed has 3"),
+        (
+            np.where(np.arange(48).reshape(3, 8, 2) == 20, np.nan, 0),
+            None,
+            "agent 1, step 2 is not",
+        ),
+        (
+            np.zeros((3, 8, 2)),
+            np.zeros((2, 8, 2)),
+            "future has 2 agents but observed has 3",
+        ),
         (np.zeros((1, 8, 2)), np.full((1, 8, 2), np.nan), "future: agent 0, step 0"),
-        (np.full((1, 8, 2), 1e200), None, "agent 0, step 0 is not finite, or beyond 1e.09 m"),
+        (
+            np.full((1, 8, 2), 1e200),
+            None,
+            "agent 0, step 0 is not finite, or beyond 1e.09 m",
+        ),
         (np.ma.masked_equal(np.zeros((1, 8, 2)), 0), None, "some values are masked"),
         ([[[1, 2]], [[1]]], None, "observed: not an array of numbers"),
         (np.zeros((1, 8, 2), complex), None, "observed: not an array of numbers"),
@@ -112,14 +133,22 @@ def test_a_forecaster_sees_no_future_origin_or_extras():
 
 def test_made_inside_a_transformation():
     def total(observed):
-        scene = make_scene(observed, FUTURE, recording="walk", extras={"group": [1, 1, 2]})
+        scene = make_scene(
+            observed, FUTURE, recording="walk", extras={"group": [1, 1, 2]}
+        )
         return (scene.displacement**2).sum() + scene.observed.sum(), scene
 
     walk = make_scene(WORLD, FUTURE, recording="walk", extras={"group": [1, 1, 2]})
-    (_, traced), gradient = jax.jit(jax.value_and_grad(total, has_aux=True))(np.float32(WORLD))
+    (_, traced), gradient = jax.jit(jax.value_and_grad(total, has_aux=True))(
+        np.float32(WORLD)
+    )
     for name in ("observed", "displacement", "future", "origin", "valid", "identity"):
-        assert_allclose(getattr(traced, name), getattr(walk, name), atol=2e-6, err_msg=name)
+        assert_allclose(
+            getattr(traced, name), getattr(walk, name), atol=2e-6, err_msg=name
+        )
     assert_array_equal(traced.extras["group"], [1, 1, 2])
     assert np.abs(gradient).min(axis=(0, 2)).all()
-    batch = jax.vmap(lambda observed: make_scene(observed))(np.float32([WORLD, WORLD + 1]))
+    batch = jax.vmap(lambda observed: make_scene(observed))(
+        np.float32([WORLD, WORLD + 1])
+    )
     assert_allclose(batch.observed[1], walk.observed, atol=2e-6)

@@ -40,15 +40,22 @@ def sampled(names):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_a_model_names_its_data_and_their_licences(name):
-    model, place = MODELS[name], next(path for path in shipped_models() if path.name == name)
+    model, place = (
+        MODELS[name],
+        next(path for path in shipped_models() if path.name == name),
+    )
     assert name.endswith(f"_{model.dataset}_{model.config.pred_len}")
     licences = ", ".join(f"{data} ({licence})" for data, licence in model.data.items())
-    assert f"| learned from | {licences} |" in (place / "README.md").read_text(encoding="utf-8")
+    assert f"| learned from | {licences} |" in (place / "README.md").read_text(
+        encoding="utf-8"
+    )
     # None forbids a use, so any of them may be a default.
     assert {*model.data.values()} <= {"unstated", "MIT"}
 
 
-@pytest.mark.parametrize("name", [name for name in MODELS if name.startswith("anchors_")])
+@pytest.mark.parametrize(
+    "name", [name for name in MODELS if name.startswith("anchors_")]
+)
 def test_every_anchors_network_has_a_distribution(name):
     assert MODELS[name].config.points == 32
 
@@ -67,7 +74,9 @@ def batches_of(dataset, obs_len, pred_len, stride, folder=None):
     """Every so many windows of a data set's test; those of all simulations without a folder."""
     source = open_source(folder)
     scenes = [dataset] if folder else source.scenes
-    recordings = [tracks for scene in scenes for tracks in source.recordings(scene, "test")]
+    recordings = [
+        tracks for scene in scenes for tracks in source.recordings(scene, "test")
+    ]
     windows = cut_windows(recordings, obs_len, pred_len)
     return make_batches(windows.take(slice(None, None, stride)))
 
@@ -93,10 +102,15 @@ def exchanged(scene):
     donor = np.arange(len(scene.valid))
     present = np.flatnonzero(scene.valid[:, 0])
     donor[present] = np.roll(present, len(present) // 2)
-    observed, displacement = scene.observed[donor].copy(), scene.displacement[donor].copy()
+    observed, displacement = (
+        scene.observed[donor].copy(),
+        scene.displacement[donor].copy(),
+    )
     observed += (scene.observed[:, 0, -1] - observed[:, 0, -1])[:, None, None]
     observed[:, 0], displacement[:, 0] = scene.observed[:, 0], scene.displacement[:, 0]
-    return scene.replace(observed=observed, displacement=displacement, valid=scene.valid[donor])
+    return scene.replace(
+        observed=observed, displacement=displacement, valid=scene.valid[donor]
+    )
 
 
 def first_of(scene, values):
@@ -113,7 +127,9 @@ def furthest(first, other):
 @pytest.mark.parametrize("name", sampled(SEEING))
 def test_near_neighbours_change_the_forecast(name):
     removed, strange, model = [], [], MODELS[name]
-    batches = batches_of("simulations", model.config.obs_len, model.config.pred_len, stride=4)
+    batches = batches_of(
+        "simulations", model.config.obs_len, model.config.pred_len, stride=4
+    )
     for scene, forecast, company, alone in forecasts(model, batches):
         last = scene.observed[scene.valid[:, 0], :, -1]
         distance = np.linalg.norm(last[:, 1:] - last[:, :1], axis=-1)
@@ -127,7 +143,9 @@ def test_near_neighbours_change_the_forecast(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sampled(name for name in SEEING if "general" not in name))
+@pytest.mark.parametrize(
+    "name", sampled(name for name in SEEING if "general" not in name)
+)
 def test_neighbours_do_not_raise_the_error(name, request):
     """On scenes of the model's own test."""
     model, errors = MODELS[name], []
@@ -135,7 +153,9 @@ def test_neighbours_do_not_raise_the_error(name, request):
     if dataset != "simulations":
         folder = request.getfixturevalue("shared") / "data/eth_ucy"
     stride = {"univ": 16, "zara2": 8, "zara1": 4}.get(dataset, 2)
-    batches = batches_of(dataset, model.config.obs_len, model.config.pred_len, stride, folder)
+    batches = batches_of(
+        dataset, model.config.obs_len, model.config.pred_len, stride, folder
+    )
     for scene, _, *both_places in forecasts(model, batches):
         places = (unpacked(futures, scene.valid) for futures in both_places)
         scores = (score_scenes(chosen(["joint_ade"]), place, scene) for place in places)

@@ -10,13 +10,34 @@ import pytest
 
 from tests.repository import ROOT
 
-SOURCES = ("neurosym_jax", "neurosym_robot", "checkpoints", "pyproject.toml", "setup.py")
+SOURCES = (
+    "neurosym_jax",
+    "neurosym_robot",
+    "checkpoints",
+    "pyproject.toml",
+    "setup.py",
+)
 SOURCES += ("README.md", "LICENSE")
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
-# The network and the recipe of test_sweep.py, whose programs are compiled there or here.
-TRAIN = ("--steps", "25", "--out", "run", "--dataset", "cross-path", "--model", "sgan", "--set")
+# The network and the recipe of test_sweep.py, whose programs are compiled there or
+# here.
+TRAIN = (
+    "--steps",
+    "25",
+    "--out",
+    "run",
+    "--dataset",
+    "cross-path",
+    "--model",
+    "sgan",
+    "--set",
+)
 TRAIN += ("batch_scenes=4", "best_k=2", "max_agents=4")
-WALK = [f"{0.4 * t:.1f},{who},{0.3 * t + who},{2 * who}" for t in range(20) for who in (0, 1)]
+WALK = [
+    f"{0.4 * t:.1f},{who},{0.3 * t + who},{2 * who}"
+    for t in range(20)
+    for who in (0, 1)
+]
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +51,14 @@ def installed(tmp_path_factory):
         else:
             ignored = shutil.ignore_patterns("__pycache__")
             shutil.copytree(ROOT / name, folder / "source" / name, ignore=ignored)
-    build = ("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, folder / "source")
+    build = (
+        "wheel",
+        "--no-deps",
+        "--no-build-isolation",
+        "--wheel-dir",
+        folder,
+        folder / "source",
+    )
     subprocess.run([*PIP, *build], check=True)
     (wheel,) = folder.glob("*.whl")
     assert 4 < wheel.stat().st_size / 2**20 < 7  # MiB, with every model that ships.
@@ -43,12 +71,19 @@ def installed(tmp_path_factory):
 def test_what_pages_show_runs(installed, tmp_path):
     """Every block of Python and every command that needs nothing else, with what they print."""
     pytest.importorskip("sybil", reason="pages need the extra test")
-    environment = os.environ | {"PYTHONPATH": str(installed), "NEUROSYM_DATA": str(tmp_path / "no")}
+    environment = os.environ | {
+        "PYTHONPATH": str(installed),
+        "NEUROSYM_DATA": str(tmp_path / "no"),
+    }
     pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
     command = [sys.executable, "-P", ROOT / "tests" / "pages.py", *pages]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr
-    count = re.search(r"ran (\d+) blocks and commands of (\d+) pages, 0 failed", done.stdout)
+    count = re.search(
+        r"ran (\d+) blocks and commands of (\d+) pages, 0 failed", done.stdout
+    )
     assert count
     assert int(count[1]) >= 25
     assert (tmp_path / "results/figures/tracks.png").is_file()
@@ -57,8 +92,13 @@ def test_what_pages_show_runs(installed, tmp_path):
 @pytest.mark.slow
 def test_everything_works_outside_a_clone(installed, tmp_path):
     (tmp_path / "walk.csv").write_text("\n".join(["t,id,x,y", *WALK]))
-    environment = {name: v for name, v in os.environ.items() if not name.startswith("NEUROSYM_")}
-    environment |= {"PYTHONPATH": str(installed), "NEUROSYM_DATA": str(tmp_path / "data")}
+    environment = {
+        name: v for name, v in os.environ.items() if not name.startswith("NEUROSYM_")
+    }
+    environment |= {
+        "PYTHONPATH": str(installed),
+        "NEUROSYM_DATA": str(tmp_path / "data"),
+    }
     neurosym = installed / "bin" / "neurosym"
     python = "import neurosym_jax as nj; print(nj.__file__, nj.load_model('sgan_eth_8').name)"
     commands = {
@@ -70,8 +110,12 @@ def test_everything_works_outside_a_clone(installed, tmp_path):
     }
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     options |= {"cwd": tmp_path, "env": environment}
-    running = {name: subprocess.Popen(command, **options) for name, command in commands.items()}
-    outputs = {name: process.communicate(timeout=300)[0] for name, process in running.items()}
+    running = {
+        name: subprocess.Popen(command, **options) for name, command in commands.items()
+    }
+    outputs = {
+        name: process.communicate(timeout=300)[0] for name, process in running.items()
+    }
     for name, process in running.items():
         assert process.returncode == 0, outputs[name]
     assert f"{installed}/neurosym_jax/__init__.py SGAN" in outputs["python"]

@@ -1,7 +1,7 @@
 """Draw mutants of a session of Cosmic Ray: `draw.py SESSION COUNT SEED`, so many of each package.
 
-A place has one mutant at most, however many operators fit it. `|` between types is no place: a
-mutant of an annotation ends the import.
+A place has one mutant at most, however many operators fit it. `|` between types is no
+place: a mutant of an annotation ends the import.
 """
 
 import random

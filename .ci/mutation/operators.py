@@ -29,8 +29,12 @@ class DropArgument(Operator):
 
     @staticmethod
     def _named(node):
-        of_calls = node.type == "arglist" or (node.type == "trailer" and node.children[0] == "(")
-        return [child for child in node.children if _is_named(child)] if of_calls else []
+        of_calls = node.type == "arglist" or (
+            node.type == "trailer" and node.children[0] == "("
+        )
+        return (
+            [child for child in node.children if _is_named(child)] if of_calls else []
+        )
 
     @classmethod
     def examples(cls):
@@ -48,7 +52,9 @@ class DropGuard(Operator):
 
     def mutation_positions(self, node):
         """Of the condition."""
-        if node.type == "if_stmt" and node.children[3].get_code().strip().startswith("raise"):
+        if node.type == "if_stmt" and node.children[3].get_code().strip().startswith(
+            "raise"
+        ):
             yield node.children[1].start_pos, node.children[1].end_pos
 
     def mutate(self, node, index):
@@ -80,5 +86,7 @@ if __name__ == "__main__":  # The examples hold.
 
     for operator in OPERATORS.values():
         for example in operator.examples():
-            mutated = mutate_code(example.pre_mutation_code, operator(), example.occurrence)
+            mutated = mutate_code(
+                example.pre_mutation_code, operator(), example.occurrence
+            )
             assert mutated == example.post_mutation_code, (mutated, example)

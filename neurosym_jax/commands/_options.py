@@ -1,7 +1,7 @@
 """The options of a command: their list, the short help, and files of them in YAML.
 
-A file has an option on each line, `pred_len: 12`, lists for several values and, instead of a list
-of NAME=VALUE, a table.
+A file has an option on each line, `pred_len: 12`, lists for several values and, instead
+of a list of NAME=VALUE, a table.
 """
 
 import dataclasses
@@ -25,8 +25,23 @@ from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 
-__all__ = ["Positional", "Reading", "description", "every_option", "flag_names", "flags", "given"]
-__all__ += ["open_data", "options_text", "refuse_given", "refuse_unused", "short_help", "with_file"]
+__all__ = [
+    "Positional",
+    "Reading",
+    "description",
+    "every_option",
+    "flag_names",
+    "flags",
+    "given",
+]
+__all__ += [
+    "open_data",
+    "options_text",
+    "refuse_given",
+    "refuse_unused",
+    "short_help",
+    "with_file",
+]
 
 PLUGIN = "--plugin FILE.py|MODULE"
 KEYED = {"--set", "--network", "--columns"}
@@ -41,22 +56,35 @@ def short_help(command: Callable[..., Any], prog: str) -> str:
     Options that are dataclasses are groups, whose options are only named.
     """
     width = min(shutil.get_terminal_size().columns, 100)
-    options = sorted(every_option(command), key=lambda option: option[1].startswith("--"))
+    options = sorted(
+        every_option(command), key=lambda option: option[1].startswith("--")
+    )
     options.append(("", PLUGIN, "Your own file or module, imported first", None))
     positional = [flag for _, flag, *_ in options if not flag.startswith("--")]
-    text = [" ".join(["usage:", prog, *positional, "[OPTIONS]"]), "", description(command), ""]
+    text = [
+        " ".join(["usage:", prog, *positional, "[OPTIONS]"]),
+        "",
+        description(command),
+        "",
+    ]
     groups: dict[str, list[str]] = {}
     for group, flag, meaning, default in options:
         if group:
             groups.setdefault(group, []).append(flag.split(" ")[0])
         else:
             says = re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", meaning)[0].rstrip(".")
-            plain = isinstance(default, (int, float, str, Path)) and "default" not in says
+            plain = (
+                isinstance(default, (int, float, str, Path)) and "default" not in says
+            )
             if plain and str(default) not in ("", "False"):
                 says += (
-                    f" (default; --no-{flag[2:]})" if default is True else f" (default {default})"
+                    f" (default; --no-{flag[2:]})"
+                    if default is True
+                    else f" (default {default})"
                 )
-            text += textwrap.wrap(f"  {flag:26}  {says}.", width, subsequent_indent=" " * 30)
+            text += textwrap.wrap(
+                f"  {flag:26}  {says}.", width, subsequent_indent=" " * 30
+            )
     for group, flags in groups.items():
         named = f"{group}: {', '.join(flags)}"
         text += ["", *textwrap.wrap(named, width, break_on_hyphens=False)]
@@ -75,7 +103,9 @@ def every_option(
     hints = get_type_hints(command, include_extras=True)
     sources = reversed(command.__mro__[:-1]) if inspect.isclass(command) else [command]
     parsed = [docstring_parser.parse_from_object(source).params for source in sources]
-    meaning = {param.arg_name: param.description for params in parsed for param in params}
+    meaning = {
+        param.arg_name: param.description for params in parsed for param in params
+    }
     for name, parameter in inspect.signature(command).parameters.items():
         hint = hints[name]
         kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
@@ -86,16 +116,27 @@ def every_option(
             continue
         flag = name.upper()
         if not any("positional" in str(mark).lower() for mark in marks):
-            value = next((m.metavar for m in marks if getattr(m, "metavar", None)), _value(kind))
+            value = next(
+                (m.metavar for m in marks if getattr(m, "metavar", None)), _value(kind)
+            )
             flag = f"--{(prefix + name).replace('_', '-')} {value}".rstrip()
-        yield group, flag, " ".join((meaning.get(name) or "").split()), parameter.default
+        yield (
+            group,
+            flag,
+            " ".join((meaning.get(name) or "").split()),
+            parameter.default,
+        )
 
 
 def _value(kind: Any) -> str:
     """What stands for a value of this type."""
     if get_origin(kind) is Literal:
         return "|".join(map(str, get_args(kind)))
-    inner = [argument for argument in get_args(kind) if argument not in (type(None), Ellipsis)]
+    inner = [
+        argument
+        for argument in get_args(kind)
+        if argument not in (type(None), Ellipsis)
+    ]
     if inner:
         return _value(inner[0]) + (" ..." if get_origin(kind) is tuple else "")
     names = {bool: "", int: "N", float: "NUMBER", str: "NAME"}
@@ -118,8 +159,16 @@ def flags(options: Mapping[str, Any]) -> list[str]:
     """The words of a command that give options by name, as `given` returns them."""
     words: list[str] = []
     for name, value in options.items():
-        values = value if isinstance(value, list | tuple) else [] if value is True else [value]
-        texts = (f"{item:.12g}" if isinstance(item, float) else str(item) for item in values)
+        values = (
+            value
+            if isinstance(value, list | tuple)
+            else []
+            if value is True
+            else [value]
+        )
+        texts = (
+            f"{item:.12g}" if isinstance(item, float) else str(item) for item in values
+        )
         words += [f"--{name.replace('_', '-')}", *texts]
     return words
 
@@ -136,8 +185,8 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
 
     Those of `KEYED` override the same keys, and add others.
 
-    Raises:
-        InputError: for a file that cannot be read, an unknown option, or one that stands twice.
+    Raises: InputError: for a file that cannot be read, an unknown option, or one that
+        stands twice.
     """
     if not arguments or not arguments[0].endswith((".yaml", ".yml")):
         return list(arguments)
@@ -149,14 +198,18 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
         raise InputError(f"{path}: cannot be read: {reason}") from None
     if not isinstance(values, dict):
         raise InputError(f"{path}: must have a line `option: value` for each option")
-    listed = [flag.split() for _, flag, *_ in every_option(options) if flag.startswith("--")]
+    listed = [
+        flag.split() for _, flag, *_ in every_option(options) if flag.startswith("--")
+    ]
     kinds = {flag: kind for flag, *kind in [*listed, PLUGIN.split()]}
     read: list[str] = []
     for name, value in values.items():
         flag = f"--{name.replace('_', '-')}"
         if flag not in kinds:
             near = difflib.get_close_matches(flag, kinds, 1) or [", ".join(kinds)]
-            raise InputError(f"{path}: unknown option {name!r}: did you mean {near[0]}?")
+            raise InputError(
+                f"{path}: unknown option {name!r}: did you mean {near[0]}?"
+            )
         if isinstance(value, dict):
             value = [f"{key}={item}" for key, item in value.items()]
         texts = [value] if isinstance(value, str) else value
@@ -182,7 +235,9 @@ def _with_pairs(words: Sequence[str], place: int, pairs: Sequence[str]) -> list[
     """`words` with those KEY=VALUE `pairs` added to the option at `place` whose key it has not."""
     flag, equals, value = words[place].partition("=")
     values = words[place + 1 :]
-    count = next((n for n, word in enumerate(values) if word.startswith("--")), len(values))
+    count = next(
+        (n for n, word in enumerate(values) if word.startswith("--")), len(values)
+    )
     own, rest = ([value], values) if equals else (values[:count], values[count:])
     keys = {pair.partition("=")[0] for pair in own}
     added = [pair for pair in pairs if pair.partition("=")[0] not in keys]
@@ -215,12 +270,16 @@ def refuse_given(where: str, **options: Any) -> None:
 
 
 def open_data(
-    data: Path | None, read: ReadOptions, dataset: str | None, *files: object, **options: Any
+    data: Path | None,
+    read: ReadOptions,
+    dataset: str | None,
+    *files: object,
+    **options: Any,
 ) -> Source:
     """Open the source that --data and --dataset name, see `open_source`.
 
-    Raises:
-        InputError: for options of reading where neither the source nor any of `files` is read.
+    Raises: InputError: for options of reading where neither the source nor any of
+        `files` is read.
     """
     source = open_source(data, dataset, read=read, **options)
     if isinstance(source, Synthetic) and not any(files):

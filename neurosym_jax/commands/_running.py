@@ -43,10 +43,10 @@ def run_command(
 ) -> None:
     """Run a command on the command line or a file in YAML, and exit.
 
-    `options` is the dataclass that `action` takes, or without `action` a function of the options.
-    `prepare` removes arguments that other programs add. The exit status is the integer that is
-    returned, else 0; 2 for bad input or a full or read-only disk; 128 and the number of the signal
-    that ended it, such as 130 after Ctrl-C.
+    `options` is the dataclass that `action` takes, or without `action` a function of
+    the options. `prepare` removes arguments that other programs add. The exit status is
+    the integer that is returned, else 0; 2 for bad input or a full or read-only disk;
+    128 and the number of the signal that ended it, such as 130 after Ctrl-C.
     """
     tune()
     enable_compilation_cache()
@@ -60,7 +60,10 @@ def run_command(
             if isinstance(error, KeyboardInterrupt):
                 print("interrupted", file=sys.stderr)
                 sys.exit(128 + signal.SIGINT)
-            if isinstance(error, InputError) or getattr(error, "errno", None) in OF_THE_DISK:
+            if (
+                isinstance(error, InputError)
+                or getattr(error, "errno", None) in OF_THE_DISK
+            ):
                 print(f"error: {printable(str(error))}", file=sys.stderr)
                 for line in "\n".join(getattr(error, "__notes__", ())).splitlines():
                     print(printable(line), file=sys.stderr)
@@ -117,7 +120,9 @@ def _refuse_repeated(options: Callable[..., Any], arguments: Sequence[str]) -> N
     for _, flag, *_ in every_option(options):
         name, *value = flag.split()
         if value[-1:] == ["..."] and names.count(name) > 1:
-            raise InputError(f"{name}: is given twice; give it once, with all its values")
+            raise InputError(
+                f"{name}: is given twice; give it once, with all its values"
+            )
 
 
 def load_plugins(arguments: Sequence[str]) -> list[str]:

@@ -26,19 +26,21 @@ def run(
 ) -> None:
     """Write a torch checkpoint as a model's folder, or a model as a torch checkpoint.
 
-    Args:
-        model: A .pt file of SGAN or NeuroSyM, or a model's folder or name.
-        to: The new folder, or a new .pt file, which torch writes.
-        ignore_arg: Unknown arguments of the checkpoint that do not change its network.
-        generator_only: Leave behind what is no part of the generator: the discriminator, losses,
+    Args: model: A .pt file of SGAN or NeuroSyM, or a model's folder or name. to: The
+        new folder, or a new .pt file, which torch writes. ignore_arg: Unknown arguments
+        of the checkpoint that do not change its network. generator_only: Leave behind
+        what is no part of the generator: the discriminator, losses,
             optimisers, arguments of the training.
 
-    Raises:
-        InputError: for a file that cannot be read or written; without `generator_only` for a
-            checkpoint that could not be written again as it is, naming what would be lost.
+    Raises: InputError: for a file that cannot be read or written; without
+        `generator_only` for a
+            checkpoint that could not be written again as it is, naming what would be
+            lost.
     """
     source = find_model(model)
-    loaded = load_torch_checkpoint(source, ignore_arg) if ignore_arg else load_model(source)
+    loaded = (
+        load_torch_checkpoint(source, ignore_arg) if ignore_arg else load_model(source)
+    )
     if source.is_file() and not generator_only:
         _refuse_loss(source, to, loaded)
     if to.suffix == ".pt":

@@ -1,7 +1,8 @@
 """Fetch ETH/UCY or SGAN's checkpoints, or show how to get THÖR.
 
-`data/published.tsv` pins every file. Until a collection is whole it grows in `NAME.part` beside its
-folder, and the next call fetches the files that are still missing.
+`data/published.tsv` pins every file. Until a collection is whole it grows in
+`NAME.part` beside its folder, and the next call fetches the files that are still
+missing.
 """
 
 from importlib.resources import files
@@ -37,7 +38,9 @@ THOR = """THÖR's recordings have to be fetched by hand:
 
 
 def run(
-    collection: Annotated[Literal["eth-ucy", "sgan-checkpoints", "thor"], tyro.conf.Positional],
+    collection: Annotated[
+        Literal["eth-ucy", "sgan-checkpoints", "thor"], tyro.conf.Positional
+    ],
     to: Path | None = None,
     mirror: str = HOME,
     timeout: float = PATIENCE,
@@ -46,13 +49,14 @@ def run(
 
     evaluate.py and train.py find downloaded data by themselves.
 
-    Args:
-        collection: Recordings of ETH/UCY (5.4 MB), SGAN's 20 published checkpoints (2.6 MB), or
+    Args: collection: Recordings of ETH/UCY (5.4 MB), SGAN's 20 published checkpoints
+        (2.6 MB), or
             THÖR.
         to: Folder for the collection's own folder; default: $NEUROSYM_DATA, else
             neurosym_jax in $XDG_DATA_HOME or ~/.local/share.
-        mirror: Address of a copy of the files, with the same paths below it (default: GitHub).
-        timeout: Seconds without an answer after which a connection is given up.
+        mirror: Address of a copy of the files, with the same paths below it (default:
+        GitHub). timeout: Seconds without an answer after which a connection is given
+        up.
 
     Returns:
         The exit status: 2 if no file of THÖR is there yet.
@@ -61,14 +65,18 @@ def run(
     folder = base / collection
     if collection == "thor":
         refuse_given(
-            "on THÖR, which is fetched by hand", mirror=mirror != HOME, timeout=timeout != PATIENCE
+            "on THÖR, which is fetched by hand",
+            mirror=mirror != HOME,
+            timeout=timeout != PATIENCE,
         )
         is_filled = folder.is_dir() and any(folder.iterdir())
         end = "\n" if is_filled else "\n\nNothing is there yet."
         print(THOR.format(folder=folder.resolve()) + end)
         return inspect.run(folder, figure=None) if is_filled else 2
     count, came = download(collection, folder, mirror, timeout)
-    print(f"{folder}: {count} files, every SHA-256 as published, {came} of them fetched now")
+    print(
+        f"{folder}: {count} files, every SHA-256 as published, {came} of them fetched now"
+    )
     if base.resolve() != data_folder().resolve():
         print(f"To have it found by name: export NEUROSYM_DATA={to}")
     return 0
@@ -77,7 +85,9 @@ def run(
 def published_files(collection: str) -> dict[str, dict[str, str]]:
     """Address, bytes and SHA-256 of each file of a collection, by path below its folder."""
     content = files("neurosym_jax.data").joinpath("published.tsv").read_bytes()
-    rows = pl.read_csv(content, separator="\t", infer_schema=False).iter_rows(named=True)
+    rows = pl.read_csv(content, separator="\t", infer_schema=False).iter_rows(
+        named=True
+    )
     return {row["path"]: row for row in rows if row["collection"] == collection}
 
 
@@ -86,8 +96,8 @@ def download(
 ) -> tuple[int, int]:
     """Fetch what `folder` lacks of a collection; return the number of its files and of those.
 
-    Files are never overwritten. `mirror` is the address of a copy of `HOME`; a connection is given
-    up after `timeout` seconds without an answer.
+    Files are never overwritten. `mirror` is the address of a copy of `HOME`; a
+    connection is given up after `timeout` seconds without an answer.
 
     Raises:
         InputError: naming the file or address and what is wrong with it.
@@ -111,7 +121,9 @@ def download(
         if pooch.file_hash(str(into / name)) != names[name]["sha256"]:
             raise InputError(f"{into / name}: is not the published file; move it away")
     try:
-        for name in tqdm(names.keys() - present, desc=folder.name, unit=" files", disable=None):
+        for name in tqdm(
+            names.keys() - present, desc=folder.name, unit=" files", disable=None
+        ):
             fetcher.fetch(name, downloader=receive)
         if into != folder:
             into.rename(folder)

@@ -139,7 +139,9 @@ def run(options: Options) -> list[Row]:
     text, models, source, run_tests = options.table == "text", [], None, None
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
     with contextlib.ExitStack() as stack:
-        if files and not (options.data or options.checkpoint or options.dataset or options.all):
+        if files and not (
+            options.data or options.checkpoint or options.dataset or options.all
+        ):
             file = *next(iter(files.items())), options.baselines, options.samples
             tests = [test_of_file(*file, given(options))]
         else:
@@ -148,7 +150,9 @@ def run(options: Options) -> list[Row]:
             tasks = len(models) if len(planned) > 1 else 1
             # Processes start while we read.
             run_tests = stack.enter_context(map_for(tasks, options.cluster))
-            tests = plan.load_tests(source, planned, test_on=options.test_on, min_agents=least)
+            tests = plan.load_tests(
+                source, planned, test_on=options.test_on, min_agents=least
+            )
         tests = add_forecasts(tests, files, partial=options.partial)
         settings = Settings(
             options.samples,
@@ -160,14 +164,18 @@ def run(options: Options) -> list[Row]:
         )
         if text and not chosen and source and source.about:
             print(f"{source.about}\n")
-        results = list(report.logged(options.json, evaluate_tests(tests, settings, run_tests)))
+        results = list(
+            report.logged(options.json, evaluate_tests(tests, settings, run_tests))
+        )
     rows = with_tests(results)
     readings = {item.recording: item for test in tests for item in test.windows.reading}
     paths = [find_model(path) for test in tests for path, _ in test.entries if path]
     paths += options.forecasts
     facts = {
         "protocol": options.protocol,
-        "provenance": provenance([item.file for item in readings.values() if item.file], paths),
+        "provenance": provenance(
+            [item.file for item in readings.values() if item.file], paths
+        ),
         "recordings": [dataclasses.asdict(item) for item in readings.values()],
     }
     report.write_report(options.json, rows, facts)
@@ -179,7 +187,11 @@ def run(options: Options) -> list[Row]:
         named = [path for path, model in models if model.assumed == assumed]
         subject = named[0] if len(named) == 1 else f"{len(named)} torch checkpoints"
         notes.append(f"assumed of {subject}: {'; '.join(assumed)}")
-    notes += [state_of_run(path, model.step) for path, model in models if model.step is not None]
+    notes += [
+        state_of_run(path, model.step)
+        for path, model in models
+        if model.step is not None
+    ]
     if not paths:
         notes += ["No model was given, or none matches: these are the baselines."]
     if options.figures:
@@ -188,10 +200,16 @@ def run(options: Options) -> list[Row]:
 
         use_style(options.style)
         first, *others = draw_figures(options.plots, results, together=not chosen)
-        notes += [f"figures: {1 + len(others)} in {first.parent}" if others else f"figure: {first}"]
+        notes += [
+            f"figures: {1 + len(others)} in {first.parent}"
+            if others
+            else f"figure: {first}"
+        ]
     if options.save_forecasts:
         written = (options.save_forecasts, tests, options.samples, options.seed)
-        notes += [f"forecasts: {path}" for path in saved_forecasts.save_forecasts(*written)]
+        notes += [
+            f"forecasts: {path}" for path in saved_forecasts.save_forecasts(*written)
+        ]
     notes += [f"rows: {options.json}"]
     if text and isinstance(source, Synthetic) and not chosen:
         notes += [AFTER_THE_FIRST_RUN.format(options.samples)]
@@ -209,7 +227,9 @@ def _labels(
         name, _, path = label.partition("=")
         if not name or path not in paths:
             choices = ", ".join(sorted(paths)[:12]) or "none"
-            raise InputError(f"--label {label}: NAME=PATH, of one of these paths: {choices}")
+            raise InputError(
+                f"--label {label}: NAME=PATH, of one of these paths: {choices}"
+            )
         labels[path] = name
     return labels
 
@@ -217,17 +237,23 @@ def _labels(
 def _plan(
     options: Options, steps: Sequence[int]
 ) -> tuple[Source, list[tuple[str, Model]], dict[plan.TestSet, plan.Entries], int]:
-    """The source of recordings, the models (as given, all that ship, or one or two), what is tested
-    on which test set, and the least number of people of a scene.
+    """The source of recordings, the models (as given, all that ship, or one or two),
+    what is tested on which test set, and the least number of people of a scene.
 
     `steps` are those of files of forecasts, which need no model beside them.
     """
-    protocol, baselines, least = PROTOCOLS[options.protocol], options.baselines, options.min_agents
+    protocol, baselines, least = (
+        PROTOCOLS[options.protocol],
+        options.baselines,
+        options.min_agents,
+    )
     lengths = {"obs_len": options.obs_len, "pred_len": options.pred_len}
     for name, has in protocol.lengths.items():
         if lengths[name] not in (None, has):
             option = f"--{name.replace('_', '-')} {lengths[name]}"
-            raise InputError(f"{option}: the protocol has {has} (--protocol sgan has any)")
+            raise InputError(
+                f"{option}: the protocol has {has} (--protocol sgan has any)"
+            )
     lengths |= protocol.lengths
     arguments = options.data, options.read, options.dataset, options.test_on
     source, names = open_data(*arguments, period=options.period), options.checkpoint
@@ -237,14 +263,18 @@ def _plan(
         names = [name for name in shipped if not name.startswith(plan.TABLE)]
     if steps and not names:
         lengths["pred_len"] = lengths["pred_len"] or steps[0]
-    names = names or default_models(source, options.dataset, lengths["pred_len"]) * (not steps)
+    names = names or default_models(source, options.dataset, lengths["pred_len"]) * (
+        not steps
+    )
     # On ETH/UCY, `recommended` is the model of each data set.
     every_set = options.dataset is None and isinstance(source, EthUcy)
     datasets = source.scenes if every_set else (options.dataset,)
     paths = find_checkpoints(names, datasets, lengths["pred_len"])
     models = [(path, load_model(path)) for path in paths]
     if options.checkpoint:
-        source = open_data(*arguments, model_scene=models[0][1].dataset, period=options.period)
+        source = open_data(
+            *arguments, model_scene=models[0][1].dataset, period=options.period
+        )
     elif baselines is None and isinstance(source, Synthetic) and not options.all:
         baselines = plan.BASELINES[:1]
     entries = plan.make_plan(
@@ -261,16 +291,21 @@ def _plan(
     return source, models, entries, protocol.min_agents if least is None else least
 
 
-def default_models(source: Source, dataset: str | None, pred_len: int | None) -> list[str]:
+def default_models(
+    source: Source, dataset: str | None, pred_len: int | None
+) -> list[str]:
     """Names of the shipped models to test where none is named: for these people, and with symbols.
 
-    Those are SGAN and NeuroSyM on simulations, else `recommended` and, where it ships, NeuroSyM.
+    Those are SGAN and NeuroSyM on simulations, else `recommended` and, where it ships,
+    NeuroSyM.
     """
     scenes = (dataset,) if dataset else source.scenes
     kinds = [(kind, scene) for scene in scenes for kind in ("anchors", "neurosym")]
     names = [shipped_name(*kind, pred_len or 8) for kind in kinds]
     if isinstance(source, Synthetic):
-        names = [f"{kind}_{source.name}_{pred_len or 8}" for kind in ("sgan", "neurosym")]
+        names = [
+            f"{kind}_{source.name}_{pred_len or 8}" for kind in ("sgan", "neurosym")
+        ]
     return [name for name in dict.fromkeys(names) if find_model(name).is_dir()]
 
 
@@ -279,16 +314,23 @@ def _validate(options: Options) -> None:
     counts = ("samples", "seeds", "min_agents", "obs_len", "pred_len")
     numbers = {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts}
     refuse(Count, numbers, optional=True)
-    for seed, option in ((0, "--seed"), (options.seeds - 1, "--seed and --seeds: the last seed")):
+    for seed, option in (
+        (0, "--seed"),
+        (options.seeds - 1, "--seed and --seeds: the last seed"),
+    ):
         refuse(Seed, {option: options.seed + seed})
     if not (options.checkpoint or options.forecasts or options.baselines != ()):
-        raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
+        raise InputError(
+            "neither --checkpoint nor --baselines: there is nothing to evaluate"
+        )
     if not options.forecasts:
         refuse_unused(options, ["partial"], "without --forecasts")
     if options.all:
         refuse_unused(options, ["checkpoint"], "with --all")
     if options.table != "latex":
-        refuse_unused(options, ["intervals"], "without --table latex: other tables have intervals")
+        refuse_unused(
+            options, ["intervals"], "without --table latex: other tables have intervals"
+        )
     report.check_report(options.json)
     if options.figures:
         from neurosym_jax.plotting.evaluation import check_figures

@@ -29,7 +29,9 @@ __all__ = ["describe", "run"]
 def run(
     path: Positional[Path],
     figure: Path | None = Path("results/figures/tracks.png"),
-    underlay: Annotated[tuple[Path, Path] | None, tyro.conf.arg(metavar="IMAGE HOMOGRAPHY")] = None,
+    underlay: Annotated[
+        tuple[Path, Path] | None, tyro.conf.arg(metavar="IMAGE HOMOGRAPHY")
+    ] = None,
     style: Literal["paper", "talk"] = "paper",
     read: Reading = AS_IT_SAYS,
 ) -> int:
@@ -38,10 +40,9 @@ def run(
     The figure has all tracks, and what `recommended` forecasts for the moment with most
     people. The last lines are commands to go on with, in which guesses are spelled out.
 
-    Args:
-        path: A file, or a folder, which is searched with its subfolders.
-        figure: File of the figure: .png, .pdf or .svg.
-        underlay: Image of the floor under the tracks, a map or a frame of a video, and a text file
+    Args: path: A file, or a folder, which is searched with its subfolders. figure: File
+        of the figure: .png, .pdf or .svg. underlay: Image of the floor under the
+        tracks, a map or a frame of a video, and a text file
             of 3 x 3 numbers that turn its pixels (column, row, 1) into metres; with
             FILE,row-column those of (row, column, 1), as EWAP's.
         style: Look of the figure; a talk's has larger letters and lines.
@@ -50,8 +51,8 @@ def run(
     Returns:
         The exit status: 2 if no file in a folder could be read.
 
-    Raises:
-        InputError: for a single file that cannot be read, a folder without files, or a figure that
+    Raises: InputError: for a single file that cannot be read, a folder without files,
+        or a figure that
             cannot be written.
     """
     if figure:
@@ -61,7 +62,9 @@ def run(
     recordings: list[Tracks] = []
     for file in files:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", InputWarning)  # They stand in the recordings, too.
+            warnings.simplefilter(
+                "ignore", InputWarning
+            )  # They stand in the recordings, too.
             try:
                 content = read_any(file, read)
             except InputError as error:
@@ -115,7 +118,9 @@ def _busiest_moment(recordings: Sequence[Tracks], max_gap: float) -> Windows | N
     busiest = None
     for tracks in recordings:
         try:
-            windows = cut_windows([on_grid(tracks, max_gap=max_gap)], 8, 8, min_agents=1)
+            windows = cut_windows(
+                [on_grid(tracks, max_gap=max_gap)], 8, 8, min_agents=1
+            )
         except InputError:
             continue
         at = int(windows.sizes.argmax())
@@ -124,21 +129,32 @@ def _busiest_moment(recordings: Sequence[Tracks], max_gap: float) -> Windows | N
     return busiest
 
 
-def _print_next(path: Path, recordings: Sequence[Tracks], people: int, read: ReadOptions) -> None:
+def _print_next(
+    path: Path, recordings: Sequence[Tracks], people: int, read: ReadOptions
+) -> None:
     """Print the next commands for `path`, with what was guessed of its recordings."""
     options = given(read)
     reading = recordings[0].reading if recordings else None
     if reading and reading.format:
-        guesses = {"columns": reading.columns, "fps": None if read.eth_stride else reading.rate}
+        guesses = {
+            "columns": reading.columns,
+            "fps": None if read.eth_stride else reading.rate,
+        }
         uses = FORMATS[reading.format].uses
-        guesses = {name: guess for name, guess in guesses.items() if guess and name in uses}
+        guesses = {
+            name: guess for name, guess in guesses.items() if guess and name in uses
+        }
         options = guesses | options
     options = ({} if people > 1 else {"min_agents": 1}) | options
     words, file = shlex.join(flags(options)), shlex.quote(str(path))
     print("\nnext:")
-    print(f"  neurosym evaluate --data {file} --checkpoint {RECOMMENDED} {words}".rstrip())
+    print(
+        f"  neurosym evaluate --data {file} --checkpoint {RECOMMENDED} {words}".rstrip()
+    )
     if people > 1:
-        print(f"  neurosym symbols {file} --model {RECOMMENDED} --forecast {words}".rstrip())
+        print(
+            f"  neurosym symbols {file} --model {RECOMMENDED} --forecast {words}".rstrip()
+        )
 
 
 def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
@@ -160,7 +176,11 @@ def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
         f"    people {len(np.unique(tracks.id))}, points {len(tracks.id)}, duration "
         f"{np.ptp(tracks.stamp):.1f} s{rate}, {gap.sum()} gaps{longest}",
         f"    area {width:.1f} x {height:.1f} m, speeds {speeds}",
-        *([] if np.isnan(pace) else [f"    one step in twenty is faster than {pace:.2f} m/s"]),
+        *(
+            []
+            if np.isnan(pace)
+            else [f"    one step in twenty is faster than {pace:.2f} m/s"]
+        ),
         f"    scenes 8+8: {_scenes(tracks, 8, max_gap)}, 8+12: {_scenes(tracks, 12, max_gap)}",
     ]
     if tracks.reading:
@@ -172,12 +192,16 @@ def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
 
 
 def _coverage(
-    recordings: Sequence[Tracks], image: Path, homography: np.ndarray, shape: tuple[int, int]
+    recordings: Sequence[Tracks],
+    image: Path,
+    homography: np.ndarray,
+    shape: tuple[int, int],
 ) -> str:
     """A warning where tracks lie outside a picture of `shape` (height, width), else nothing."""
     position = np.concatenate([tracks.position for tracks in recordings])
     missed, other = (
-        outside(matrix, position, shape[1], shape[0]) for matrix in (homography, homography @ SWAP)
+        outside(matrix, position, shape[1], shape[0])
+        for matrix in (homography, homography @ SWAP)
     )
     hint = f" (HOMOGRAPHY,row-column: {other:.0%})" if other < missed / 2 else ""
     line = f"warning: {missed:.0%} of the points lie outside {image.name}{hint}\n"

@@ -29,34 +29,43 @@ def run(
 ) -> int:
     """Compare our networks with a torch module that runs now, or with stored torch cases.
 
-    Args:
-        directory: Stored cases: a folder with manifest.json and one .npz for each of its rows.
-        torch_module: Generator of your torch code, which is run; it has SGAN's interface.
-        checkpoint: Checkpoint to load into the torch module and here.
-        python: Interpreter that has torch and runs the module; default: this one.
-        seed: Random seed of the scenes and noise that the module is given.
-        keep: Also store what the module made as a case in this new folder.
-        tolerance: Largest absolute difference that passes.
+    Args: directory: Stored cases: a folder with manifest.json and one .npz for each of
+        its rows. torch_module: Generator of your torch code, which is run; it has
+        SGAN's interface. checkpoint: Checkpoint to load into the torch module and here.
+        python: Interpreter that has torch and runs the module; default: this one. seed:
+        Random seed of the scenes and noise that the module is given. keep: Also store
+        what the module made as a case in this new folder. tolerance: Largest absolute
+        difference that passes.
 
     Returns:
         The exit status: 0 where every output is within the tolerance, else 1.
 
-    Raises:
-        InputError: as `run_parity` and `run_torch`, or for options that do not go together.
+    Raises: InputError: as `run_parity` and `run_torch`, or for options that do not go
+        together.
     """
     refuse(Seed, {"--seed": seed})
     if directory is not None:
-        module = {"torch_module": torch_module, "checkpoint": checkpoint, "python": python}
+        module = {
+            "torch_module": torch_module,
+            "checkpoint": checkpoint,
+            "python": python,
+        }
         refuse_given("on stored cases", **module, seed=seed, keep=keep)
         parity = run_parity(directory, tolerance)
     elif torch_module and checkpoint:
         model = load_torch_checkpoint(checkpoint, ignored=None)
-        with tempfile.TemporaryDirectory() if keep is None else new_folder(keep) as folder:
+        with (
+            tempfile.TemporaryDirectory()
+            if keep is None
+            else new_folder(keep) as folder
+        ):
             python = python or sys.executable
             run_torch(torch_module, checkpoint, Path(folder), python=python, seed=seed)
             parity = run_parity(Path(folder), tolerance)
         parity = dataclasses.replace(parity, assumed=model.assumed)
     else:
-        raise InputError("give either a folder of stored cases, or --torch-module and --checkpoint")
+        raise InputError(
+            "give either a folder of stored cases, or --torch-module and --checkpoint"
+        )
     print(parity)
     return 0 if parity.ok else 1

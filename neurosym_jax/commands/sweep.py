@@ -25,7 +25,8 @@ __all__ = ["Options", "plan_runs", "run"]
 class Options(train.Options):
     """Train every model on every data set with every seed, test them, and make one table.
 
-    `neurosym sweep FILE.yaml` reads options from a file; those after it override the file.
+    `neurosym sweep FILE.yaml` reads options from a file; those after it override the
+    file.
     """
 
     model: tuple[str, ...] = ("sgan", "neurosym")
@@ -78,8 +79,8 @@ def run(options: Options) -> int:
 def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
     """What is tested on, and a run for each seed, model, data set and horizon, in that order.
 
-    Raises:
-        InputError: for nothing to train, an unknown data set, a pooling, a weighting or a change
+    Raises: InputError: for nothing to train, an unknown data set, a pooling, a
+        weighting or a change
             that no model takes, or two runs of one name.
     """
     for name in ("model", "seed"):
@@ -87,17 +88,27 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
             raise InputError(f"--{name}: at least one is needed")
     first = options.dataset[0] if options.dataset else None
     data, read, also = options.data, options.read, options.train_also
-    period = train.configured(train.Options(period=options.period, init=options.init))[0].period
+    period = train.configured(train.Options(period=options.period, init=options.init))[
+        0
+    ].period
     source = open_data(data, read, first, also, period=period)
     if unknown := [name for name in options.dataset if name not in source.scenes]:
-        raise InputError(f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}")
-    common = {of.name: getattr(options, of.name) for of in dataclasses.fields(train.Options)}
+        raise InputError(
+            f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}"
+        )
+    common = {
+        of.name: getattr(options, of.name) for of in dataclasses.fields(train.Options)
+    }
     datasets = options.dataset or source.scenes
     runs: dict[Path, SweepRun] = {}
     # Seed by seed: an interrupted sweep has trained all models as often.
     changes = [*itertools.product(*(_values(change) for change in options.set))]
     networks = [*itertools.product(*(_values(change) for change in options.network))]
-    varied = [change for change in (*options.set, *options.network) if len(_values(change)) > 1]
+    varied = [
+        change
+        for change in (*options.set, *options.network)
+        if len(_values(change)) > 1
+    ]
     for seed, model, dataset, pred_len, fold, changed, network in itertools.product(
         *(options.seed, _models(options), datasets, options.pred_len or (None,)),
         *(options.fold or (None,), changes, networks),
@@ -109,8 +120,18 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         names = [change.partition("=")[0] for change in varied]
         label = [c for c in (*changed, *network) if c.partition("=")[0] in names]
         label += [f"fold {fold}"] if fold else []
-        parts = [forecaster_of(config).variant, *label, dataset, config.obs_len, config.pred_len]
-        name = "_".join(map(str, [*parts, f"seed{seed}"])).replace("/", "of").replace(" ", "")
+        parts = [
+            forecaster_of(config).variant,
+            *label,
+            dataset,
+            config.obs_len,
+            config.pred_len,
+        ]
+        name = (
+            "_".join(map(str, [*parts, f"seed{seed}"]))
+            .replace("/", "of")
+            .replace(" ", "")
+        )
         if (folder := options.out / name) in runs:
             raise InputError(f"{name}: two runs of the sweep have this name")
         text = options_text(dataclasses.replace(asked, out=folder))
@@ -121,8 +142,8 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
 def _values(change: str) -> list[str]:
     """NAME=VALUE for each value of `NAME=VALUE,VALUE...`.
 
-    Commas within brackets, and those before an option of a component (`pooling=social,grid_size=9`)
-    separate no values.
+    Commas within brackets, and those before an option of a component
+    (`pooling=social,grid_size=9`) separate no values.
     """
     name, _, text = change.partition("=")
     parts = text.split(",")

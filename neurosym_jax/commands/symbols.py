@@ -1,8 +1,8 @@
 """Show a recording's QTC symbols and weights.
 
-States of a scene's pairs over time as text, and alpha as a heat map over pairs and time. With
---forecast, the probabilities of the pairs' events and states in the model's samples, as text and
-JSON lines.
+States of a scene's pairs over time as text, and alpha as a heat map over pairs and
+time. With --forecast, the probabilities of the pairs' events and states in the model's
+samples, as text and JSON lines.
 """
 
 import json
@@ -52,12 +52,12 @@ def run(
 ) -> None:
     """Show the QTC symbols and weights of a recording, and of one of its scenes.
 
-    Args:
-        data: Recording, a folder of them, or ETH/UCY; default: the embedded simulations.
-        dataset: Data set (eth, hotel, ..., or a file's name); default: the first.
-        window: Index of the window to show; default: the first with the most people, up to five.
-        weighting: Weighting, as in `neurosym train`; default: the model's, else cnd.
-        model: Model whose weights or, with --forecast, forecast are shown; without, windows are
+    Args: data: Recording, a folder of them, or ETH/UCY; default: the embedded
+        simulations. dataset: Data set (eth, hotel, ..., or a file's name); default: the
+        first. window: Index of the window to show; default: the first with the most
+        people, up to five. weighting: Weighting, as in `neurosym train`; default: the
+        model's, else cnd. model: Model whose weights or, with --forecast, forecast are
+        shown; without, windows are
             8 + 8.
         forecast: Show instead the model's forecast of the pairs: events and states with
             probabilities.
@@ -82,7 +82,9 @@ def run(
     name = dataset or source.scenes[0]
     windows = cut_windows(source.recordings(name), lengths.obs_len, lengths.pred_len)
     if window is None:
-        sizes = np.where(windows.sizes <= max(CROWD, windows.sizes.min()), windows.sizes, 0)
+        sizes = np.where(
+            windows.sizes <= max(CROWD, windows.sizes.min()), windows.sizes, 0
+        )
         window = int(sizes.argmax())
     if not 0 <= window < windows.scenes:
         raise InputError(f"--window must lie in [0, {windows.scenes}), not {window}")
@@ -90,7 +92,9 @@ def run(
     title = f"{name}, window {window}"
     if not forecast:
         if weighting is None and network and network.config.weighting is None:
-            raise InputError(f"{model}: {network.name} weighs no pairs: name a --weighting")
+            raise InputError(
+                f"{model}: {network.name} weighs no pairs: name a --weighting"
+            )
         _show_weights(network, weighting, style, title, example, out / "pairs.png")
     elif network:
         _show_forecast(network, samples, seed, title, example, out / "forecast.jsonl")
@@ -104,20 +108,32 @@ def _show_forecast(
     """Print and write the events and states of a window's pairs that the model forecasts."""
     observed = example.position[:, : example.obs_len]
     futures = predict_distribution(model, observed, draws=samples, seed=seed)
-    rows = forecast_rows(futures, observed, example.agent, SymbolSettings(example.period))
+    rows = forecast_rows(
+        futures, observed, example.agent, SymbolSettings(example.period)
+    )
     write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-    print(f"{title}: {len(example.agent)} people, {len(futures)} samples of {model.name}\n")
+    print(
+        f"{title}: {len(example.agent)} people, {len(futures)} samples of {model.name}\n"
+    )
     print(f"{format_forecast(rows)}\n\n{path}")
 
 
 def _show_weights(
-    model: Model | None, text: str | None, style: Any, title: str, example: Windows, path: Path
+    model: Model | None,
+    text: str | None,
+    style: Any,
+    title: str,
+    example: Windows,
+    path: Path,
 ) -> None:
     """Print the states of a window, and draw the weights that `text` or the model gives them."""
     from neurosym_jax.plotting import plot_pairs, save_figure, use_style
 
     if model and text is None:
-        weighting, parameters = model.config.weighting, model.params.get("weighting", {})
+        weighting, parameters = (
+            model.config.weighting,
+            model.params.get("weighting", {}),
+        )
     else:
         text = text or "cnd"
         weighting = component(text, WEIGHTINGS, f"--weighting {text}")

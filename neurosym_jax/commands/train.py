@@ -45,7 +45,8 @@ __all__ = ["Options", "closing_line", "configured", "make_run", "run"]
 class Options:
     """Train a model: `neurosym train` alone does so on the embedded simulations.
 
-    `neurosym train FILE.yaml` reads options from a file; those after it override the file.
+    `neurosym train FILE.yaml` reads options from a file; those after it override the
+    file.
     """
 
     model: str | None = None
@@ -129,7 +130,9 @@ def run(options: Options) -> None:
     run = dataclasses.replace(run, options=options_text(repeated))
     with contextlib.ExitStack() as stack:
         on_row = _tensorboard(folder, stack) if options.log else lambda row: None
-        model = train_run(run, folder, resume=options.resume, quiet=options.quiet, on_row=on_row)
+        model = train_run(
+            run, folder, resume=options.resume, quiet=options.quiet, on_row=on_row
+        )
     _print_errors(run, model)
     print(f"model: {folder / 'model'}, step {model.step}")
     print(closing_line(options, run, source, folder))
@@ -137,7 +140,9 @@ def run(options: Options) -> None:
 
 def closing_line(options: Options, run: Run, source: Source, folder: Path) -> str:
     """The command that tests the model on what it has not seen; or that nothing is left for it."""
-    datasets = source.scenes if isinstance(source, Synthetic | Folders) else (run.dataset,)
+    datasets = (
+        source.scenes if isinstance(source, Synthetic | Folders) else (run.dataset,)
+    )
     if options.train_on:
         datasets = _unseen(run, source) if options.data else ()
     elif not {*datasets} <= {*source.scenes}:
@@ -160,13 +165,17 @@ def _unseen(run: Run, source: Source) -> list[str]:
     for path in source.paths:
         with contextlib.suppress(InputError):  # It may be too short for a window.
             windows = cut_windows(source.files([str(path)]), *lengths)
-            used = (shared_shapes(windows, part) for part in (run.training, run.validation))
+            used = (
+                shared_shapes(windows, part) for part in (run.training, run.validation)
+            )
             if all(found <= 0.01 * total for found, total in used):
                 names.append(path.stem if isinstance(source, Files) else str(path))
     return names
 
 
-def _tensorboard(folder: Path, stack: contextlib.ExitStack) -> Callable[[dict[str, Any]], None]:
+def _tensorboard(
+    folder: Path, stack: contextlib.ExitStack
+) -> Callable[[dict[str, Any]], None]:
     """A function that writes a row of metrics to an event file in `folder`, closed by `stack`."""
     library = optional_module("tensorboardX", "--log tensorboard", "tensorboard")
     writers: list[Any] = []
@@ -186,7 +195,9 @@ def _tensorboard(folder: Path, stack: contextlib.ExitStack) -> Callable[[dict[st
 def _print_errors(run: Run, model: Model) -> None:
     """Print the validation errors of the model, which they chose, and of the baselines."""
     batches = make_batches(run.validation)
-    print(f"on the {run.validation.scenes} validation scenes, joint best of {run.samples}, metres:")
+    print(
+        f"on the {run.validation.scenes} validation scenes, joint best of {run.samples}, metres:"
+    )
     lengths = run.config.obs_len, run.config.pred_len
     baselines = baselines_of(None, *lengths, run.dataset, run.samples)
     for each in (model, *(baseline for _, baseline in baselines)):
@@ -205,12 +216,14 @@ def _print_errors(run: Run, model: Model) -> None:
 def configured(options: Options) -> tuple[Any, Any, Model | None]:
     """The configuration, the recipe and the initial model that `options` describe.
 
-    Raises:
-        InputError: for options that contradict each other, or a change that does not fit.
+    Raises: InputError: for options that contradict each other, or a change that does
+        not fit.
     """
     chosen = {"pooling": options.pooling, "weighting": options.weighting}
     changes = [f"{name}={value}" for name, value in chosen.items() if value is not None]
-    stated = {name: getattr(options, name) for name in ("obs_len", "pred_len", "period")}
+    stated = {
+        name: getattr(options, name) for name in ("obs_len", "pred_len", "period")
+    }
     lengths = {name: value for name, value in stated.items() if value is not None}
     if options.init is None:
         init = None
@@ -218,16 +231,24 @@ def configured(options: Options) -> tuple[Any, Any, Model | None]:
             options.model or "sgan", **lengths, changes=[*changes, *options.network]
         )
     else:
-        refuse_unused(options, ["model", *chosen, "network"], "with --init, which has its network")
-        init = load_model(options.init, dataset=options.dataset, pred_len=options.pred_len)
+        refuse_unused(
+            options, ["model", *chosen, "network"], "with --init, which has its network"
+        )
+        init = load_model(
+            options.init, dataset=options.dataset, pred_len=options.pred_len
+        )
         config = init.config
         for name, value in lengths.items():
             if value != (has := getattr(config, name)):  # As its numbers mean it.
                 flag = name.replace("_", "-")
-                raise InputError(f"--{flag} {value}: the model {options.init} has {has}")
+                raise InputError(
+                    f"--{flag} {value}: the model {options.init} has {has}"
+                )
     forecaster = forecaster_of(config)
     name = options.recipe or next(iter(recipes_of(type(forecaster))))
-    recipe = make_recipe(name, seed=options.seed, steps=options.steps, changes=options.set)
+    recipe = make_recipe(
+        name, seed=options.seed, steps=options.steps, changes=options.set
+    )
     refuse_other_recipe(forecaster, recipe)
     if options.freeze:
         recipe = dataclasses.replace(recipe, freeze=options.freeze)
@@ -262,7 +283,9 @@ def make_run(options: Options) -> tuple[Run, Source]:
             for split in ("train", "val")
         )
         if isinstance(source, Folders):
-            tested = [tracks for name in source.scenes for tracks in source.recordings(name)]
+            tested = [
+                tracks for name in source.scenes for tracks in source.recordings(name)
+            ]
             dataset = options.dataset
         elif dataset in source.scenes and not isinstance(source, Synthetic):
             tested = source.recordings(str(dataset))

@@ -1,8 +1,8 @@
 """Grids in time: the phase of each piece of a recording, and interpolation of tracks onto it.
 
-A recording may be annotated every 0.4 s and yet go on a fraction of that later after a pause, so
-that no one grid fits all of it. Each piece therefore has a grid of its own, and nothing crosses
-from one piece to the next.
+A recording may be annotated every 0.4 s and yet go on a fraction of that later after a
+pause, so that no one grid fits all of it. Each piece therefore has a grid of its own,
+and nothing crosses from one piece to the next.
 """
 
 import dataclasses
@@ -25,15 +25,15 @@ def resample(
 ) -> Tracks:
     """Interpolate every track linearly onto a grid of steps of `period`.
 
-    With `start` the grid is `start + n * period`, n = 0, 1, ...; without, each piece of the
-    recording has the phase that most of its rows have (see `phases`). A grid point within `SNAP` of
-    a source point takes its position bit for bit. Any other lies between two source points of the
-    agent at most `max_gap` apart; a longer gap splits a track in two under the same id. Extras are
-    those of the last source point.
+    With `start` the grid is `start + n * period`, n = 0, 1, ...; without, each piece of
+    the recording has the phase that most of its rows have (see `phases`). A grid point
+    within `SNAP` of a source point takes its position bit for bit. Any other lies
+    between two source points of the agent at most `max_gap` apart; a longer gap splits
+    a track in two under the same id. Extras are those of the last source point.
 
-    An interpolated point depends on the later source point (its stamp is `known`). `foreseen` is
-    extrapolated from the earlier ones alone, at their mean velocity over the last `period`;
-    `windows` uses it where `known` lies after the observation.
+    An interpolated point depends on the later source point (its stamp is `known`).
+    `foreseen` is extrapolated from the earlier ones alone, at their mean velocity over
+    the last `period`; `windows` uses it where `known` lies after the observation.
 
     All times are in seconds.
 
@@ -60,7 +60,9 @@ def resample(
     grid_stamp = origin[row] + grid * period
     after = np.where(exact, row, row + 1)
     since = grid_stamp - stamp[row]
-    weight = np.clip(since / np.where(exact, 1.0, stamp[after] - stamp[row]), 0.0, 1.0)[:, None]
+    weight = np.clip(since / np.where(exact, 1.0, stamp[after] - stamp[row]), 0.0, 1.0)[
+        :, None
+    ]
     # In this form a standing person stays exactly still, which QTC's zero symbols need.
     between = position[row] + weight * (position[after] - position[row])
     ahead = position[row] + since[:, None] * _velocity(tracks, joined, period)[row]
@@ -77,21 +79,23 @@ def resample(
     )
 
 
-def phases(stamp: np.ndarray, joined: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+def phases(
+    stamp: np.ndarray, joined: np.ndarray, period: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Pieces of a recording that one grid of steps of `period` seconds fits, and their grids.
 
-    A piece ends in a pause, in which no track goes on, and where the phase of most rows changes.
-    Its phase is that of most rows; where none has a majority, as at 25 frames a second, the first
-    that is common, or the last piece's. Rows without a neighbour in time have no vote.
+    A piece ends in a pause, in which no track goes on, and where the phase of most rows
+    changes. Its phase is that of most rows; where none has a majority, as at 25 frames
+    a second, the first that is common, or the last piece's. Rows without a neighbour in
+    time have no vote.
 
     Args:
         stamp: [R] seconds of rows sorted by (agent, stamp).
         joined: [R] bool: the next row continues this one's track.
         period: seconds.
 
-    Returns:
-        [R] number of each row's piece, in order of time, and [P] seconds: a point of each grid, at
-        or before the first row of the piece.
+    Returns: [R] number of each row's piece, in order of time, and [P] seconds: a point
+        of each grid, at or before the first row of the piece.
     """
     votes = joined | np.append(False, joined[:-1])
     votes = np.flatnonzero(votes) if votes.any() else np.arange(len(stamp))
@@ -117,7 +121,9 @@ def phases(stamp: np.ndarray, joined: np.ndarray, period: float) -> tuple[np.nda
         if 2 * len(ballot) > high - low:
             choice = int(common(ballot))
         else:
-            kinds, first, counts = np.unique(label[low:high], return_index=True, return_counts=True)
+            kinds, first, counts = np.unique(
+                label[low:high], return_index=True, return_counts=True
+            )
             frequent = counts >= counts.max() / 4
             choice = int(kinds[frequent][np.argmin(first[frequent])])
             choice = previous if previous in kinds else choice
@@ -125,7 +131,9 @@ def phases(stamp: np.ndarray, joined: np.ndarray, period: float) -> tuple[np.nda
             continue
         previous, start = choice, stamp.min() if low == 0 else moment[low]
         example = moment[low:high][label[low:high] == choice][0]
-        origins.append(float(example - np.ceil((example - start) / period - SNAP) * period))
+        origins.append(
+            float(example - np.ceil((example - start) / period - SNAP) * period)
+        )
         begins.append(float(start))
     return np.searchsorted(begins, stamp + SNAP, side="right") - 1, np.array(origins)
 
@@ -135,7 +143,8 @@ def _jumps(stamp: np.ndarray, joined: np.ndarray, moment: float, period: float) 
     over = np.flatnonzero(joined & (stamp < moment))
     over = over[stamp[over + 1] >= moment]
     change, earlier = (
-        np.mod((stamp[over + lag] - stamp[over + lag - 1]) / period + SHIFT, 1) > 2 * SHIFT
+        np.mod((stamp[over + lag] - stamp[over + lag - 1]) / period + SHIFT, 1)
+        > 2 * SHIFT
         for lag in (1, 0)
     )
     return bool(np.mean(change & ~earlier) > 0.5) if len(over) else False
@@ -159,12 +168,17 @@ def _is_majority(stamp: np.ndarray, label: np.ndarray, period: float) -> np.ndar
     """[R] bool: whether most of the rows within `NEAR` periods have the phase of a row, and one of
     them at another moment. `stamp` ascends."""
     tick = np.rint((stamp - stamp[0]) / period * 100).astype(np.int64)
-    reach = NEAR * 100 - 1  # Else of two phases that alternate, each has 5 of 9 rows around one.
-    total = np.searchsorted(tick, tick + reach, "right") - np.searchsorted(tick, tick - reach)
+    reach = (
+        NEAR * 100 - 1
+    )  # Else of two phases that alternate, each has 5 of 9 rows around one.
+    total = np.searchsorted(tick, tick + reach, "right") - np.searchsorted(
+        tick, tick - reach
+    )
     key = label * (tick[-1] + 4 * reach) + tick
     ordered = np.sort(key)
     same_phase, now = (
-        np.searchsorted(ordered, key + width, "right") - np.searchsorted(ordered, key - width)
+        np.searchsorted(ordered, key + width, "right")
+        - np.searchsorted(ordered, key - width)
         for width in (reach, 1)
     )
     return (2 * same_phase > total) & (same_phase > now)
@@ -175,8 +189,9 @@ def _grid_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For each of G grid points its source row, its number n, and whether it lies on that row.
 
-    The grid of a row is `origin [R] + n * period`, n >= 0. A row serves the grid points before the
-    next row's or, if it is not `joined` [R] to that, the point that it lies on.
+    The grid of a row is `origin [R] + n * period`, n >= 0. A row serves the grid points
+    before the next row's or, if it is not `joined` [R] to that, the point that it lies
+    on.
     """
     stamp = tracks.stamp
     nearest = np.rint((stamp - origin) / period)
@@ -203,7 +218,9 @@ def on_grid(tracks: Tracks, period: float = PERIOD, max_gap: float = 1.0) -> Tra
         InputError: for a period or gap that is not a usable number, see `resample`.
     """
     if not 0 < period < np.inf:
-        raise InputError(f"{tracks.recording}: the period must be positive, not {period}")
+        raise InputError(
+            f"{tracks.recording}: the period must be positive, not {period}"
+        )
     place = (tracks.stamp - tracks.stamp.min()) / period
     steps = np.diff(np.rint(place))[np.diff(tracks.id) == 0]
     if np.all(steps == 1) and np.all(np.abs(place - np.rint(place)) <= SNAP / period):
@@ -216,7 +233,9 @@ def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
     (`joined [R]`: the next row continues this one); zero at the first row."""
     step = np.where(joined[:-1], np.diff(tracks.stamp), 2 * period)
     clock = np.concatenate([[0.0], np.cumsum(step)])  # ascending over all agents
-    first = np.maximum.accumulate(np.where(np.append(True, ~joined[:-1]), np.arange(len(clock)), 0))
+    first = np.maximum.accumulate(
+        np.where(np.append(True, ~joined[:-1]), np.arange(len(clock)), 0)
+    )
     since = np.searchsorted(clock, clock - period + SNAP, side="right") - 1
     since = np.maximum(since, first)
     span = (tracks.stamp - tracks.stamp[since])[:, None]

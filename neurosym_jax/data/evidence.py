@@ -1,6 +1,7 @@
 """Whether a recording's clock and unit can be true, by how people move in it.
 
-Speeds are taken over steps of about 0.4 s, so that noise of a fast tracker is not walking.
+Speeds are taken over steps of about 0.4 s, so that noise of a fast tracker is not
+walking.
 """
 
 from collections.abc import Iterator
@@ -12,7 +13,16 @@ from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import GAP, PERIOD, Tracks
 from neurosym_jax.errors import option
 
-__all__ = ["APART", "DOUBTED", "REFUSED", "apart_of", "judge", "pace_of", "roughness", "steps_of"]
+__all__ = [
+    "APART",
+    "DOUBTED",
+    "REFUSED",
+    "apart_of",
+    "judge",
+    "pace_of",
+    "roughness",
+    "steps_of",
+]
 
 REFUSED, DOUBTED = (0.9, 4.5), (1.05, 2.5)
 """Outside these paces, m/s, a recording is refused or doubted. Those of ETH/UCY and THÖR are 1.22
@@ -36,7 +46,8 @@ def pace_of(tracks: Tracks) -> tuple[int, float]:
     step, same = np.diff(tracks.stamp), np.diff(tracks.id) == 0
     longest = GAP * max(float(np.median(step[same])) if same.any() else 0.0, PERIOD)
     clock = np.append(0.0, np.cumsum(np.where(same, step, 2 * longest)))
-    # Strides to the same person's row about 0.4 s later, or of short tracks to the next.
+    # Strides to the same person's row about 0.4 s later, or of short tracks to the
+    # next.
     after = np.searchsorted(clock, clock + PERIOD - 1e-3)
     starts = np.flatnonzero(after < len(clock))
     starts = starts[clock[after[starts]] - clock[starts] <= longest]
@@ -63,7 +74,8 @@ def apart_of(tracks: Tracks) -> float:
     moment, position = _moments(tracks)
     moments, moment = np.unique(moment, return_inverse=True)
     is_sampled = moment % max(1, len(moments) // 200) == 0
-    # Moments are further apart than any two people; of people at one place the tree would be slow.
+    # Moments are further apart than any two people; of people at one place the tree
+    # would be slow.
     points = np.unique(np.column_stack([position, 1e10 * moment])[is_sampled], axis=0)
     near = KDTree(points).query(points, 2, distance_upper_bound=1e9)[0][:, 1]
     near = near[np.isfinite(near)]
@@ -73,7 +85,9 @@ def apart_of(tracks: Tracks) -> float:
 def _moments(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of moments, of 0.1 s or the usual step, and each person's first position in one:
     the points of two trackers, or of each person, may have their own stamps."""
-    moment = np.rint(tracks.stamp / min(0.1, np.median(np.append(steps_of(tracks)[0], 0.1))))
+    moment = np.rint(
+        tracks.stamp / min(0.1, np.median(np.append(steps_of(tracks)[0], 0.1)))
+    )
     new = np.append(True, (np.diff(moment) != 0) | (np.diff(tracks.id) != 0))
     return moment[new], tracks.position[new]
 
@@ -81,8 +95,8 @@ def _moments(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
 def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """[C] typical second difference of each of the `columns` [R, C] along tracks, in spreads.
 
-    It is infinite where the reading repeats a person at one moment, or has few tracks of three
-    rows; uneven steps in time add to it.
+    It is infinite where the reading repeats a person at one moment, or has few tracks
+    of three rows; uneven steps in time add to it.
     """
     order = np.lexsort((time, ids))
     step, same = np.diff(time[order]), np.diff(ids[order]) == 0
@@ -105,7 +119,9 @@ def _every_period(tracks: Tracks) -> Tracks:
     if stride == 1:
         return tracks
     first = np.flatnonzero(np.append(True, ~same))
-    place = np.arange(len(tracks.id)) - np.repeat(first, np.diff(np.append(first, len(tracks.id))))
+    place = np.arange(len(tracks.id)) - np.repeat(
+        first, np.diff(np.append(first, len(tracks.id)))
+    )
     return tracks.take(place % stride == 0)
 
 
@@ -114,7 +130,10 @@ def _is_crowded(position: np.ndarray) -> bool:
     one clock do not, those who came one after another through one door do."""
     from scipy.spatial import KDTree
 
-    return len(position) > 1 and float(KDTree(position).query(position, 2)[0][:, 1].min()) < 0.2
+    return (
+        len(position) > 1
+        and float(KDTree(position).query(position, 2)[0][:, 1].min()) < 0.2
+    )
 
 
 def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[str, bool, str]]:
@@ -124,10 +143,14 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[str, bool, str
     notes = tracks.reading.notes if tracks.reading else ()
     agreed = next((note for note in notes if note.endswith("agree with the clock")), "")
     if pace < DOUBTED[0] or pace > DOUBTED[1]:
-        guard, unit = ("slow", "more than metres") if pace < 2 else ("fast", "cm, mm or pixels")
+        guard, unit = (
+            ("slow", "more than metres") if pace < 2 else ("fast", "cm, mm or pixels")
+        )
         yield (
             guard,
-            enough and not REFUSED[0] <= pace <= REFUSED[1] and not (agreed and guard == "slow"),
+            enough
+            and not REFUSED[0] <= pace <= REFUSED[1]
+            and not (agreed and guard == "slow"),
             f"one step in twenty is faster than {pace:.2f} m/s, of walking people 1.2 to 2.1: is "
             f"the clock too {guard} ({option('fps')}, {option('time_unit')}; SGAN's eth needs "
             f"{option('eth_stride', 6)}), or are coordinates {unit} ({option('unit')})?"
@@ -157,9 +180,13 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[str, bool, str
     ids, first, count = np.unique(thin.id, return_index=True, return_counts=True)
     last = first + count - 1
     padded = np.pad(length, 3, constant_values=np.nan)
-    stays = [padded[at[:, None] + np.arange(3)].sum(axis=1) == 0 for at in (first + 3, last)]
+    stays = [
+        padded[at[:, None] + np.arange(3)].sum(axis=1) == 0 for at in (first + 3, last)
+    ]
     went = np.linalg.norm(thin.position[last] - thin.position[first], axis=1) > 1
-    start_share = np.unique(thin.position[first], axis=0, return_counts=True)[1].max() / len(ids)
+    start_share = np.unique(thin.position[first], axis=0, return_counts=True)[
+        1
+    ].max() / len(ids)
     together = thin.stamp[first] == thin.stamp.min()
     together &= len(np.unique(thin.stamp[last])) > len(ids) / 4
     crowded = together.any() and _is_crowded(thin.position[first[together]])
@@ -171,15 +198,25 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[str, bool, str
             0.5,
             "walk but stay at an end: are positions held?",
         ),
-        ("origins", start_share, 0.5, 0.5, "begin at one place: has each an own origin?"),
+        (
+            "origins",
+            start_share,
+            0.5,
+            0.5,
+            "begin at one place: has each an own origin?",
+        ),
         ("together", together, 0.9, 0.9, "begin at one moment: has each an own clock?"),
     ):
         if len(ids) >= MANY and np.mean(share) > doubted:
-            refuse = enough and np.mean(share) > refused and (guard != "together" or crowded)
+            refuse = (
+                enough and np.mean(share) > refused and (guard != "together" or crowded)
+            )
             yield guard, refuse, f"{np.mean(share):.0%} of the people {line}"
     length = np.linalg.norm(np.diff(tracks.position, axis=0), axis=1)
     length[np.diff(tracks.id) != 0] = np.nan
-    across = np.sqrt(np.abs(np.linalg.eigvalsh(np.cov(tracks.position.T, bias=True))[0]))
+    across = np.sqrt(
+        np.abs(np.linalg.eigvalsh(np.cov(tracks.position.T, bias=True))[0])
+    )
     if enough and len(ids) > 1 and across < 0.2:
         yield (
             "line",
@@ -206,8 +243,16 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[str, bool, str
     step = np.where(np.isnan(length), np.nan, np.diff(tracks.stamp))
     count = np.isfinite(step).sum()
     fast = (
-        np.flatnonzero((length > 10 * step) & (step <= GAP * np.nanmedian(step))) if count else []
+        np.flatnonzero((length > 10 * step) & (step <= GAP * np.nanmedian(step)))
+        if count
+        else []
     )
     if count >= FEW and 0 < len(fast) < count / 2:
-        first = f"the first by person {tracks.id[fast[0]]} at {tracks.stamp[fast[0]]:.2f} s"
-        yield "leaps", False, f"{len(fast)} steps are faster than 10 m/s, {first}: is a person two?"
+        first = (
+            f"the first by person {tracks.id[fast[0]]} at {tracks.stamp[fast[0]]:.2f} s"
+        )
+        yield (
+            "leaps",
+            False,
+            f"{len(fast)} steps are faster than 10 m/s, {first}: is a person two?",
+        )

@@ -58,18 +58,25 @@ def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
     if options.columns:
         forms = (storage.Storage(), storage.Json())
         return next((form for form in forms if form.knows(head)), columns.Columns())
-    return next(form for kind in reversed(FORMATS.values()) if (form := kind()).knows(head))
+    return next(
+        form for kind in reversed(FORMATS.values()) if (form := kind()).knows(head)
+    )
 
 
 def is_folder(path: Path) -> bool:
     """Whether a path is a folder of files, and not one that is a recording itself."""
-    return os.path.isdir(path) and not _owner(path)  # os's also for a name that is too long.
+    return os.path.isdir(path) and not _owner(
+        path
+    )  # os's also for a name that is too long.
 
 
 def _owner(path: Path) -> Format | None:
     """The format that a path is of by its name."""
     load_entry_points()
-    return next((form for kind in reversed(FORMATS.values()) if (form := kind()).owns(path)), None)
+    return next(
+        (form for kind in reversed(FORMATS.values()) if (form := kind()).owns(path)),
+        None,
+    )
 
 
 def read_any(
@@ -77,13 +84,15 @@ def read_any(
 ) -> list[Tracks]:
     """The recordings in a file or dataframe, on their own clocks; each has a `reading`.
 
-    `data` is the path of a file of any known format, or a table of pandas, polars, pyarrow,
-    GeoPandas, PedPy or MovingPandas, which is read as a table with named columns. The most common
-    step of frame numbers is `frame_period` seconds where nothing else is said.
+    `data` is the path of a file of any known format, or a table of pandas, polars,
+    pyarrow, GeoPandas, PedPy or MovingPandas, which is read as a table with named
+    columns. The most common step of frame numbers is `frame_period` seconds where
+    nothing else is said.
 
-    Raises:
-        InputError: naming file, row and reason; for an option that the format does not use, and
-            for people who move as none do (see `evidence`), unless `options.allow` names the guard.
+    Raises: InputError: naming file, row and reason; for an option that the format does
+        not use, and
+            for people who move as none do (see `evidence`), unless `options.allow`
+            names the guard.
 
     Warns:
         InputWarning: of what looks wrong, which is in `reading` too.
@@ -91,7 +100,9 @@ def read_any(
     path = FRAME if is_frame(data) else Path(data)
     form = columns.Columns() if is_frame(data) else format_of(path, options)
     if is_frame(data) and options.format not in (None, "columns"):
-        raise InputError(f"{path}: it is a {form.title}, not {option('format', options.format)}")
+        raise InputError(
+            f"{path}: it is a {form.title}, not {option('format', options.format)}"
+        )
     refuse_useless(path, form, options)
     if isinstance(form, columns.Columns) and is_frame(data):
         recordings = form.take(table_of(data), options, frame_period)
@@ -105,11 +116,16 @@ def read_any(
         lines = reading.warnings
         for name, value in (("unit", options.unit_of), ("fps", options.fps_of)):
             if (text := getattr(options, name)) and value(path.stem) is None:
-                lines = (*lines, f"{option(name, text)} does not name {printable(path.stem)}")
+                lines = (
+                    *lines,
+                    f"{option(name, text)} does not name {printable(path.stem)}",
+                )
         for guard, refused, line in judge(tracks, options):
             if refused and guard not in options.allow:
                 waive = option("allow", (guard,))
-                raise InputError(f"{path}: {line} (where it is true all the same: {waive})")
+                raise InputError(
+                    f"{path}: {line} (where it is true all the same: {waive})"
+                )
             lines = (*lines, f"allowed {guard}: {line}" if refused else line)
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
@@ -147,7 +163,9 @@ def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
         data = data_files(path, options) if is_folder(path) else [path]
         return [tracks for path in data for tracks in read_any(path, options)]
     if not isinstance(data, Iterable):
-        raise InputError(f"{brief(data)}: is no recording: give a file, table or `make_tracks`")
+        raise InputError(
+            f"{brief(data)}: is no recording: give a file, table or `make_tracks`"
+        )
     return [tracks for item in data for tracks in recordings_in(item, options)]
 
 
@@ -163,16 +181,22 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     tables = [path for path in paths if isinstance(format_of(path), columns.Columns)]
     others = [path for path in tables if not _names_tracks(path)]
     for path in others:
-        warnings.warn(f"{path}: left out: it has no columns of tracks", InputWarning, stacklevel=2)
+        warnings.warn(
+            f"{path}: left out: it has no columns of tracks", InputWarning, stacklevel=2
+        )
     if len(paths) == len(others):
-        raise InputError(f"{folder}: its tables have no columns of tracks; name them, or others")
+        raise InputError(
+            f"{folder}: its tables have no columns of tracks; name them, or others"
+        )
     return [path for path in paths if path not in others]
 
 
 def _names_tracks(path: Path) -> bool:
     """Whether a header or a comment names columns of tracks."""
     head = read_head(path)
-    return names_tracks(head.names or names_in_comments(head.comments, len(head.fields[0])))
+    return names_tracks(
+        head.names or names_in_comments(head.comments, len(head.fields[0]))
+    )
 
 
 def files_in(folder: Path, pattern: str = "*") -> list[Path]:
@@ -187,5 +211,7 @@ def files_in(folder: Path, pattern: str = "*") -> list[Path]:
         if (path.suffix.lower() in SUFFIXES or _owner(path)) and not _owner(path.parent)
     ]
     if not paths:
-        raise InputError(f"{folder}: no such folder, or no {', '.join(SUFFIXES)} file in it")
+        raise InputError(
+            f"{folder}: no such folder, or no {', '.join(SUFFIXES)} file in it"
+        )
     return paths

@@ -1,6 +1,7 @@
 """From coordinates of a picture to metres, and back: homographies, scales and handedness.
 
-Positions have x to the right, y up, so that left is counter-clockwise. In pictures y points down.
+Positions have x to the right, y up, so that left is counter-clockwise. In pictures y
+points down.
 """
 
 import dataclasses
@@ -22,14 +23,17 @@ SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 def read_homography(text: str | Path) -> np.ndarray:
     """[3, 3] matrix from (column, row, 1) of a picture to metres, of `FILE` or `FILE,row-column`.
 
-    The file has nine numbers; with `row-column` they are for (row, column, 1), as EWAP's.
+    The file has nine numbers; with `row-column` they are for (row, column, 1), as
+    EWAP's.
 
     Raises:
         InputError: naming the file that cannot be used.
     """
     name, _, order = str(text).partition(",")
     if order not in ("", "row-column", "column-row"):
-        raise InputError(f"{text}: the order of a homography is row-column or column-row")
+        raise InputError(
+            f"{text}: the order of a homography is row-column or column-row"
+        )
     fields = read_text_file(Path(name)).replace(",", " ").replace(";", " ").split()
     try:
         matrix = np.array(fields, float).reshape(3, 3)
@@ -50,14 +54,18 @@ def project(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
     mapped = points @ matrix[:, :2].T + matrix[:, 2]
     depth = mapped[..., 2:]
     usable = depth * np.sign(np.median(depth) or 1.0) > 1e-12 * np.abs(depth).max()
-    return np.divide(mapped[..., :2], depth, out=np.full(points.shape, np.nan), where=usable)
+    return np.divide(
+        mapped[..., :2], depth, out=np.full(points.shape, np.nan), where=usable
+    )
 
 
 def outside(matrix: np.ndarray, points: np.ndarray, width: int, height: int) -> float:
     """Share of `points [P, 2]`, in metres, that lie outside a picture of this size in pixels."""
     pixels = project(np.linalg.inv(matrix), points)
     with np.errstate(invalid="ignore"):
-        inside = ((pixels >= -0.5) & (pixels <= [width - 0.5, height - 0.5])).all(axis=-1)
+        inside = ((pixels >= -0.5) & (pixels <= [width - 0.5, height - 0.5])).all(
+            axis=-1
+        )
     return float(1 - inside.mean())
 
 
@@ -78,14 +86,22 @@ def positions_of(
     if has_position.sum() < len(values):
         if not has_position.any():
             raise InputError(f"{table.path}: no row has a position")
-        lines.append(f"{np.sum(~has_position)} rows have no position, and are taken as not seen")
+        lines.append(
+            f"{np.sum(~has_position)} rows have no position, and are taken as not seen"
+        )
         table, values = table.take(has_position), values[has_position]
     column = dict(zip(roles, values.T))
     if schema.is_box:
-        right = column["right"] if "right" in column else column["left"] + column["width"]
-        bottom = column["bottom"] if "bottom" in column else column["top"] + column["height"]
+        right = (
+            column["right"] if "right" in column else column["left"] + column["width"]
+        )
+        bottom = (
+            column["bottom"] if "bottom" in column else column["top"] + column["height"]
+        )
         wrong = (right < column["left"]) | (bottom < column["top"])
-        table.refuse(wrong, lambda at: "the box ends before it begins (left top right bottom)")
+        table.refuse(
+            wrong, lambda at: "the box ends before it begins (left top right bottom)"
+        )
         raw = np.column_stack([(column["left"] + right) / 2, bottom])
     else:
         raw = values
@@ -115,5 +131,7 @@ def positions_of(
         if schema.in_picture:
             position = position * [1, -1]  # Rows of pictures count downward.
     if options.flip_y or (schema.in_picture and not options.homography):
-        table = dataclasses.replace(table, notes=(*table.notes, "y is turned round, to point up"))
+        table = dataclasses.replace(
+            table, notes=(*table.notes, "y is turned round, to point up")
+        )
     return table, position * [1, -1 if options.flip_y else 1], raw, lines

@@ -1,7 +1,8 @@
 """Whether windows were among those that a model was trained on, by their shapes.
 
-A model keeps hashes of some of its training windows: the rounded moves of eight steps that go more
-than a metre and are not straight. A copy is found whatever its name, ids, frames or origin are.
+A model keeps hashes of some of its training windows: the rounded moves of eight steps
+that go more than a metre and are not straight. A copy is found whatever its name, ids,
+frames or origin are.
 """
 
 import base64
@@ -11,7 +12,13 @@ import numpy as np
 
 from neurosym_jax.data.windows import Windows
 
-__all__ = ["chance_shapes", "fingerprint", "is_fingerprint", "merged_fingerprints", "seen_before"]
+__all__ = [
+    "chance_shapes",
+    "fingerprint",
+    "is_fingerprint",
+    "merged_fingerprints",
+    "seen_before",
+]
 __all__ += ["shared_shapes"]
 
 STEPS = 8  # observed and predicted steps of a shape; models of all horizons share it
@@ -58,13 +65,15 @@ def shared_shapes(windows: Windows, others: Windows) -> tuple[int, int]:
 def chance_shapes(windows: Windows) -> float:
     """The share of shapes in `windows` that another person of the same recording has too.
 
-    Where positions are rounded coarsely, people who are not the same move alike by chance: about
-    this share of other people's shapes is found in `windows`. Copies of a whole recording do not
-    raise it.
+    Where positions are rounded coarsely, people who are not the same move alike by
+    chance: about this share of other people's shapes is found in `windows`. Copies of a
+    whole recording do not raise it.
     """
     hashes, rows = _shapes(windows)
     recording = np.repeat(windows.identity[:, 0], windows.sizes)[rows]
-    people = np.unique(np.stack([hashes, recording, windows.agent[rows].astype(np.uint64)]), axis=1)
+    people = np.unique(
+        np.stack([hashes, recording, windows.agent[rows].astype(np.uint64)]), axis=1
+    )
     _, others = np.unique(people[:2], axis=1, return_counts=True)
     return float(others[others > 1].sum() / max(others.sum(), 1))
 
@@ -89,8 +98,13 @@ def _shapes(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     turns = np.sum(np.any(np.diff(cells, axis=1) != 0, axis=-1), axis=1)
     rows = np.flatnonzero(far & (turns >= STEPS - 3))
     chosen = cells[rows].reshape(len(rows), cells.shape[1] * 2).astype(np.uint64)
-    factors = np.random.default_rng(0).integers(1, 2**63, chosen.shape[1], np.uint64) * 2 + 1
+    factors = (
+        np.random.default_rng(0).integers(1, 2**63, chosen.shape[1], np.uint64) * 2 + 1
+    )
     mixed = (chosen * factors).sum(axis=1, dtype=np.uint64)
-    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):  # splitmix64
+    for shift, factor in (
+        (30, 0xBF58476D1CE4E5B9),
+        (27, 0x94D049BB133111EB),
+    ):  # splitmix64
         mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
     return mixed >> np.uint64(16), rows

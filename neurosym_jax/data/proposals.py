@@ -21,10 +21,16 @@ SET_BACK = 10.0
 def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
     """Columns for the roles that are missing, by values: the reading whose tracks are smoothest.
 
-    The id repeats, the clock is a number; x and y follow each other, perhaps with one between.
+    The id repeats, the clock is a number; x and y follow each other, perhaps with one
+    between.
     """
-    part, columns = table.take(np.arange(len(table.row)) < 20_000), range(min(len(table.names), 12))
-    is_complete = ~np.any([absent(part.column(at)).to_numpy() for at in columns], axis=0)
+    part, columns = (
+        table.take(np.arange(len(table.row)) < 20_000),
+        range(min(len(table.names), 12)),
+    )
+    is_complete = ~np.any(
+        [absent(part.column(at)).to_numpy() for at in columns], axis=0
+    )
     if is_complete.mean() > 0.25:  # Of people who are not seen there is no position.
         part = part.take(is_complete)
     free = [at for at in columns if at not in places.values()]
@@ -35,10 +41,20 @@ def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
         for at in dict.fromkeys([*free, clock, x, y])
         if at is not None and (values := _numbers(part, at)) is not None
     }
-    moments: list[int] = [clock] if clock is not None else [at for at in free if at in numbers]
-    people = [places["id"]] if "id" in places else [at for at in free if _repeats(part, at)]
-    pairs = [(a, b) for a, b in itertools.combinations(sorted(numbers), 2) if b - a <= 2]
-    pairs = [(a, b) for a, b in pairs if a in (x, a * (x is None)) and b in (y, b * (y is None))]
+    moments: list[int] = (
+        [clock] if clock is not None else [at for at in free if at in numbers]
+    )
+    people = (
+        [places["id"]] if "id" in places else [at for at in free if _repeats(part, at)]
+    )
+    pairs = [
+        (a, b) for a, b in itertools.combinations(sorted(numbers), 2) if b - a <= 2
+    ]
+    pairs = [
+        (a, b)
+        for a, b in pairs
+        if a in (x, a * (x is None)) and b in (y, b * (y is None))
+    ]
     pairs: Any = pairs if x is None or y is None else [(x, y)]
     lowest, best = np.inf, dict[str, Any]()
     for moment, person in itertools.product(moments, people):
@@ -46,8 +62,9 @@ def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
             continue
         ids = part.column(person).rank("dense").to_numpy()
         bends = roughness(numbers[moment], ids, np.column_stack(list(numbers.values())))
-        # One number at a moment, whoever is there, is another clock; one of a person may be a
-        # height, and is taken for a coordinate only where nothing else is left.
+        # One number at a moment, whoever is there, is another clock; one of a person
+        # may be a height, and is taken for a coordinate only where nothing else is
+        # left.
         bend = dict[int, float]()
         for at, value in zip(numbers, bends):
             at_once, in_all = (

@@ -21,7 +21,15 @@ from neurosym_jax.configuration import NotNegative, Positive, refuse
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, option
 
-__all__ = ["AS_IT_SAYS", "GUARDS", "Format", "Head", "ReadOptions", "header_in", "metres_in"]
+__all__ = [
+    "AS_IT_SAYS",
+    "GUARDS",
+    "Format",
+    "Head",
+    "ReadOptions",
+    "header_in",
+    "metres_in",
+]
 __all__ += ["read_head", "read_text_file", "separator_of"]
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # in each unit
@@ -90,8 +98,12 @@ class ReadOptions:
                 raise InputError(f"{option('fps')} must be positive, not {part}")
         refuse(NotNegative, {option("max_gap"): self.max_gap}, optional=True)
         if unknown := [name for name in self.allow if name not in GUARDS]:
-            raise InputError(f"{option('allow')} is one of {', '.join(GUARDS)}, not {unknown[0]!r}")
-        for _, _, unit in (part.rpartition("=") for part in (self.unit or "m").split(",")):
+            raise InputError(
+                f"{option('allow')} is one of {', '.join(GUARDS)}, not {unknown[0]!r}"
+            )
+        for _, _, unit in (
+            part.rpartition("=") for part in (self.unit or "m").split(",")
+        ):
             metres = METRES.get(unit, 0.0)
             with contextlib.suppress(ValueError):
                 metres = metres or float(unit)
@@ -113,7 +125,9 @@ class ReadOptions:
 
 def _value_of(text: str, recording: str) -> str | None:
     """The value of a recording in `VALUE` or `RECORDING=VALUE,...`."""
-    values = {name: value for name, _, value in (x.rpartition("=") for x in text.split(","))}
+    values = {
+        name: value for name, _, value in (x.rpartition("=") for x in text.split(","))
+    }
     return values.get(recording) or values.get("") or None
 
 
@@ -129,7 +143,9 @@ AS_IT_SAYS = ReadOptions()  # everything is taken from the files
 class Head:
     """How a file begins; formats are recognised by it."""
 
-    lines: list[str]  # its first 64 kB without blank lines and comments; one empty line if not text
+    lines: list[
+        str
+    ]  # its first 64 kB without blank lines and comments; one empty line if not text
     magic: bytes = b""  # its first 16 bytes
     comments: tuple[str, ...] = ()  # lines with #, without that
 
@@ -139,7 +155,10 @@ class Head:
         mark = separator_of(self.lines[0])
         lines = self.lines[:50]
         return [
-            [field.strip(' "') for field in (line.split(mark) if mark != " " else line.split())]
+            [
+                field.strip(' "')
+                for field in (line.split(mark) if mark != " " else line.split())
+            ]
             for line in lines
         ]
 
@@ -147,7 +166,9 @@ class Head:
     def names(self) -> list[str]:
         """The fields of a header line; none if the file begins otherwise."""
         first = self.lines[0].replace("\t", "")
-        named = header_in(self.fields) and any(name[:1].isalpha() for name in self.fields[0])
+        named = header_in(self.fields) and any(
+            name[:1].isalpha() for name in self.fields[0]
+        )
         return self.fields[0] if named and first.isprintable() else []
 
     @functools.cached_property
@@ -186,7 +207,9 @@ def header_in(rows: Sequence[Sequence[str]]) -> bool:
     return not any(is_number[at] for at in numeric or columns) and any(first)
 
 
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
+_NUMBER = re.compile(
+    r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -195,7 +218,9 @@ class Format(abc.ABC):
     fields, if any, are options that only this format has."""
 
     title: ClassVar[str] = ""  # what messages call it
-    uses: ClassVar[frozenset[str]] = frozenset()  # the fields of `ReadOptions` that it uses
+    uses: ClassVar[frozenset[str]] = (
+        frozenset()
+    )  # the fields of `ReadOptions` that it uses
 
     def knows(self, head: Head) -> bool:
         """Whether a file that begins so is of this format."""
@@ -219,7 +244,9 @@ def read_text_file(path: Path) -> str:
     try:
         return _bytes_of(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not text in UTF-8 ({error.reason}): save it so") from None
+        raise InputError(
+            f"{path}: not text in UTF-8 ({error.reason}): save it so"
+        ) from None
 
 
 def _bytes_of(path: Path, size: int = -1) -> bytes:

@@ -1,7 +1,7 @@
 """The schema of a table: which column has which role and unit, as a user or the names say.
 
-The words of names stand in `vocabulary.tsv`. What names do not settle is proposed by values, as a
-command to paste; it is never read without that.
+The words of names stand in `vocabulary.tsv`. What names do not settle is proposed by
+values, as a command to paste; it is never read without that.
 """
 
 import dataclasses
@@ -51,7 +51,9 @@ class Schema:
     """Roles and other names, the extras, of the columns of a table."""
 
     places: Mapping[str, int]  # column of each role or extra
-    units: Mapping[str, str] = dataclasses.field(default_factory=dict)  # of time, x, y by name
+    units: Mapping[str, str] = dataclasses.field(
+        default_factory=dict
+    )  # of time, x, y by name
     labels: tuple[int, ...] = ()  # further columns of kinds, by their names
     recordings: tuple[int, ...] = ()  # columns that tell recordings apart
     declared: frozenset[str] = frozenset()  # the roles that the user gave
@@ -80,7 +82,11 @@ class Schema:
 @functools.cache
 def vocabulary() -> dict[str, frozenset[str]]:
     """The words of each role, and of `recording`, `people` and `others`."""
-    text = files("neurosym_jax.data").joinpath("vocabulary.tsv").read_text(encoding="utf-8")
+    text = (
+        files("neurosym_jax.data")
+        .joinpath("vocabulary.tsv")
+        .read_text(encoding="utf-8")
+    )
     rows = (line.split("\t") for line in text.splitlines()[1:])
     return {role: frozenset(words.split()) for role, words in rows}
 
@@ -129,7 +135,11 @@ def names_tracks(names: Sequence[str]) -> bool:
 
 def _has_position(roles: Iterable[str]) -> bool:
     roles = set(roles)
-    box = {"left", "top"} <= roles and roles & {"right", "width"} and roles & {"bottom", "height"}
+    box = (
+        {"left", "top"} <= roles
+        and roles & {"right", "width"}
+        and roles & {"bottom", "height"}
+    )
     return {"x", "y"} <= roles or bool(box)
 
 
@@ -146,8 +156,8 @@ def names_in_comments(comments: Sequence[str], width: int) -> list[str]:
 def schema_of(table: Table, stated: Mapping[str, str]) -> Schema:
     """The columns that the user has `given`, by name or number from 1, and those whose names say.
 
-    Raises:
-        InputError: naming every role that is missing or stands twice, with a command to paste.
+    Raises: InputError: naming every role that is missing or stands twice, with a
+        command to paste.
     """
     places = {key: _place(table, key, name) for key, name in stated.items()}
     taken = {at for role, at in places.items() if role in ROLES}
@@ -156,7 +166,9 @@ def schema_of(table: Table, stated: Mapping[str, str]) -> Schema:
         if at not in taken and (role := role_of(name)):
             named.setdefault(role, []).append(at)
     clocks = {"time", "frame"} & stated.keys()
-    if {"x", "y"} & stated.keys() or (not set(BOX) & stated.keys() and {"x", "y"} <= named.keys()):
+    if {"x", "y"} & stated.keys() or (
+        not set(BOX) & stated.keys() and {"x", "y"} <= named.keys()
+    ):
         named = {role: at for role, at in named.items() if role not in BOX}
     elif set(BOX) & stated.keys() or _has_position(named.keys() - {"x", "y"}):
         named = {role: at for role, at in named.items() if role not in ("x", "y")}
@@ -174,14 +186,18 @@ def schema_of(table: Table, stated: Mapping[str, str]) -> Schema:
         raise _refusal(table, places, required, named)
     points = {role: at for role, at in places.items() if role in (*ROLES[:5], *BOX)}
     if len(set(points.values())) < len(points):
-        raise InputError(f"{table.path}: {', '.join(points)} must be {len(points)} columns")
+        raise InputError(
+            f"{table.path}: {', '.join(points)} must be {len(points)} columns"
+        )
     labels = () if "label" in stated else tuple(named.get("label", ()))
     units = {
         role: unit
         for role in ("time", "x", "y", "left", "vx")
         if role in places and (unit := plain_name(table.names[places[role]])[1])
     }
-    recordings = tuple(at for at in named.get("recording", ()) if at not in places.values())
+    recordings = tuple(
+        at for at in named.get("recording", ()) if at not in places.values()
+    )
     return Schema(places, units, labels, recordings, frozenset(stated))
 
 
@@ -193,7 +209,9 @@ def _place(table: Table, key: str, name: str) -> int:
     elif (count := list(table.names).count(name)) == 1:
         return list(table.names).index(name)
     elif count:
-        raise InputError(f"{table.path}: {key}={name}: {count} columns are called so; say a number")
+        raise InputError(
+            f"{table.path}: {key}={name}: {count} columns are called so; say a number"
+        )
     raise InputError(
         f"{table.path}: no column {name[:40]!r}: which column is {key}? There are {_shown(table)}"
     )
@@ -230,7 +248,9 @@ def _refusal(
     )
     if not lacking:
         rows = zip(*(table.column(at).head(5) for at in guess.values()))
-        previews = (" ".join(f"{role} {text}" for role, text in zip(guess, row)) for row in rows)
+        previews = (
+            " ".join(f"{role} {text}" for role, text in zip(guess, row)) for row in rows
+        )
         error.add_note("the first rows, read so:\n  " + "\n  ".join(previews))
     return error
 
@@ -238,5 +258,9 @@ def _refusal(
 def column_name(table: Table, at: int) -> str:
     """The name of a column as `columns` takes it, or its number from 1."""
     name = table.names[at]
-    plain = name.isprintable() and not name.isdecimal() and list(table.names).count(name) == 1
+    plain = (
+        name.isprintable()
+        and not name.isdecimal()
+        and list(table.names).count(name) == 1
+    )
     return name if plain and name else str(at + 1)

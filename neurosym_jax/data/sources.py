@@ -18,7 +18,16 @@ from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, option, printable
 
-__all__ = ["GENERAL", "EthUcy", "Files", "Folders", "Source", "Synthetic", "data_folder", "find"]
+__all__ = [
+    "GENERAL",
+    "EthUcy",
+    "Files",
+    "Folders",
+    "Source",
+    "Synthetic",
+    "data_folder",
+    "find",
+]
 __all__ += ["licences_of", "open_source", "windows_from"]
 
 Split = Literal["train", "val", "test"]
@@ -26,7 +35,11 @@ Split = Literal["train", "val", "test"]
 GENERAL = "general"
 """Held-out data set of models that are trained on all of them and tested on other people."""
 
-COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")  # that are downloaded into `data_folder()`
+COLLECTIONS = (
+    "eth-ucy",
+    "sgan-checkpoints",
+    "thor",
+)  # that are downloaded into `data_folder()`
 
 _LICENCES = {
     # What forbids a use is called restricted, and learned from by no model that ships.
@@ -46,8 +59,12 @@ class Source(abc.ABC):
     read: ReadOptions = AS_IT_SAYS
     period: float = PERIOD  # seconds between steps, to which recordings are resampled
     paths: tuple[Path, ...] = ()  # all files
-    name: ClassVar[str] = ""  # of all data sets together, if a model may be tested on all of them
-    about: ClassVar[str] = ""  # what it contains, for people who did not ask for it by name
+    name: ClassVar[str] = (
+        ""  # of all data sets together, if a model may be tested on all of them
+    )
+    about: ClassVar[str] = (
+        ""  # what it contains, for people who did not ask for it by name
+    )
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
         """Recordings of one split of `scene`, or of all data sets for `GENERAL`.
@@ -56,7 +73,9 @@ class Source(abc.ABC):
             InputError: for an unknown data set.
         """
         if scene not in self.scenes and (scene != GENERAL or split == "test"):
-            raise InputError(f"unknown data set {scene!r}: there are {', '.join(self.scenes)}")
+            raise InputError(
+                f"unknown data set {scene!r}: there are {', '.join(self.scenes)}"
+            )
         return self._on_grid(self._read(scene, split))
 
     def files(self, names: Sequence[str]) -> list[Tracks]:
@@ -78,7 +97,9 @@ class Source(abc.ABC):
         """The recordings as they are in the files."""
 
     def _on_grid(self, recordings: Iterable[Tracks]) -> list[Tracks]:
-        return [on_grid(tracks, self.period, self.read.max_gap) for tracks in recordings]
+        return [
+            on_grid(tracks, self.period, self.read.max_gap) for tracks in recordings
+        ]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +117,9 @@ class Synthetic(Source):
             )
         from neurosym_jax.simulation.scenarios import simulate
 
-        seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[split]
+        seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[
+            split
+        ]
         return (resample(simulate(cast(Any, scene), seed), PERIOD) for seed in seeds)
 
 
@@ -109,14 +132,17 @@ class EthUcy(Source):
 
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         own = None if scene == GENERAL else scene
-        return formats.recordings_in(eth_ucy.split_files(self.folder, own, split), self.read)
+        return formats.recordings_in(
+            eth_ucy.split_files(self.folder, own, split), self.read
+        )
 
 
 @dataclasses.dataclass(frozen=True)
 class Files(Source):
     """A user's files of any known format; each is a data set named after the file.
 
-    All but the one under test are for training, which keeps a part of them for validation.
+    All but the one under test are for training, which keeps a part of them for
+    validation.
     """
 
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
@@ -141,13 +167,17 @@ class Folders(Source):
 
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         if split == "test":
-            return formats.recordings_in([self.paths[self.scenes.index(scene)]], self.read)
+            return formats.recordings_in(
+                [self.paths[self.scenes.index(scene)]], self.read
+            )
         return formats.recordings_in(_part(self.folder, split), self.read)
 
 
 def _part(folder: Path, split: Split) -> Path | None:
     """The folder of one part of a user's own split, if it is there."""
-    return next((folder / name for name in _PARTS[split] if (folder / name).is_dir()), None)
+    return next(
+        (folder / name for name in _PARTS[split] if (folder / name).is_dir()), None
+    )
 
 
 def open_source(
@@ -157,11 +187,12 @@ def open_source(
     read: ReadOptions = AS_IT_SAYS,
     period: float = PERIOD,
 ) -> Source:
-    """The source at `data`: ETH/UCY as SGAN arranges it, a recording, or a folder of recordings,
-    which may be divided into folders train, val and test.
+    """The source at `data`: ETH/UCY as SGAN arranges it, a recording, or a folder of
+    recordings, which may be divided into folders train, val and test.
 
-    The path may be below the folder of downloads. By default it is the downloaded collection that
-    has the data set `scene`, or else the model's held-out `model_scene`, or the simulations.
+    The path may be below the folder of downloads. By default it is the downloaded
+    collection that has the data set `scene`, or else the model's held-out
+    `model_scene`, or the simulations.
 
     Raises:
         InputError: if nothing is there.
@@ -193,7 +224,9 @@ def open_source(
     paths = formats.data_files(data, read) if formats.is_folder(data) else [data]
     names = [printable(path.stem) for path in paths]
     if len({*names, GENERAL}) <= len(names):
-        raise InputError(f"{data}: two files are called alike, or one {GENERAL}; rename it")
+        raise InputError(
+            f"{data}: two files are called alike, or one {GENERAL}; rename it"
+        )
     return Files(tuple(names), paths=tuple(paths), **shared)
 
 
@@ -229,9 +262,12 @@ def windows_from(
 ) -> Windows:
     """Read recordings, resample them to steps of `period` seconds, and cut them into windows.
 
-    `data` is a file of any known format, a folder of them, a dataframe of pandas or polars, tracks
-    on any clock (see `make_tracks`), or several of these; `skip` and `min_agents` are those of
-    `cut_windows`.
+    `data` is a file of any known format, a folder of them, a dataframe of pandas or
+    polars, tracks on any clock (see `make_tracks`), or several of these; `skip` and
+    `min_agents` are those of `cut_windows`.
     """
-    grid = [on_grid(tracks, period, read.max_gap) for tracks in formats.recordings_in(data, read)]
+    grid = [
+        on_grid(tracks, period, read.max_gap)
+        for tracks in formats.recordings_in(data, read)
+    ]
     return cut_windows(grid, obs_len, pred_len, skip=skip, min_agents=min_agents)

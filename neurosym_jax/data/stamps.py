@@ -17,7 +17,12 @@ __all__ = ["stamps_of", "usual_frames"]
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 DATE = "as 2024-05-01 12:30:00.4 (or use seconds)"
 AGREE = 0.15  # share by which witnesses of one rate may differ: velocities are smoothed
-RATES = (29.97, 23.976, 59.94, 12.5)  # frames a second of videos that are no whole numbers
+RATES = (
+    29.97,
+    23.976,
+    59.94,
+    12.5,
+)  # frames a second of videos that are no whole numbers
 
 
 def stamps_of(
@@ -42,8 +47,8 @@ def stamps_of(
         position: [R, 2] in the file's unit.
         facts: see `facts_of`.
 
-    Raises:
-        InputError: for witnesses that contradict each other, or a clock that none decides.
+    Raises: InputError: for witnesses that contradict each other, or a clock that none
+        decides.
     """
     place = schema.places[schema.clock]
     warnings, notes = list[str](), list[str]()
@@ -57,7 +62,9 @@ def stamps_of(
             _refuse_other_frames(table, place, stamp, part)
         rate, fps = 1.0, {"the clock": 1.0}
     elif options.time_unit:
-        raise InputError(f"{table.path}: {option('time_unit')} is of no use: it counts frames")
+        raise InputError(
+            f"{table.path}: {option('time_unit')} is of no use: it counts frames"
+        )
     else:
         stamp = table.whole_numbers(place)
         stated_rate = options.fps_of(table.path.stem)
@@ -69,7 +76,9 @@ def stamps_of(
             fps[facts["fps_by"]] = float(facts["fps"])
     ratio = velocity_ratio(table, schema, ids, stamp, position)
     if ratio is not None:
-        columns = f"{table.names[schema.places['vx']]}, {table.names[schema.places['vy']]}"
+        columns = (
+            f"{table.names[schema.places['vx']]}, {table.names[schema.places['vy']]}"
+        )
         # Velocities are in the unit of the coordinates, or in metres.
         scale = 1 / metres if not options.homography else 1.0
         rates = (ratio, ratio * scale)
@@ -102,12 +111,16 @@ def stamps_of(
             warnings.append(f"allowed clock: {line}")
         if schema.clock == "frame":
             if len(fps) == 1 and ratio is not None:
-                witness += f" alone, which may err by a twentieth: {option('fps')} corrects it"
+                witness += (
+                    f" alone, which may err by a twentieth: {option('fps')} corrects it"
+                )
             if witness not in stated:
                 notes.append(f"{rate:g} frames a second ({witness})")
             # In this order 10 frames at 25 a second are 0.4 s exactly.
             stamp = stamp / (rate * period) * period
-        if ratio is not None and not any(line.startswith("allowed") for line in warnings):
+        if ratio is not None and not any(
+            line.startswith("allowed") for line in warnings
+        ):
             notes.append(f"{columns} agree with the clock")
     elif schema.clock == "frame":
         if schema.in_picture and np.any(np.diff(np.unique(stamp)) == 1):
@@ -128,7 +141,9 @@ def usual_frames(
         InputError: where that step is unusual, unless `any_step` will do.
     """
     order = np.lexsort((frame, ids))
-    steps = np.diff(frame[order])[(np.diff(ids[order]) == 0) & (np.diff(frame[order]) > 0)]
+    steps = np.diff(frame[order])[
+        (np.diff(ids[order]) == 0) & (np.diff(frame[order]) > 0)
+    ]
     steps = steps if len(steps) else np.diff(np.unique(frame))
     stride = common(steps) if len(steps) else 1.0
     if not any_step and stride not in STEPS:
@@ -145,7 +160,9 @@ def _seconds(
     """[R] seconds in a column of times."""
     path, name, unit = table.path, table.names[place], options.time_unit
     if options.fps_of(path.stem) is not None:
-        raise InputError(f"{path}: {option('fps')} counts frames, and {name!r} is a time")
+        raise InputError(
+            f"{path}: {option('fps')} counts frames, and {name!r} is a time"
+        )
     if named in _SECONDS:
         if unit and unit != named:
             stated = option("time_unit", unit)
@@ -157,7 +174,9 @@ def _seconds(
     if re.match(r"\d{4}-\d\d-", texts[0]) and not options.time_unit:
         moments = texts.str.to_datetime(time_unit="us", time_zone="UTC", strict=False)
         wrong = moments.is_null().to_numpy()
-        table.refuse(wrong, lambda at: f"{texts[at][:40]!r} is not a date and time, {DATE}")
+        table.refuse(
+            wrong, lambda at: f"{texts[at][:40]!r} is not a date and time, {DATE}"
+        )
         return moments.dt.timestamp("us").to_numpy() / 1e6
     stamp = table.numbers(place)[:, 0] * _SECONDS[unit or "s"]
     counts = np.unique(stamp)
@@ -170,10 +189,16 @@ def _seconds(
     return stamp
 
 
-def _refuse_other_frames(table: Table, clock: int, stamp: np.ndarray, part: np.ndarray) -> None:
+def _refuse_other_frames(
+    table: Table, clock: int, stamp: np.ndarray, part: np.ndarray
+) -> None:
     """Refuse a column of frames that counts anything but the times [R] of each recording [R]."""
     places = [at for at, name in enumerate(table.names) if role_of(name) == "frame"]
-    frame = table.numbers(*places, missing=True).ravel() if len(places) == 1 else np.zeros(0)
+    frame = (
+        table.numbers(*places, missing=True).ravel()
+        if len(places) == 1
+        else np.zeros(0)
+    )
     for number in np.unique(part[: len(frame)]):
         at = (part == number) & np.isfinite(frame)
         first, index = np.unique(frame[at], return_index=True)

@@ -1,6 +1,7 @@
 """Tables: the fields of a file of rows, which become numbers or ids when a reader asks for them.
 
-So the first field that does not fit is reported with its line in the file, its column and its text.
+So the first field that does not fit is reported with its line in the file, its column
+and its text.
 """
 
 import csv
@@ -24,7 +25,8 @@ MOST = 1_000_000  # columns of a table
 BLANKS = ' "\t\r'  # around a field
 UNITS = {"", *METRES, "m/s", "s", "ms", "us", "ns", "deg", "rad", "frame"}
 """Fields of a row of units below the header."""
-# Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second.
+# Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a
+# second.
 STEPS = (1, 6, 10, 12)
 
 
@@ -37,7 +39,9 @@ class Table:
     fields: pl.Series  # [R] lists of C texts
     row: np.ndarray  # [R] lines of the file
     comments: tuple[str, ...] = ()  # before the first row, without #
-    facts: Mapping[str, str] = dataclasses.field(default_factory=dict)  # `fps`, `unit` that it has
+    facts: Mapping[str, str] = dataclasses.field(
+        default_factory=dict
+    )  # `fps`, `unit` that it has
     notes: tuple[str, ...] = ()  # how it was read, a line each
 
     def refuse(self, wrong: ArrayLike, reason: Callable[[int], str]) -> None:
@@ -52,7 +56,9 @@ class Table:
 
     def take(self, rows: np.ndarray) -> "Table":
         """The rows of a mask [R]."""
-        return dataclasses.replace(self, fields=self.fields.filter(rows), row=self.row[rows])
+        return dataclasses.replace(
+            self, fields=self.fields.filter(rows), row=self.row[rows]
+        )
 
     def column(self, place: int) -> pl.Series:
         """[R] texts of a column, without blanks and quotes around them."""
@@ -91,18 +97,22 @@ class Table:
     def ids(self, place: int, prefix: str = "") -> np.ndarray:
         """[R] int64 ids without `prefix`: numbers if all are whole, else 0, 1, ... by text.
 
-        Raises:
-            InputError: for a missing id, and two that are one number (1, 1.0) or word (P1, p01).
+        Raises: InputError: for a missing id, and two that are one number (1, 1.0) or
+            word (P1, p01).
         """
         texts = self.column(place).str.strip_prefix(prefix)
-        self.refuse(absent(texts).to_numpy(), lambda at: f"the id is missing ({texts[at]!r})")
+        self.refuse(
+            absent(texts).to_numpy(), lambda at: f"the id is missing ({texts[at]!r})"
+        )
         unique = texts.unique(maintain_order=True)
         real = unique.cast(pl.Float64, strict=False)
         if ((real.round() == real) & (real.abs() < 2.0**53)).fill_null(False).all():
             number = spelling = real.cast(pl.Int64)
         else:
             number = unique.rank("ordinal").cast(pl.Int64) - 1
-            spelling = unique.str.to_lowercase().str.replace_all(r"\s|(^|[^\d.])0+(\d)", "$1$2")
+            spelling = unique.str.to_lowercase().str.replace_all(
+                r"\s|(^|[^\d.])0+(\d)", "$1$2"
+            )
         if (twice := spelling.is_duplicated()).any():
             first, second, *_ = unique.filter(spelling == spelling.filter(twice)[0])
             raise InputError(
@@ -136,10 +146,11 @@ class Table:
     ) -> list[Tracks]:
         """The recordings in the lines `row` [R'] of the file (default: all), in any order.
 
-        `stamp`, `id` [R'], `position` [R', 2] and `extras` name: [R'] are those of the lines;
-        `parts` has the names of the recordings and [R'] the index of each line's (default: one).
-        One more of the `warnings` says where time runs backward.
-        `clock` is the column of frame numbers, if there is one; `columns` has ROLE=COLUMN of all.
+        `stamp`, `id` [R'], `position` [R', 2] and `extras` name: [R'] are those of the
+        lines; `parts` has the names of the recordings and [R'] the index of each line's
+        (default: one). One more of the `warnings` says where time runs backward.
+        `clock` is the column of frame numbers, if there is one; `columns` has
+        ROLE=COLUMN of all.
         """
         row, last = self.row if row is None else row, int(np.argmax(np.abs(stamp)))
         rate = None
@@ -153,7 +164,9 @@ class Table:
             back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
             lines = list(warnings)
             if len(back):
-                first = f"row {row[back[0]]}: time runs backward for agent {id[back[0]]}"
+                first = (
+                    f"row {row[back[0]]}: time runs backward for agent {id[back[0]]}"
+                )
                 lines.append(f"{first} ({len(back)} times in all); the rows are sorted")
             reading = Reading(
                 name,
@@ -164,7 +177,12 @@ class Table:
                 rate=rate,
                 columns=tuple(columns),
             )
-            points = stamp[at], id[at], position[at], {key: extras[key][at] for key in extras}
+            points = (
+                stamp[at],
+                id[at],
+                position[at],
+                {key: extras[key][at] for key in extras},
+            )
             recordings.append(make_tracks(name, *points, reading=reading, row=row[at]))
         return recordings
 
@@ -183,17 +201,25 @@ def read_table(
 ) -> Table:
     """The table in a file of text, whose lines with # are comments.
 
-    Columns without `names` have those of the header, else 1, 2, ... The header is the first line
-    that begins with the regular expression `header`, among the first 200; by default the first
-    line, unless it has numbers where others have (or `has_header` says).
+    Columns without `names` have those of the header, else 1, 2, ... The header is the
+    first line that begins with the regular expression `header`, among the first 200; by
+    default the first line, unless it has numbers where others have (or `has_header`
+    says).
 
     Raises:
         InputError: naming file, row and reason.
     """
-    lines = pl.Series([read_text_file(path)]).str.split("\n").explode().str.strip_chars(" \r")
+    lines = (
+        pl.Series([read_text_file(path)])
+        .str.split("\n")
+        .explode()
+        .str.strip_chars(" \r")
+    )
     is_comment = lines.str.starts_with("#")
     is_row = ((lines != "") & ~is_comment).to_numpy()
-    comments = lines.head(int(np.argmax(is_row))).filter(is_comment.head(int(np.argmax(is_row))))
+    comments = lines.head(int(np.argmax(is_row))).filter(
+        is_comment.head(int(np.argmax(is_row)))
+    )
     lines, row = lines.filter(is_row), 1 + np.flatnonzero(is_row)
     if len(lines) and re.match(r"<\?xml|<[^<>,;\t]*>$", lines[0]):
         raise InputError(f"{path}: XML is not read: write rows of time, id, x and y")
@@ -209,7 +235,10 @@ def read_table(
         lines = lines.str.replace_all(r"\s+", " ")
     notes = ()
     if mark != "," and _are_decimal_commas("\n".join(lines.head(200))):
-        lines, notes = lines.str.replace_all(r"([0-9]),([0-9])", "$1.$2"), ("decimal commas",)
+        lines, notes = (
+            lines.str.replace_all(r"([0-9]),([0-9])", "$1.$2"),
+            ("decimal commas",),
+        )
     if names is None:
         rows = list(_split(path, lines.head(50).str.strip_suffix(mark), mark))
         names = [name.strip() for name in rows[0]]
@@ -220,7 +249,10 @@ def read_table(
             lines, row = lines[1:], row[1:]
             units = [field.lower() for field in rows[1]] if len(rows) > 1 else []
             if len(units) == len(names) and METRES.keys() & units and {*units} <= UNITS:
-                names = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units)]
+                names = [
+                    f"{name} [{unit}]" if unit else name
+                    for name, unit in zip(names, units)
+                ]
                 lines, row = lines[1:], row[1:]
                 notes += ("units below the header",)
         else:
@@ -239,7 +271,9 @@ def read_table(
         hint = "this is no table: write rows of time, id, x and y"
     table.refuse(
         widths != len(names),
-        lambda at: f"{widths[at]} columns, not {len(names)}: {lines[at][:60]!r} ({hint})",
+        lambda at: (
+            f"{widths[at]} columns, not {len(names)}: {lines[at][:60]!r} ({hint})"
+        ),
     )
     return table
 
@@ -247,7 +281,9 @@ def read_table(
 def _are_decimal_commas(text: str) -> bool:
     """Whether commas stand only between digits, and points nowhere there."""
     commas = len(re.findall(r"[0-9],[0-9]", text))
-    return bool(commas and commas == text.count(",") and not re.search(r"[0-9]\.[0-9]", text))
+    return bool(
+        commas and commas == text.count(",") and not re.search(r"[0-9]\.[0-9]", text)
+    )
 
 
 def _split(path: Path, lines: pl.Series, mark: str) -> pl.Series:
@@ -255,7 +291,9 @@ def _split(path: Path, lines: pl.Series, mark: str) -> pl.Series:
     if not lines.str.contains('"', literal=True).any():
         return lines.str.split(mark)
     try:
-        quoted = list(csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True))
+        quoted = list(
+            csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
+        )
         if len(quoted) < len(lines):
             raise csv.Error("a field goes on in the next line")
     except csv.Error as error:

@@ -17,7 +17,9 @@ from neurosym_jax.scene import refuse_masked
 __all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Reading", "Tracks", "describe_readings"]
 __all__ += ["common", "make_tracks"]
 
-PERIOD = 0.4  # seconds between the steps of the ETH/UCY benchmark and of every shipped model
+PERIOD = (
+    0.4  # seconds between the steps of the ETH/UCY benchmark and of every shipped model
+)
 SNAP = 1e-6  # seconds within which a stamp counts as a grid point: clocks are rounded
 GAP = 1.5  # a step of a person longer than this many usual ones is a gap
 LATE = 1e11  # latest time accepted, seconds; a float64 of this size resolves 20 microseconds
@@ -33,10 +35,14 @@ class Reading:
     format: str | None = None  # name of the file's format
     rows: int = 0  # points that were read
     filled: int = 0  # points that were interpolated in gaps of single people's tracks
-    interpolated: int = 0  # points of windows, once cut, that lie between two points of the file
+    interpolated: int = (
+        0  # points of windows, once cut, that lie between two points of the file
+    )
     gaps: int = 0  # gaps in time, once windows are cut; windows do not cross them
     warnings: tuple[str, ...] = ()  # what looks wrong, a line each
-    notes: tuple[str, ...] = ()  # what the file said of itself, and what was guessed, a line each
+    notes: tuple[
+        str, ...
+    ] = ()  # what the file said of itself, and what was guessed, a line each
     rate: float | None = None  # frame numbers a second, where the file numbers frames
     columns: tuple[str, ...] = ()  # a table's, ROLE=COLUMN each, named or guessed
 
@@ -51,23 +57,35 @@ class Tracks:
     position: np.ndarray  # [R, 2] float64 metres in the recording's frame
     extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     """name: [R, ...] further numbers of each row, as a group, a class or a heading."""
-    known: np.ndarray | None = None  # [R] seconds: last observation that the point depends on
-    foreseen: np.ndarray | None = None  # [R, 2] metres: extrapolated from those before `known`
-    period: float | None = None  # seconds between points of the grids that all stamps lie on
-    step: np.ndarray | None = None  # [R] int64 number on that grid; pieces of other phase are apart
+    known: np.ndarray | None = (
+        None  # [R] seconds: last observation that the point depends on
+    )
+    foreseen: np.ndarray | None = (
+        None  # [R, 2] metres: extrapolated from those before `known`
+    )
+    period: float | None = (
+        None  # seconds between points of the grids that all stamps lie on
+    )
+    step: np.ndarray | None = (
+        None  # [R] int64 number on that grid; pieces of other phase are apart
+    )
     reading: Reading | None = None  # how the recording was read from a file
     _columns: ClassVar = ("stamp", "id", "position", "known", "foreseen", "step")
 
     def take(self, rows: np.ndarray | slice) -> Self:
         """Select rows ([R] bool mask, [R'] ascending indices, or a slice) with all their fields."""
         columns = {name: getattr(self, name) for name in self._columns}
-        chosen = {name: array[rows] for name, array in columns.items() if array is not None}
+        chosen = {
+            name: array[rows] for name, array in columns.items() if array is not None
+        }
         extras = {name: values[rows] for name, values in self.extras.items()}
         return dataclasses.replace(self, extras=extras, **chosen)
 
     def with_ids(self, id: np.ndarray) -> Self:
         """The same points with other ids [R] int64, sorted by them."""
-        return dataclasses.replace(self, id=id).take(_order(self.recording, self.stamp, id))
+        return dataclasses.replace(self, id=id).take(
+            _order(self.recording, self.stamp, id)
+        )
 
 
 def make_tracks(
@@ -82,8 +100,9 @@ def make_tracks(
 ) -> Tracks:
     """Check, copy and sort rows given in any order.
 
-    They have `stamp` [R] seconds, `id` [R] whole numbers, `position` [R, 2] metres, and `extras`
-    name: [R, ...] numbers. Messages call them `row` [R] (default: from 0) of the file in `reading`.
+    They have `stamp` [R] seconds, `id` [R] whole numbers, `position` [R, 2] metres, and
+    `extras` name: [R, ...] numbers. Messages call them `row` [R] (default: from 0) of
+    the file in `reading`.
 
     Raises:
         InputError: naming the recording, the first wrong row and the reason.
@@ -91,16 +110,28 @@ def make_tracks(
     where = reading.file if reading and reading.file else recording
     refuse_masked({"stamp": stamp, "id": id, "position": position, **extras})
     times, points = np.asarray(stamp, np.float64), np.asarray(position, np.float64)
-    ids, others = np.asarray(id), {name: np.asarray(values) for name, values in extras.items()}
+    ids, others = (
+        np.asarray(id),
+        {name: np.asarray(values) for name, values in extras.items()},
+    )
     rows = times.size
     shapes = {"stamp": (rows,), "id": (rows,), "position": (rows, 2)}
-    for name, array in {"stamp": times, "id": ids, "position": points, **others}.items():
+    for name, array in {
+        "stamp": times,
+        "id": ids,
+        "position": points,
+        **others,
+    }.items():
         shape = shapes.get(name, (rows, *array.shape[1:]))
         if not rows or array.shape != shape or array.dtype.kind not in "biuf":
             kind = f"{list(array.shape)} {array.dtype}"
-            raise InputError(f"{where}: {name} must be numbers {list(shape)}, not {kind}")
+            raise InputError(
+                f"{where}: {name} must be numbers {list(shape)}, not {kind}"
+            )
     # Above 2**53 neighbouring ids share one float.
-    are_whole = ids.dtype.kind != "f" or (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
+    are_whole = ids.dtype.kind != "f" or (np.abs(ids) <= 2.0**53) & (
+        ids == np.rint(ids)
+    )
     are_whole &= ids <= np.iinfo(np.int64).max
     for name, values, usable in (
         ("time", times, np.abs(times) <= LATE),
@@ -108,16 +139,23 @@ def make_tracks(
         ("id", ids, are_whole),
     ):
         if not np.all(usable):
-            at, seconds = int(np.argmin(usable)), f" of seconds ({option('time_unit')}?)"
+            at, seconds = (
+                int(np.argmin(usable)),
+                f" of seconds ({option('time_unit')}?)",
+            )
             raise InputError(
                 f"{where}: row {at if row is None else row[at]}: {name} {values[at]} is not a "
                 f"usable number{seconds * (name == 'time')}"
             )
-    tracks = Tracks(recording, times, ids.astype(np.int64), points, others, reading=reading)
+    tracks = Tracks(
+        recording, times, ids.astype(np.int64), points, others, reading=reading
+    )
     return tracks.take(_order(where, times, tracks.id, row))
 
 
-def _order(where: str, stamp: np.ndarray, id: np.ndarray, row: Any = None) -> np.ndarray:
+def _order(
+    where: str, stamp: np.ndarray, id: np.ndarray, row: Any = None
+) -> np.ndarray:
     """[R] indices that sort the rows by (id, stamp)."""
     order = np.lexsort((stamp, id))
     again = np.flatnonzero((np.diff(id[order]) == 0) & (np.diff(stamp[order]) == 0))
@@ -140,11 +178,14 @@ def describe_readings(readings: Iterable[Reading]) -> str:
     """A line for each recording read from a file: format, rows, gaps and what is interpolated."""
     return "\n".join(
         f"read {printable(reading.recording)}: {reading.format}, {reading.rows} rows"
-        + f", {reading.interpolated} points of windows interpolated" * (reading.interpolated > 0)
+        + f", {reading.interpolated} points of windows interpolated"
+        * (reading.interpolated > 0)
         + f", {reading.filled} points filled in gaps" * (reading.filled > 0)
         + f", {reading.gaps} gaps in time" * (reading.gaps > 0)
         + "".join(f"; {printable(note)}" for note in reading.notes)
         for reading in {
-            (reading.file, reading.recording): reading for reading in readings if reading.file
+            (reading.file, reading.recording): reading
+            for reading in readings
+            if reading.file
         }.values()
     )

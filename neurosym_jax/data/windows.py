@@ -1,8 +1,8 @@
 """Windows of people who are present together, SGAN's exactly, and batches of their scenes.
 
-A window spans `obs_len + pred_len` consecutive steps of its recording and holds the agents seen at
-every one of them. Its observed part depends on nothing recorded later. Batches are padded to a few
-static shapes, so that compilation stays cheap.
+A window spans `obs_len + pred_len` consecutive steps of its recording and holds the
+agents seen at every one of them. Its observed part depends on nothing recorded later.
+Batches are padded to a few static shapes, so that compilation stays cheap.
 """
 
 import dataclasses
@@ -15,9 +15,22 @@ import numpy as np
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common
 from neurosym_jax.errors import InputError, option
-from neurosym_jax.scene import Scene, displacements, model_dtype, relative_positions, scene_identity
+from neurosym_jax.scene import (
+    Scene,
+    displacements,
+    model_dtype,
+    relative_positions,
+    scene_identity,
+)
 
-__all__ = ["Batch", "Windows", "bucket_of", "cut_windows", "gather_scenes", "make_batches"]
+__all__ = [
+    "Batch",
+    "Windows",
+    "bucket_of",
+    "cut_windows",
+    "gather_scenes",
+    "make_batches",
+]
 __all__ += ["single_scene"]
 
 
@@ -25,9 +38,13 @@ __all__ += ["single_scene"]
 class Windows:
     """Windows of one or more recordings: A agent windows, grouped into S scenes."""
 
-    position: np.ndarray  # [A, obs_len + pred_len, 2] float64 metres in the recording's frame
+    position: (
+        np.ndarray
+    )  # [A, obs_len + pred_len, 2] float64 metres in the recording's frame
     agent: np.ndarray  # [A] int64 agent ids
-    bounds: np.ndarray  # [S + 1] int64; scene s holds the rows `bounds[s]:bounds[s + 1]`
+    bounds: (
+        np.ndarray
+    )  # [S + 1] int64; scene s holds the rows `bounds[s]:bounds[s + 1]`
     identity: np.ndarray  # [S, 2] uint32 (recording digest, index of the first stamp)
     obs_len: int  # observed steps; the others are the future
     period: float = PERIOD  # seconds between steps
@@ -74,15 +91,20 @@ class Windows:
 
 
 def cut_windows(
-    recordings: Iterable[Tracks], obs_len: int, pred_len: int, *, skip: int = 1, min_agents: int = 2
+    recordings: Iterable[Tracks],
+    obs_len: int,
+    pred_len: int,
+    *,
+    skip: int = 1,
+    min_agents: int = 2,
 ) -> Windows:
     """All windows of `recordings`, in order of recording, start stamp and agent id.
 
-    Each recording is on one grid (see `tracks.on_grid`). A window starts at every `skip`-th step;
-    scenes with fewer than `min_agents` are dropped.
+    Each recording is on one grid (see `tracks.on_grid`). A window starts at every
+    `skip`-th step; scenes with fewer than `min_agents` are dropped.
 
-    Raises:
-        InputError: for a number below 1, or if there is no window, a recording is on no grid, or
+    Raises: InputError: for a number below 1, or if there is no window, a recording is
+        on no grid, or
             recordings do not match.
     """
     lengths = {"obs_len": obs_len, "pred_len": pred_len}
@@ -91,7 +113,9 @@ def cut_windows(
     names = ", ".join(tracks.recording for tracks in recordings[:3]) or "no recordings"
     periods = [period for tracks in recordings if (period := _period(tracks)) < np.inf]
     if periods and max(periods) - min(periods) > 0.01 * min(periods):
-        raise InputError(f"{names}: steps of {min(periods):g} to {max(periods):g} s: choose one")
+        raise InputError(
+            f"{names}: steps of {min(periods):g} to {max(periods):g} s: choose one"
+        )
     if len({frozenset(tracks.extras) for tracks in recordings}) > 1:
         raise InputError(f"{names}: their extras differ")
     parts = [_cut(tracks, obs_len, pred_len, skip, min_agents) for tracks in recordings]
@@ -110,7 +134,8 @@ def cut_windows(
         period=common(np.array(periods)) if periods else PERIOD,
         reading=tuple(reading for part in parts for reading in part.reading),
         extras={
-            name: np.concatenate([part.extras[name] for part in parts]) for name in parts[0].extras
+            name: np.concatenate([part.extras[name] for part in parts])
+            for name in parts[0].extras
         },
         stamp=np.concatenate([part.stamp for part in parts if part.stamp is not None]),
     )
@@ -122,20 +147,26 @@ def _period(tracks: Tracks) -> float:
     return tracks.period or (max(common(steps), SNAP) if len(steps) else np.inf)
 
 
-def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int) -> Windows:
+def _cut(
+    tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int
+) -> Windows:
     """The windows of one recording, possibly none."""
     length = obs_len + pred_len
     exact = (tracks.stamp - tracks.stamp.min()) / _period(tracks)
     # Two agents' stamps may be rounded differently on one grid.
     place = np.rint(exact) if tracks.step is None else tracks.step
     if tracks.step is None and np.any(np.abs(exact - place) > 0.05):
-        raise InputError(f"{tracks.recording}: its stamps are on no one grid: use data.on_grid")
+        raise InputError(
+            f"{tracks.recording}: its stamps are on no one grid: use data.on_grid"
+        )
     places, step = np.unique(place, return_inverse=True)
-    # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that span
-    # `length - 1` steps are all there.
+    # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that
+    # span `length - 1` steps are all there.
     last = np.arange(length - 1, len(step))
     first = last - (length - 1)
-    is_complete = (tracks.id[first] == tracks.id[last]) & (place[last] - place[first] == length - 1)
+    is_complete = (tracks.id[first] == tracks.id[last]) & (
+        place[last] - place[first] == length - 1
+    )
     first = first[is_complete & (step[first] % skip == 0)]
     first = first[np.argsort(step[first], kind="stable")]
 
@@ -161,8 +192,12 @@ def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int
         identity=scene_identity(tracks.recording, starts[enough]),
         obs_len=obs_len,
         reading=(dataclasses.replace(reading, gaps=gaps, interpolated=interpolated),),
-        extras={name: values[first + obs_len - 1] for name, values in tracks.extras.items()},
-        stamp=tracks.stamp[first + obs_len - 1][np.cumsum(sizes[enough]) - sizes[enough]],
+        extras={
+            name: values[first + obs_len - 1] for name, values in tracks.extras.items()
+        },
+        stamp=tracks.stamp[first + obs_len - 1][
+            np.cumsum(sizes[enough]) - sizes[enough]
+        ],
     )
 
 
@@ -171,14 +206,18 @@ class Batch:
     """Padded scenes of one bucket of sizes, filled up with empty scenes (no valid agent)."""
 
     scene: Scene  # arrays with a leading axis of B scenes and N = bucket agent slots
-    index: np.ndarray  # [B] int64 index of each scene in the windows; -1 for an empty scene
+    index: (
+        np.ndarray
+    )  # [B] int64 index of each scene in the windows; -1 for an empty scene
 
 
 def bucket_of(agents: np.ndarray | int) -> np.ndarray:
     """Padded size of scenes with `agents` [...] agents: a power of two, at least 4; for more than
     1,024 a multiple of these."""
     power = 2 ** np.ceil(np.log2(np.clip(agents, 4, 1024))).astype(int)
-    return np.where(np.asarray(agents) > 1024, -(-np.asarray(agents) // 1024) * 1024, power)
+    return np.where(
+        np.asarray(agents) > 1024, -(-np.asarray(agents) // 1024) * 1024, power
+    )
 
 
 def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:
@@ -191,14 +230,18 @@ def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:
         for at in range(0, len(chosen), size):
             part = chosen[at : at + size]
             index = np.pad(part, (0, size - len(part)), constant_values=-1)
-            batches.append(Batch(gather_scenes(windows, part, int(bucket), size), index))
+            batches.append(
+                Batch(gather_scenes(windows, part, int(bucket), size), index)
+            )
     return batches
 
 
 def single_scene(windows: Windows, index: int) -> Scene:
     """Scene `index` of `windows`, padded to its bucket, with the same numbers as in its batch."""
     slots = int(bucket_of(windows.sizes[index]))
-    return jax.tree.map(lambda array: array[0], gather_scenes(windows, np.array([index]), slots))
+    return jax.tree.map(
+        lambda array: array[0], gather_scenes(windows, np.array([index]), slots)
+    )
 
 
 def gather_scenes(

@@ -1,7 +1,8 @@
 """What a table says of its own clock, scale and kinds, beside positions: the witnesses.
 
-Comments, names, velocity columns, what a database stores and files beside the table each give a
-rate or a unit. Two that contradict each other are refused, and both are named.
+Comments, names, velocity columns, what a database stores and files beside the table
+each give a rate or a unit. Two that contradict each other are refused, and both are
+named.
 """
 
 import contextlib
@@ -67,7 +68,11 @@ def facts_of(table: Table, schema: Schema) -> dict[str, str]:
             and len(names) != len(table.names)
             and (match := _UNIT.search(comment))
         ):
-            add("unit", plain_name(f"x [{match[1]}]")[1], f"the comment {comment[:40]!r}")
+            add(
+                "unit",
+                plain_name(f"x [{match[1]}]")[1],
+                f"the comment {comment[:40]!r}",
+            )
     for path in _beside(table.path):
         for key, value in _facts_in(path).items():
             add(key, value, path.name)
@@ -129,12 +134,16 @@ def kinds_beside(table: Table, schema: Schema) -> tuple[str, pl.Series] | None:
 
 
 def velocity_ratio(
-    table: Table, schema: Schema, ids: np.ndarray, stamp: np.ndarray, position: np.ndarray
+    table: Table,
+    schema: Schema,
+    ids: np.ndarray,
+    stamp: np.ndarray,
+    position: np.ndarray,
 ) -> float | None:
     """Units of `stamp` in a second by the columns vx, vy: velocity over displacement per stamp.
 
-    Over four rows, so that rounding and noise matter little; None without columns that point where
-    people go. `ids`, `stamp` are [R], `position` is [R, 2].
+    Over four rows, so that rounding and noise matter little; None without columns that
+    point where people go. `ids`, `stamp` are [R], `position` is [R, 2].
     """
     if not {"vx", "vy"} <= schema.places.keys():
         return None
@@ -145,7 +154,9 @@ def velocity_ratio(
     same = np.flatnonzero((ids[4:] == ids[:-4]) & (stamp[4:] > stamp[:-4]))
     if len(same) < ENOUGH:
         return None
-    moved = (position[same + 4] - position[same]) / (stamp[same + 4] - stamp[same])[:, None]
+    moved = (position[same + 4] - position[same]) / (stamp[same + 4] - stamp[same])[
+        :, None
+    ]
     weights = np.array([0.125, 0.25, 0.25, 0.25, 0.125])
     mean = np.einsum("l,lnd->nd", weights, velocity[same + np.arange(5)[:, None]])
     pairs = (mean, moved), (moved, moved), (mean, mean)

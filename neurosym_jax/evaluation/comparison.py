@@ -25,7 +25,11 @@ from neurosym_jax.evaluation.forecasts import (
     windows_of,
 )
 from neurosym_jax.evaluation.functions import Predictor, predict_windows
-from neurosym_jax.evaluation.intervals import Difference, against_best, paired_difference
+from neurosym_jax.evaluation.intervals import (
+    Difference,
+    against_best,
+    paired_difference,
+)
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.evaluation.plan import (
     LENGTH,
@@ -46,7 +50,10 @@ OF_WINDOWS = ("obs_len", "pred_len", "period", "min_agents", "test_on", "cluster
 
 
 def evaluate(
-    models: Model | Predictor | Sequence[Model | Predictor] | Mapping[str, Model | Predictor] = (),
+    models: Model
+    | Predictor
+    | Sequence[Model | Predictor]
+    | Mapping[str, Model | Predictor] = (),
     recordings: Any = None,
     *,
     forecasts: Path | str | Sequence[Path | str] | Mapping[str, Path | str] = (),
@@ -67,28 +74,28 @@ def evaluate(
 
     Args:
         models: one or several, see `load_model`; also functions of numpy or torch, see
-            `functions.Predictor`: `lambda observed: ...`. A mapping has their names in tables.
-        recordings: a file, folder, dataframe of pandas or polars, `Tracks`, or several of these;
-            None for those that the first file of forecasts holds.
+            `functions.Predictor`: `lambda observed: ...`. A mapping has their names in
+            tables.
+        recordings: a file, folder, dataframe of pandas or polars, `Tracks`, or several
+            of these; None for those that the first file of forecasts holds.
         forecasts: files of forecasts, see `read_forecasts`, one or several or by name.
-        samples: number of forecasts of each scene, k.
-        seed: random seed of the noise.
-        min_agents: scenes with fewer people are left out.
-        metrics: names; default: those of every table, see `metric_names`.
-        baselines: forecasters by name, see `baselines_of`.
-        obs_len: steps observed where no model says how many; default: 8.
-        pred_len: steps to forecast where no model says; default: those of the files, else 8.
-        period: seconds between steps where no model says; default: 0.4.
-        partial: test on the windows that all files of forecasts have, and leave out the rest.
-        read: how files and dataframes are read, by the fields of `ReadOptions`: `unit="cm"`, ...
+        samples: number of forecasts of each scene, k. seed: random seed of the noise.
+        min_agents: scenes with fewer people are left out. metrics: names; default:
+        those of every table, see `metric_names`. baselines: forecasters by name, see
+        `baselines_of`. obs_len: steps observed where no model says how many; default:
+        8. pred_len: steps to forecast where no model says; default: those of the files,
+        else 8. period: seconds between steps where no model says; default: 0.4.
+        partial: test on the windows that all files of forecasts have, and leave out the
+        rest. read: how files and dataframes are read, by the fields of `ReadOptions`:
+        `unit="cm"`, ...
 
-    Returns:
-        Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under its name, and the
-        bounds of its 95 % interval under `NAME_low` and `NAME_high`; under `NAME_p` the p value of
-        the paired test against the best model, see `with_tests`.
+    Returns: Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under
+        its name, and the bounds of its 95 % interval under `NAME_low` and `NAME_high`;
+        under `NAME_p` the p value of the paired test against the best model, see
+        `with_tests`.
 
-    Raises:
-        InputError: for what cannot be read or does not match, and where nothing is to be tested.
+    Raises: InputError: for what cannot be read or does not match, and where nothing is
+        to be tested.
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     loaded, functions = _apart(models)
@@ -132,7 +139,9 @@ def evaluate(
     labels = {name: name for name in loaded} | {
         str(file.path): name for name, file in files.items()
     }
-    settings = Settings(samples, seed, None if metrics is None else tuple(metrics), labels=labels)
+    settings = Settings(
+        samples, seed, None if metrics is None else tuple(metrics), labels=labels
+    )
     return rows_frame(with_tests(list(evaluate_tests(tests, settings))))
 
 
@@ -166,7 +175,9 @@ def test_of_file(
         InputError: for `options` that would choose other windows.
     """
     if unused := [key for key in (*OF_WINDOWS, *vars(AS_IT_SAYS)) if options.get(key)]:
-        raise InputError(f"{option(unused[0])}: has no effect on windows of a file of forecasts")
+        raise InputError(
+            f"{option(unused[0])}: has no effect on windows of a file of forecasts"
+        )
     windows = windows_of(file)
     obs_len, pred_len = windows.obs_len, windows.position.shape[1] - windows.obs_len
     recordings = sorted({reading.recording for reading in windows.reading} - {""})
@@ -184,25 +195,39 @@ def add_forecasts(
 ) -> list[Test]:
     """Add forecasts of files and functions, by name, to the test sets that they are of.
 
-    Args:
-        tests: see `make_test`.
-        files: see `read_forecasts`; each is of the test sets of its recordings and length.
-        predictors: functions, which forecast all test sets.
-        partial: test on the windows that all files have, see `match`; else all must match.
+    Args: tests: see `make_test`. files: see `read_forecasts`; each is of the test sets
+        of its recordings and length. predictors: functions, which forecast all test
+        sets. partial: test on the windows that all files have, see `match`; else all
+        must match.
 
     Raises:
         InputError: for a file that is of no test set, or that could be of several.
     """
-    chosen: dict[int, dict[str, ForecastFile]] = {number: {} for number in range(len(tests))}
+    chosen: dict[int, dict[str, ForecastFile]] = {
+        number: {} for number in range(len(tests))
+    }
     for name, file in files.items():
-        steps, own = file.steps, set(map(str, [] if file.recordings is None else file.recordings))
-        likely = [at for at, test in enumerate(tests) if test.test_set.pred_len == steps]
+        steps, own = (
+            file.steps,
+            set(map(str, [] if file.recordings is None else file.recordings)),
+        )
+        likely = [
+            at for at, test in enumerate(tests) if test.test_set.pred_len == steps
+        ]
         numbers = [at for at in likely if not own or own & _recordings(tests[at])]
-        foreign = own - {recording for at in numbers for recording in _recordings(tests[at])}
+        foreign = own - {
+            recording for at in numbers for recording in _recordings(tests[at])
+        }
         if not numbers or (foreign and not partial) or (not own and len(numbers) > 1):
             sets = ", ".join(dict.fromkeys(test.test_set.dataset for test in tests))
-            lengths = ", ".join(map(str, sorted({test.test_set.pred_len for test in tests})))
-            kind = f"recordings {', '.join(sorted(foreign)[:6])}" if foreign else "one recording"
+            lengths = ", ".join(
+                map(str, sorted({test.test_set.pred_len for test in tests}))
+            )
+            kind = (
+                f"recordings {', '.join(sorted(foreign)[:6])}"
+                if foreign
+                else "one recording"
+            )
             raise InputError(
                 f"{file.path}: forecasts of {steps} steps of {kind}; tested are {sets}, {lengths} "
                 "steps: choose the data set and the steps that were forecast"
@@ -238,7 +263,8 @@ def _with_forecasts(
         for name, file in files.items()
     ]
     forecasts += [
-        (None, predict_windows(function, name, windows)) for name, function in predictors.items()
+        (None, predict_windows(function, name, windows))
+        for name, function in predictors.items()
     ]
     return dataclasses.replace(test, windows=windows, forecasts=forecasts)
 
@@ -246,9 +272,10 @@ def _with_forecasts(
 def with_tests(results: Sequence[Result]) -> list[Row]:
     """The rows of `results`, with the p value of each metric's paired test under `NAME_p`.
 
-    The test is against the model of best mean on the same test set, which has None, and p is
-    adjusted by Holm's method for the number of models. Scenes are paired. Trainings that differ in
-    their seed alone count as one model and are paired, too; a single run with each of them.
+    The test is against the model of best mean on the same test set, which has None, and
+    p is adjusted by Holm's method for the number of models. Scenes are paired.
+    Trainings that differ in their seed alone count as one model and are paired, too; a
+    single run with each of them.
     """
     rows = [dict(result.row) for result in results]
     lines: dict[Any, dict[Any, list[int]]] = {}
@@ -272,7 +299,9 @@ def _p_values(lines: list[list[Result]]) -> dict[str, list[float | None]]:
 
     @functools.cache
     def difference(best: int, other: int) -> Difference:
-        runs, other_runs = ([run.errors for run in lines[number]] for number in (best, other))
+        runs, other_runs = (
+            [run.errors for run in lines[number]] for number in (best, other)
+        )
         runs = runs * len(other_runs) if len(runs) == 1 else runs
         return paired_difference(
             runs, other_runs * len(runs) if len(other_runs) == 1 else other_runs
@@ -281,10 +310,15 @@ def _p_values(lines: list[list[Result]]) -> dict[str, list[float | None]]:
     p_by_metric = {}
     for column, metric in enumerate(lines[0][0].errors.scores):
         values = [[run.row[metric] for run in line] for line in lines]
-        means = [None if None in trainings else float(np.mean(trainings)) for trainings in values]
+        means = [
+            None if None in trainings else float(np.mean(trainings))
+            for trainings in values
+        ]
 
         def p_value(best: int, other: int, column: int = column) -> float:
             return difference(best, other).over_both.p_value(column)
 
-        p_by_metric[metric] = against_best(means, METRICS[metric].higher_is_better, p_value)
+        p_by_metric[metric] = against_best(
+            means, METRICS[metric].higher_is_better, p_value
+        )
     return p_by_metric

@@ -1,7 +1,8 @@
 """Forecasts of a test set in files: read, and matched to its windows.
 
-A file has a row for each person of each window: the forecast, the person's id and the frame of the
-last observed position. Rows are matched to the test set's windows by recording, frame and id.
+A file has a row for each person of each window: the forecast, the person's id and the
+frame of the last observed position. Rows are matched to the test set's windows by
+recording, frame and id.
 """
 
 import dataclasses
@@ -76,7 +77,9 @@ def read_named(files: Any) -> dict[str, ForecastFile]:
         files = [files]
     if not isinstance(files, Mapping):
         paths = [Path(path) for path in files]
-        files = dict(zip(unique_suffixes([path.with_suffix("") for path in paths]), paths))
+        files = dict(
+            zip(unique_suffixes([path.with_suffix("") for path in paths]), paths)
+        )
     return {name: read_forecasts(Path(path)) for name, path in files.items()}
 
 
@@ -93,10 +96,14 @@ def read_forecasts(path: Path) -> ForecastFile:
             arrays = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError) as error:
         reason = printable(str(error))[:200]
-        raise InputError(f"{path}: cannot be read as .npz or .ndjson ({reason})") from None
+        raise InputError(
+            f"{path}: cannot be read as .npz or .ndjson ({reason})"
+        ) from None
     if missing := [name for name in NEEDED if name not in arrays]:
         names = ", ".join(sorted(arrays)[:12]) or "none"
-        raise InputError(f"{path}: array {missing[0]!r} is missing (its arrays: {names})")
+        raise InputError(
+            f"{path}: array {missing[0]!r} is missing (its arrays: {names})"
+        )
     samples = arrays["samples"]
     agents = samples.shape[1] if samples.ndim == 4 else 0
     shapes = {"samples": (*samples.shape[:3], 2), "ids": (agents,), "frames": (agents,)}
@@ -110,7 +117,11 @@ def read_forecasts(path: Path) -> ForecastFile:
         shapes["probabilities"] = (len(samples), agents)
     for name, shape in shapes.items():
         kinds = "US" if name == "recordings" else "iuf"
-        if arrays[name].shape != shape or arrays[name].dtype.kind not in kinds or not agents:
+        if (
+            arrays[name].shape != shape
+            or arrays[name].dtype.kind not in kinds
+            or not agents
+        ):
             layout = "[k, A, T, 2]" if name == "samples" else list(shape)
             shape_text = f"{list(arrays[name].shape)} {arrays[name].dtype}"
             raise InputError(f"{path}: {name} must be {layout}, not {shape_text}")
@@ -119,7 +130,9 @@ def read_forecasts(path: Path) -> ForecastFile:
     if likely is not None and not (
         (likely >= 0).all() and np.allclose(likely.sum(axis=0), 1, atol=1e-3)
     ):
-        raise InputError(f"{path}: probabilities must not be negative and have a sum of 1")
+        raise InputError(
+            f"{path}: probabilities must not be negative and have a sum of 1"
+        )
     names = ("samples", "ids", "frames", "recordings", "probabilities")
     others = {name: arrays[name] for name in arrays if name not in names}
     return ForecastFile(path, *(arrays.get(name) for name in names), truth=others)  # pyright: ignore[reportArgumentType]
@@ -137,7 +150,9 @@ def windows_of(file: ForecastFile) -> Windows:
             f"{file.path}: does not hold what happened ({missing[0]!r}): name the recordings that "
             "were forecast"
         )
-    observed, truth, scene, start, period = (np.asarray(file.truth[name]) for name in names)
+    observed, truth, scene, start, period = (
+        np.asarray(file.truth[name]) for name in names
+    )
     order = np.lexsort((np.arange(len(scene)), scene))
     first = np.unique(scene[order], return_index=True)[1]
     recordings = np.array(_recordings(file))[order]
@@ -175,7 +190,8 @@ def last_frames(windows: Windows) -> np.ndarray:
 def _readings(windows: Windows) -> list[Reading]:
     """[S] how the recordings of scenes were read."""
     readings = {
-        int(scene_identity(reading.recording, 0)[0]): reading for reading in windows.reading
+        int(scene_identity(reading.recording, 0)[0]): reading
+        for reading in windows.reading
     }
     return [readings[int(digest)] for digest in windows.identity[:, 0]]
 
@@ -185,33 +201,38 @@ def match(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Match the rows of a file to windows by recording, frame and id.
 
-    Args:
-        file: see `read_forecasts`.
-        windows: of the test set.
-        partial: leave out windows of which not all people have a forecast, and forecasts without
+    Args: file: see `read_forecasts`. windows: of the test set. partial: leave out
+        windows of which not all people have a forecast, and forecasts without
             a window; else both are refused.
 
-    Returns:
-        [S] bool, windows that have forecasts, and [A] the row of each agent window, -1 for none.
+    Returns: [S] bool, windows that have forecasts, and [A] the row of each agent
+        window, -1 for none.
 
     Raises:
         InputError: with counts, for what does not match.
     """
     names, own = _recordings(file, windows), recording_names(windows)
     if file.recordings is None and len(set(own)) > 1:
-        raise InputError(f"{file.path}: has no `recordings`, and the test set has {len(set(own))}")
+        raise InputError(
+            f"{file.path}: has no `recordings`, and the test set has {len(set(own))}"
+        )
     keys = list(zip(names, np.round(file.frames, 3).tolist(), file.ids.tolist()))
     rows = {key: row for row, key in enumerate(keys)}
     if twice := len(keys) - len(rows):
         raise InputError(f"{file.path}: {twice} rows repeat a recording, frame and id")
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     frames = last_frames(windows)
-    people = zip(own[scene], np.round(frames, 3)[scene].tolist(), windows.agent.tolist())
+    people = zip(
+        own[scene], np.round(frames, 3)[scene].tolist(), windows.agent.tolist()
+    )
     matches = np.array([rows.get(person, -1) for person in people])
     complete = np.ones(windows.scenes, bool)
     complete[scene[matches < 0]] = False
     used = np.unique(matches[matches >= 0])
-    missing, unused = int(np.sum(matches < 0)), int(np.isin(names, own).sum()) - len(used)
+    missing, unused = (
+        int(np.sum(matches < 0)),
+        int(np.isin(names, own).sum()) - len(used),
+    )
     if not complete.any() or ((missing or unused) and not partial):
         raise InputError(
             f"{file.path}: {missing} of {windows.agents} people in windows have no forecast, and "
@@ -228,7 +249,10 @@ def _check_fit(file: ForecastFile, windows: Windows, rows: np.ndarray) -> None:
 
     def median(step: int, position: int) -> float:
         """Metres from a forecast step to an observed or true one; of people, of the best sample."""
-        offset = file.samples[:, rows[rows >= 0], step] - windows.position[rows >= 0, position]
+        offset = (
+            file.samples[:, rows[rows >= 0], step]
+            - windows.position[rows >= 0, position]
+        )
         return float(np.median(np.linalg.norm(offset, axis=-1).min(axis=0)))
 
     present = windows.obs_len - 1
@@ -239,7 +263,10 @@ def _check_fit(file: ForecastFile, windows: Windows, rows: np.ndarray) -> None:
         )
     if file.steps > 1:
         aligned = median(0, present + 1)
-        for words, other in (("later", (0, present + 2)), ("earlier", (1, present + 1))):
+        for words, other in (
+            ("later", (0, present + 2)),
+            ("earlier", (1, present + 1)),
+        ):
             if (shifted := median(*other)) < 0.7 * aligned and aligned > SHIFT:
                 line = (
                     f"{file.path}: forecasts fit what happened a step {words}, {shifted:.2f} m off "
@@ -248,7 +275,9 @@ def _check_fit(file: ForecastFile, windows: Windows, rows: np.ndarray) -> None:
                 warnings.warn(line, InputWarning, stacklevel=2)
 
 
-def matched(file: ForecastFile, name: str, windows: Windows, rows: np.ndarray) -> Forecasts:
+def matched(
+    file: ForecastFile, name: str, windows: Windows, rows: np.ndarray
+) -> Forecasts:
     """The rows [A] of a file as forecasts of `windows`.
 
     Raises:
@@ -257,7 +286,10 @@ def matched(file: ForecastFile, name: str, windows: Windows, rows: np.ndarray) -
     samples = np.asarray(file.samples, np.float64)[:, rows]
     if file.probabilities is None:
         return Forecasts(name, samples)
-    likely, first = np.asarray(file.probabilities, np.float64)[:, rows], windows.bounds[:-1]
+    likely, first = (
+        np.asarray(file.probabilities, np.float64)[:, rows],
+        windows.bounds[:-1],
+    )
     shared = np.repeat(likely[:, first], windows.sizes, axis=1)
     if wrong := int(np.sum(np.abs(likely - shared).max(axis=0) > 1e-6)):
         raise InputError(

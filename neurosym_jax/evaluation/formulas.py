@@ -1,20 +1,23 @@
 """The formulas of metrics: distances to the truth, collisions, and what neighbours change.
 
-Joint best-of-k takes one sample for the whole scene (SGAN's protocol); marginal best-of-k takes
-each agent's own best, which is what most later papers report. The two are not comparable, so both
-are always computed. The minima of ADE and of FDE are taken independently, as SGAN does.
+Joint best-of-k takes one sample for the whole scene (SGAN's protocol); marginal
+best-of-k takes each agent's own best, which is what most later papers report. The two
+are not comparable, so both are always computed. The minima of ADE and of FDE are taken
+independently, as SGAN does.
 
-The energy score and the CRPS are proper: in expectation nothing scores better than the distribution
-that the truth comes from (Gneiting and Raftery, JASA 2007). Both take the k samples as they are:
-the estimator with 1 / k^2, which also holds for samples that depend on each other, and which for a
-single forecast is its error. The price is that scores of different k are not comparable. Samples
-that have probabilities [k] are weighted by them in place of 1 / k.
+The energy score and the CRPS are proper: in expectation nothing scores better than the
+distribution that the truth comes from (Gneiting and Raftery, JASA 2007). Both take the
+k samples as they are: the estimator with 1 / k^2, which also holds for samples that
+depend on each other, and which for a single forecast is its error. The price is that
+scores of different k are not comparable. Samples that have probabilities [k] are
+weighted by them in place of 1 / k.
 
-Few of a crowd's pairs come near each other, and which ones depends on the numbers; so collisions
-are found on the host, where pairs whose bounding boxes lie apart are dropped first.
+Few of a crowd's pairs come near each other, and which ones depends on the numbers; so
+collisions are found on the host, where pairs whose bounding boxes lie apart are dropped
+first.
 
-A pooling whose units are dead forecasts everybody in company as it does alone: the forecasts of
-each agent with and without its neighbours, for the same noise, tell.
+A pooling whose units are dead forecasts everybody in company as it does alone: the
+forecasts of each agent with and without its neighbours, for the same noise, tell.
 """
 
 import functools
@@ -28,7 +31,14 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.scene import Scene
 
-__all__ = ["COLLISION_DISTANCE", "MISSED", "MOVED", "NEAR", "collisions", "energy_score"]
+__all__ = [
+    "COLLISION_DISTANCE",
+    "MISSED",
+    "MOVED",
+    "NEAR",
+    "collisions",
+    "energy_score",
+]
 
 MISSED = 2.0
 """Metres from the last position of an agent's best sample to the true one that are a miss."""
@@ -92,14 +102,19 @@ def horizon(forecast: Array, scene: Scene) -> Array:
 def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[] score of the whole scene's joint forecast, one vector of all agents, steps, coordinates.
 
-    Divided by the root of agents times steps, so that a single forecast has its root mean square
-    displacement error. Gneiting and Raftery, section 4.3.
+    Divided by the root of agents times steps, so that a single forecast has its root
+    mean square displacement error. Gneiting and Raftery, section 4.3.
     """
     weight = _numbers(forecast, probability) / len(forecast)
     present = scene.valid[:, None, None]
-    error = jnp.square(jnp.where(present, forecast - scene.known_future, 0)).sum(axis=(1, 2, 3))
-    # Products of offsets from the mean, which lose nothing where samples lie close together.
-    offset = jnp.where(present, forecast - forecast.mean(axis=0), 0).reshape(len(forecast), -1)
+    error = jnp.square(jnp.where(present, forecast - scene.known_future, 0)).sum(
+        axis=(1, 2, 3)
+    )
+    # Products of offsets from the mean, which lose nothing where samples lie close
+    # together.
+    offset = jnp.where(present, forecast - forecast.mean(axis=0), 0).reshape(
+        len(forecast), -1
+    )
     product = offset @ offset.T
     square = jnp.diag(product)
     spread = jnp.sqrt(jnp.maximum(square[:, None] + square - 2 * product, 0))
@@ -120,12 +135,13 @@ def coverage(
 ) -> tuple[Array, Array]:
     """[N] share of steps at which the truth lies in the region that holds `level` of a forecast.
 
-    The region of k samples contains the positions whose mean distance to the samples is least.
-    Of k + 1 exchangeable points, the samples and the truth, each has each rank in that order
-    equally often; the truth is covered where its rank is among the first `level`, in part at the
-    boundary and among equals. So a forecast that is right covers exactly `level`, whatever k is.
-    The rank is that of a multivariate rank histogram (Gneiting et al., TEST 2008). One sample has
-    no region. A sample of probability p counts as k p samples, in mean distances and in ranks.
+    The region of k samples contains the positions whose mean distance to the samples is
+    least. Of k + 1 exchangeable points, the samples and the truth, each has each rank
+    in that order equally often; the truth is covered where its rank is among the first
+    `level`, in part at the boundary and among equals. So a forecast that is right
+    covers exactly `level`, whatever k is. The rank is that of a multivariate rank
+    histogram (Gneiting et al., TEST 2008). One sample has no region. A sample of
+    probability p counts as k p samples, in mean distances and in ranks.
     """
     k = len(forecast)
     if k == 1:
@@ -133,7 +149,10 @@ def coverage(
         return nothing, nothing
     number = _numbers(forecast, probability)
     to_truth = _length(forecast - scene.known_future)
-    samples, truth = _apart(forecast, number) + to_truth, jnp.tensordot(number, to_truth, 1)
+    samples, truth = (
+        _apart(forecast, number) + to_truth,
+        jnp.tensordot(number, to_truth, 1),
+    )
     nearer = jnp.tensordot(number, (samples < truth).astype(number.dtype), 1)
     equal = 1 + jnp.tensordot(number, (samples == truth).astype(number.dtype), 1)
     covered = jnp.clip((level * (k + 1) - nearer) / equal, 0, 1)
@@ -161,7 +180,9 @@ def _central(forecast: Array, scene: Scene, probability: Array | None) -> Array:
 
 
 @functools.partial(jax.jit, static_argnums=2)  # So that several metrics trace it once.
-def _apart(forecast: Array, number: Array, length: Callable[[Array], Array] = _length) -> Array:
+def _apart(
+    forecast: Array, number: Array, length: Callable[[Array], Array] = _length
+) -> Array:
     """For each sample the sum of its distances to all others; one counts `number [k]` times.
 
     [k, N, T] metres or, where `length` has one for each coordinate, [k, N, T, 2].
@@ -218,7 +239,9 @@ def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return hits
 
 
-def _meet(low: np.ndarray, high: np.ndarray, first: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _meet(
+    low: np.ndarray, high: np.ndarray, first: np.ndarray, other: np.ndarray
+) -> np.ndarray:
     """[P, ...] whether boxes from `low [2, A, ...]` to `high` overlap."""
     meet = (low[:, first] < high[:, other]) & (low[:, other] < high[:, first])
     return meet[0] & meet[1]

@@ -33,7 +33,10 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
         samples = np.asarray(_on_host(samples), np.float64)
         samples = samples[None] if samples.ndim == 3 else samples
         count = len(parts[0][0]) if parts else len(samples)
-        if samples.shape != (count, people, pred_len, 2) or not np.isfinite(samples).all():
+        if (
+            samples.shape != (count, people, pred_len, 2)
+            or not np.isfinite(samples).all()
+        ):
             raise InputError(
                 f"{name}: must return finite [{people}, {pred_len}, 2] or "
                 f"[k, {people}, {pred_len}, 2], k the same for all scenes, not "
@@ -42,11 +45,17 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
         if likely is not None:
             likely = np.asarray(_on_host(likely), np.float64)
             if likely.shape != (count,) or not np.isclose(likely.sum(), 1, atol=1e-3):
-                raise InputError(f"{name}: probabilities must be [{count}] with a sum of 1")
+                raise InputError(
+                    f"{name}: probabilities must be [{count}] with a sum of 1"
+                )
         parts.append((samples, likely))
     samples, likely = zip(*parts)
-    probability = None if any(weights is None for weights in likely) else np.stack(likely, axis=1)
-    return Forecasts(name, np.concatenate(samples, axis=1), probability, float(np.median(seconds)))
+    probability = (
+        None if any(weights is None for weights in likely) else np.stack(likely, axis=1)
+    )
+    return Forecasts(
+        name, np.concatenate(samples, axis=1), probability, float(np.median(seconds))
+    )
 
 
 def _on_host(array: Any) -> Any:

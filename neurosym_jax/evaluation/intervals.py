@@ -1,19 +1,22 @@
 """95 % intervals and paired tests of mean scores, over test scenes and over training seeds.
 
-Other test scenes would have given other scores. Neighbouring windows share most of their steps, so
-scenes are summed in blocks of as many start frames as a window has steps. Each mean is a ratio of
-sums over blocks, and its variance that of the jackknife, which leaves out one block at a time and
-so weighs unequal blocks. Windows at the border of two blocks share steps too: where errors of steps
-are independent, neighbouring block means correlate by 1/4. So the variance of the mean of n blocks
-is (3 n - 1) / (2 n - 1) times, for many 1.5 times, what the spread of the blocks says, and their
-spread has 8/9 of n - 1 degrees of freedom (Satterthwaite's). n is the effective number of blocks,
-(sum of weights)^2 / sum of squares.
+Other test scenes would have given other scores. Neighbouring windows share most of
+their steps, so scenes are summed in blocks of as many start frames as a window has
+steps. Each mean is a ratio of sums over blocks, and its variance that of the jackknife,
+which leaves out one block at a time and so weighs unequal blocks. Windows at the border
+of two blocks share steps too: where errors of steps are independent, neighbouring block
+means correlate by 1/4. So the variance of the mean of n blocks is (3 n - 1) / (2 n - 1)
+times, for many 1.5 times, what the spread of the blocks says, and their spread has 8/9
+of n - 1 degrees of freedom (Satterthwaite's). n is the effective number of blocks, (sum
+of weights)^2 / sum of squares.
 
-Models forecast the same scenes with the same noise, so a difference is of the same blocks.
+Models forecast the same scenes with the same noise, so a difference is of the same
+blocks.
 
-Other training seeds would have given other models. Runs of one seed on several test sets are good
-or bad together, so they are averaged over test sets first, and Student's t is of the seeds' means.
-Both variances add; degrees of freedom are Welch's and Satterthwaite's.
+Other training seeds would have given other models. Runs of one seed on several test
+sets are good or bad together, so they are averaged over test sets first, and Student's
+t is of the seeds' means. Both variances add; degrees of freedom are Welch's and
+Satterthwaite's.
 """
 
 import dataclasses
@@ -72,7 +75,9 @@ def _sum(value: np.ndarray, parts: Sequence[Estimate]) -> Estimate:
         shares = [np.square(part.variance / variance) / part.freedom for part in parts]
         freedom = 1 / np.sum(shares, axis=0)
     # Without variance every freedom is right.
-    return Estimate(value, np.asarray(variance), np.where(np.isfinite(freedom), freedom, 1))
+    return Estimate(
+        value, np.asarray(variance), np.where(np.isfinite(freedom), freedom, 1)
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -111,7 +116,9 @@ class ErrorsByScene:
     def intervals(self) -> dict[str, Interval]:
         """95 % interval of each metric's mean over other test scenes."""
         estimate = _over_blocks(self.mean, self.jackknife(), self.effective_blocks())
-        return {name: estimate.interval(column) for column, name in enumerate(self.scores)}
+        return {
+            name: estimate.interval(column) for column, name in enumerate(self.scores)
+        }
 
     def jackknife(self) -> np.ndarray:
         """[blocks, M] how much the mean falls when a block is left out."""
@@ -126,7 +133,9 @@ class ErrorsByScene:
         return np.where((counts > 0).sum(axis=0) < FEWEST, 0, number)
 
 
-def _over_blocks(value: np.ndarray, changes: np.ndarray, effective: np.ndarray) -> Estimate:
+def _over_blocks(
+    value: np.ndarray, changes: np.ndarray, effective: np.ndarray
+) -> Estimate:
     """An estimate from its `changes [blocks, M]` when a block is left out."""
     # The jackknife's factor, and that of blocks that share steps.
     share = (1 - 1 / len(changes)) * (3 * effective - 1) / (2 * effective - 1)
@@ -161,7 +170,9 @@ class Difference:
     @property
     def over_both(self) -> Estimate:
         """The difference of other trainings on other test scenes."""
-        return _sum(self.mean, [part for part in (self.over_scenes, self.over_seeds) if part])
+        return _sum(
+            self.mean, [part for part in (self.over_scenes, self.over_seeds) if part]
+        )
 
     def intervals(self, metric: str) -> dict[str, Interval | None]:
         """`scenes`, `seeds` and `both`, see the module; `seeds` is None for a single seed."""
@@ -184,8 +195,12 @@ def paired_difference(
     """
     pairs = list(zip(ours, theirs))
     seeds = np.stack([first.mean - second.mean for first, second in pairs])
-    changes = np.mean([first.jackknife() - second.jackknife() for first, second in pairs], axis=0)
-    effective = np.min([run.effective_blocks() for pair in pairs for run in pair], axis=0)
+    changes = np.mean(
+        [first.jackknife() - second.jackknife() for first, second in pairs], axis=0
+    )
+    effective = np.min(
+        [run.effective_blocks() for pair in pairs for run in pair], axis=0
+    )
     over_scenes = _over_blocks(seeds.mean(axis=0), changes, effective)
     return Difference(
         tuple(ours[0].scores), tuple(numbers or range(len(pairs))), seeds, over_scenes
@@ -200,21 +215,32 @@ def mean_difference(parts: Sequence[Difference]) -> Difference:
     """
     common = sorted(set.intersection(*(set(part.numbers) for part in parts)))
     if not common:
-        raise InputError("no training seed was tested on every test set, so there is no mean")
+        raise InputError(
+            "no training seed was tested on every test set, so there is no mean"
+        )
     seeds = np.mean(
-        [part.seeds[[part.numbers.index(number) for number in common]] for part in parts], axis=0
+        [
+            part.seeds[[part.numbers.index(number) for number in common]]
+            for part in parts
+        ],
+        axis=0,
     )
     shrunk = [
-        dataclasses.replace(part.over_scenes, variance=part.over_scenes.variance / len(parts) ** 2)
+        dataclasses.replace(
+            part.over_scenes, variance=part.over_scenes.variance / len(parts) ** 2
+        )
         for part in parts
     ]
-    return Difference(parts[0].metrics, tuple(common), seeds, _sum(seeds.mean(axis=0), shrunk))
+    return Difference(
+        parts[0].metrics, tuple(common), seeds, _sum(seeds.mean(axis=0), shrunk)
+    )
 
 
 def holm(p_values: Sequence[float]) -> np.ndarray:
     """Adjust the p values of m comparisons for all of them: below .05 is a finding.
 
-    Holm (Scand. J. Statist. 1979): the family-wise error is kept however they depend on each other.
+    Holm (Scand. J. Statist. 1979): the family-wise error is kept however they depend on
+    each other.
     """
     p = np.asarray(p_values, float)
     order = np.argsort(p)
@@ -223,14 +249,16 @@ def holm(p_values: Sequence[float]) -> np.ndarray:
 
 
 def against_best(
-    means: Sequence[float | None], higher: bool | None, p_value: Callable[[int, int], float]
+    means: Sequence[float | None],
+    higher: bool | None,
+    p_value: Callable[[int, int], float],
 ) -> list[float | None]:
     """Holm-adjusted p values of n models against the one of best mean, which itself has None.
 
-    Args:
-        means: [n], None for a model without a value, which is left out.
-        higher: whether a higher mean is better; None if neither is, and nothing is tested.
-        p_value: of the paired test of two models, called with the index of the best first.
+    Args: means: [n], None for a model without a value, which is left out. higher:
+        whether a higher mean is better; None if neither is, and nothing is tested.
+        p_value: of the paired test of two models, called with the index of the best
+        first.
     """
     adjusted: list[float | None] = [None] * len(means)
     known_means = {at: mean for at, mean in enumerate(means) if mean is not None}
@@ -257,7 +285,9 @@ def student_p(values: Sequence[float]) -> float:
 def _of_sample(values: np.ndarray) -> Estimate:
     """The means of n independent rows `values [n, M]`, n > 1."""
     n, metrics = values.shape
-    return Estimate(values.mean(axis=0), values.var(axis=0, ddof=1) / n, np.full(metrics, n - 1))
+    return Estimate(
+        values.mean(axis=0), values.var(axis=0, ddof=1) / n, np.full(metrics, n - 1)
+    )
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:

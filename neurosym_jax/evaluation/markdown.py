@@ -8,7 +8,11 @@ __all__ = ["aligned_table", "latex_text", "markdown_table", "markdown_text"]
 
 LATEX = {**{sign: f"\\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}"}
 LATEX |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"}
-MARKDOWN = {sign: f"\\{sign}" for sign in "\\`*[]"} | {"<": "&lt;", ">": "&gt;", "&": "&amp;"}
+MARKDOWN = {sign: f"\\{sign}" for sign in "\\`*[]"} | {
+    "<": "&lt;",
+    ">": "&gt;",
+    "&": "&amp;",
+}
 
 
 def latex_text(text: str) -> str:
@@ -21,7 +25,9 @@ def markdown_text(text: str) -> str:
     return "".join(MARKDOWN.get(letter, letter) for letter in printable(text))
 
 
-def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, right: int = 0) -> str:
+def markdown_table(
+    head: Sequence[str], rows: Iterable[Sequence[str]], *, right: int = 0
+) -> str:
     """Lines of a table; `right` of its last columns are aligned to the right.
 
     A `|` or a line's end in a cell stays within the cell.

@@ -8,7 +8,14 @@ from typing import Any
 from neurosym_jax.evaluation import formulas, symbol_scores
 from neurosym_jax.plugins import Registry
 
-__all__ = ["METRICS", "SYMBOLS", "Metric", "known_metric", "metric_names", "register_metric"]
+__all__ = [
+    "METRICS",
+    "SYMBOLS",
+    "Metric",
+    "known_metric",
+    "metric_names",
+    "register_metric",
+]
 
 Compute = Callable[..., Any]
 
@@ -22,13 +29,14 @@ class Metric:
     compute: Compute
     """`compute(forecast [k, N, T, 2], scene) -> values` for one scene of N slots.
 
-    `values` has a number for each agent, [N]; for each agent and step, [N, T]; or one for the
-    scene, []. `jax.jit` and `jax.vmap` trace it. Positions are metres relative to the scene's
-    origin, the truth is `scene.future`; values of slots that are not `scene.valid` are ignored.
+    `values` has a number for each agent, [N]; for each agent and step, [N, T]; or one
+    for the scene, []. `jax.jit` and `jax.vmap` trace it. Positions are metres relative
+    to the scene's origin, the truth is `scene.future`; values of slots that are not
+    `scene.valid` are ignored.
 
-    The mean over a test set counts each valid agent once, and a scene's number as often as the
-    scene has valid agents. To count otherwise return `(values, weights)` with weights [N] or [],
-    such as 0 where an agent has no value.
+    The mean over a test set counts each valid agent once, and a scene's number as often
+    as the scene has valid agents. To count otherwise return `(values, weights)` with
+    weights [N] or [], such as 0 where an agent has no value.
     """
     unit: str = "m"
     """`m`, ...; `share` is shown in per cent; empty for a plain number."""
@@ -66,7 +74,9 @@ class Metric:
 
 _JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
 _MARGINAL = "marginal: each agent's own best of k (most later papers)"
-_MISS = "missed: even the best of k samples of an agent ends more than 2 m from the truth"
+_MISS = (
+    "missed: even the best of k samples of an agent ends more than 2 m from the truth"
+)
 _CENTRAL = "central: the most probable sample of the scene, or else the one nearest to the others"
 _PROPER = "energy score, CRPS: proper scores of the distribution; less is better"
 _COVERED = "covered: true positions in the region that should hold this share of them"
@@ -74,13 +84,17 @@ _NEIGHBOURS = (
     "neighbours: people of scenes of two or more whose forecast moves by over 1 mm when the others "
     "are removed, of all or of those with somebody within 2 m; mean move at the last step"
 )
-_SYMBOLS = "states, events: log scores of those of ordered pairs within 8 m; less is better"
+_SYMBOLS = (
+    "states, events: log scores of those of ordered pairs within 8 m; less is better"
+)
 
 _further = functools.partial(Metric, by_default=False)
 _on_host = functools.partial(_further, unit="share", on_host=True)
 _weighted = functools.partial(_further, weighted=True)
 _distribution = functools.partial(_weighted, drawn=True)
-_moves = functools.partial(_further, about=_NEIGHBOURS, moves=True, higher_is_better=None)
+_moves = functools.partial(
+    _further, about=_NEIGHBOURS, moves=True, higher_is_better=None
+)
 _symbols = functools.partial(_further, unit="nats", about=_SYMBOLS, drawn=True)
 
 
@@ -104,17 +118,27 @@ METRICS: Registry[Metric] = Registry(
         "truth_collision_rate": _on_host(
             "truth's collisions", formulas.truth_collision_rate, higher_is_better=None
         ),
-        "excess_collisions": _on_host("collisions beyond truth's", formulas.excess_collisions),
-        "draw_collisions": _on_host("draws in collision", formulas.collision_rate, drawn=True),
+        "excess_collisions": _on_host(
+            "collisions beyond truth's", formulas.excess_collisions
+        ),
+        "draw_collisions": _on_host(
+            "draws in collision", formulas.collision_rate, drawn=True
+        ),
         "miss_rate": _further("missed by 2 m", formulas.missed, "share", _MISS),
-        "energy_score": _distribution("energy score", formulas.energy_score, "m", _PROPER),
+        "energy_score": _distribution(
+            "energy score", formulas.energy_score, "m", _PROPER
+        ),
         "crps": _distribution("CRPS", formulas.crps, "m", _PROPER),
         "coverage_50": _covered(0.5),
         "coverage_90": _covered(0.9),
         "central_ade": _weighted("central ADE", formulas.central_ade, "m", _CENTRAL),
         "central_fde": _weighted("central FDE", formulas.central_fde, "m", _CENTRAL),
-        "neighbour_share": _moves("changed by neighbours", formulas.neighbour_share, "share"),
-        "neighbour_near": _moves("changed by near neighbours", formulas.neighbour_near, "share"),
+        "neighbour_share": _moves(
+            "changed by neighbours", formulas.neighbour_share, "share"
+        ),
+        "neighbour_near": _moves(
+            "changed by near neighbours", formulas.neighbour_near, "share"
+        ),
         "neighbour_move": _moves("moved by neighbours", formulas.neighbour_move),
         "state_log": _symbols("states log", symbol_scores.state_log),
         "event_log": _symbols("events log", symbol_scores.event_log),
@@ -144,7 +168,9 @@ def register_metric(
     return register
 
 
-def metric_names(further: Sequence[str] = (), *, collisions: bool = True) -> tuple[str, ...]:
+def metric_names(
+    further: Sequence[str] = (), *, collisions: bool = True
+) -> tuple[str, ...]:
     """Names of the metrics that are computed by default, in the table's order.
 
     Args:

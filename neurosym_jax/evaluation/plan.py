@@ -18,7 +18,15 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import find_model, shipped_name
 from neurosym_jax.runtime.process import cpu_cores
 
-__all__ = ["BASELINES", "TABLE", "Entries", "Test", "TestSet", "baseline", "baselines_of"]
+__all__ = [
+    "BASELINES",
+    "TABLE",
+    "Entries",
+    "Test",
+    "TestSet",
+    "baseline",
+    "baselines_of",
+]
 __all__ += ["load_tests", "make_plan", "make_test"]
 
 BASELINES = ("constant_velocity", "constant_velocity_sampled")
@@ -72,7 +80,8 @@ def make_plan(
 ) -> dict[TestSet, Entries]:
     """Plan the entries of each test set, by the source's order of datasets, then by horizon.
 
-    A model is tested on its held-out dataset where the source has it, else on all datasets.
+    A model is tested on its held-out dataset where the source has it, else on all
+    datasets.
 
     Args:
         source: of the recordings.
@@ -92,8 +101,12 @@ def make_plan(
         names = f"{option('dataset')} and {option('test_on')}"
         raise InputError(f"{names} name two test sets: give one of them")
     if dataset is not None and dataset not in source.scenes:
-        raise InputError(f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}")
-    everywhere = ("+".join(test_on),) if test_on else (dataset,) if dataset else source.scenes
+        raise InputError(
+            f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}"
+        )
+    everywhere = (
+        ("+".join(test_on),) if test_on else (dataset,) if dataset else source.scenes
+    )
     tested: dict[TestSet, Entries] = {}
     for path, model in models:
         if reason := _contradiction(model, source, dataset, test_on, obs_len, pred_len):
@@ -105,16 +118,27 @@ def make_plan(
             test_set = TestSet(name, model.config.obs_len, model.config.pred_len)
             tested.setdefault(test_set, []).append((path, model))
     if not tested:
-        tested = {TestSet(name, obs_len or LENGTH, pred_len or LENGTH): [] for name in everywhere}
+        tested = {
+            TestSet(name, obs_len or LENGTH, pred_len or LENGTH): []
+            for name in everywhere
+        }
     order = [*everywhere, *source.scenes]
     sets = sorted(
         tested,
-        key=lambda test_set: (order.index(test_set.dataset), test_set.obs_len, test_set.pred_len),
+        key=lambda test_set: (
+            order.index(test_set.dataset),
+            test_set.obs_len,
+            test_set.pred_len,
+        ),
     )
     return {
         test_set: [
             *baselines_of(
-                baselines, test_set.obs_len, test_set.pred_len, test_set.dataset, samples
+                baselines,
+                test_set.obs_len,
+                test_set.pred_len,
+                test_set.dataset,
+                samples,
             ),
             *tested[test_set],
         ]
@@ -139,7 +163,11 @@ def _contradiction(
             return f"has {name} {own}, but {option(name, requested)} is asked for"
     if model.dataset == GENERAL and isinstance(source, EthUcy) and not test_on:
         where = "learned from all of ETH/UCY, so it would be tested"
-    elif dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
+    elif (
+        dataset is not None
+        and model.dataset in source.scenes
+        and dataset != model.dataset
+    ):
         tested = option("dataset", dataset)
         where = f"leaves {model.dataset} out of its training, so {tested} would test it"
     else:
@@ -157,29 +185,39 @@ def baselines_of(
 ) -> Entries:
     """The baselines of a test set, by names of forecasters.
 
-    None stands for `BASELINES` and, where one of this horizon ships with as many `samples`, the
-    anchor table that has not learned from `dataset`.
+    None stands for `BASELINES` and, where one of this horizon ships with as many
+    `samples`, the anchor table that has not learned from `dataset`.
     """
     if names is None:
         table = _table(obs_len, pred_len, dataset)
-        names = [*BASELINES, TABLE] if table and samples <= table.config.samples else BASELINES
+        names = (
+            [*BASELINES, TABLE]
+            if table and samples <= table.config.samples
+            else BASELINES
+        )
     return [(None, baseline(name, obs_len, pred_len, dataset)) for name in names]
 
 
-def baseline(name: str, obs_len: int, pred_len: int, dataset: str | None = None) -> Model:
+def baseline(
+    name: str, obs_len: int, pred_len: int, dataset: str | None = None
+) -> Model:
     """Make a registered forecaster without parameters, or load the shipped anchor table.
 
-    Raises:
-        InputError: for another forecaster with parameters, or a horizon without a table.
+    Raises: InputError: for another forecaster with parameters, or a horizon without a
+        table.
     """
     forecaster = FORECASTERS[name]
     config = forecaster.Config(obs_len=obs_len, pred_len=pred_len)
     if not forecaster(config).shapes():
         return Model(config, {}, family=name)
     if name != TABLE:
-        raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
+        raise InputError(
+            f"forecaster {name}: cannot be a baseline, it has parameters to learn"
+        )
     if (table := _table(obs_len, pred_len, dataset)) is None:
-        raise InputError(f"forecaster {name}: none of {obs_len} + {pred_len} steps ships")
+        raise InputError(
+            f"forecaster {name}: none of {obs_len} + {pred_len} steps ships"
+        )
     return table
 
 
@@ -208,13 +246,19 @@ def load_tests(
 
 
 def make_test(
-    test_set: TestSet, entries: Entries, recordings: Sequence[Tracks], min_agents: int = 2
+    test_set: TestSet,
+    entries: Entries,
+    recordings: Sequence[Tracks],
+    min_agents: int = 2,
 ) -> Test:
     """Cut `recordings` into windows; warn of models that were trained on them, or at other steps.
 
-    The reading of the first recording keeps the warnings of training people, for reports.
+    The reading of the first recording keeps the warnings of training people, for
+    reports.
     """
-    windows = cut_windows(recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents)
+    windows = cut_windows(
+        recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents
+    )
     for path, model in entries:
         name, period = path or model.name, model.config.period
         hits, looked = seen_before(model.seen, windows)

@@ -21,7 +21,9 @@ __all__ = ["FORMAT", "check_report", "logged", "read_report", "write_report"]
 FORMAT = 2
 
 
-def write_report(path: Path, rows: Sequence[dict[str, Any]], facts: Mapping[str, Any]) -> None:
+def write_report(
+    path: Path, rows: Sequence[dict[str, Any]], facts: Mapping[str, Any]
+) -> None:
     """Write a report of `rows` with further `facts`; say so where it replaces another."""
     if check_report(path):
         print(f"replacing the report in {path}", file=sys.stderr)
@@ -54,19 +56,25 @@ def read_report(path: Path) -> pl.DataFrame:
 def check_report(path: Path) -> bool:
     """Whether a report is at `path` already.
 
-    Raises:
-        InputError: when `path`, or the log of rows beside it, holds anything else or cannot be
+    Raises: InputError: when `path`, or the log of rows beside it, holds anything else
+        or cannot be
             written.
     """
     if path.suffix == ".jsonl":
-        raise InputError(f"{path}: rows are kept in a .jsonl beside the report: name it .json")
+        raise InputError(
+            f"{path}: rows are kept in a .jsonl beside the report: name it .json"
+        )
     log = path.with_suffix(".jsonl")
     for target in (path, log):
         files.refuse_unwritable(target)
-    foreign = [log] * (log.exists() and log.read_bytes()[:13] not in (b"", b'{"checkpoint"'))
+    foreign = [log] * (
+        log.exists() and log.read_bytes()[:13] not in (b"", b'{"checkpoint"')
+    )
     foreign += [path] * (path.exists() and not _report(path))
     if foreign:
-        raise InputError(f"{foreign[0]}: is not a report of ours, so it is not overwritten")
+        raise InputError(
+            f"{foreign[0]}: is not a report of ours, so it is not overwritten"
+        )
     return path.exists()
 
 
@@ -76,4 +84,8 @@ def _report(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_text())
     except (OSError, ValueError, RecursionError):
         return {}
-    return content if isinstance(content, dict) and {"format", "rows"} <= set(content) else {}
+    return (
+        content
+        if isinstance(content, dict) and {"format", "rows"} <= set(content)
+        else {}
+    )

@@ -1,6 +1,7 @@
 """Results of an evaluation: every model of every test set, forecast, scored and timed.
 
-While one model is evaluated, the programs of those that follow are compiled, in threads.
+While one model is evaluated, the programs of those that follow are compiled, in
+threads.
 """
 
 import dataclasses
@@ -89,7 +90,9 @@ class Result:
 
 
 def evaluate_tests(
-    tests: Sequence[Test], settings: Settings, run: Callable[..., Iterable[Any]] | None = None
+    tests: Sequence[Test],
+    settings: Settings,
+    run: Callable[..., Iterable[Any]] | None = None,
 ) -> Iterator[Result]:
     """Yield the results of all tests in their order, the entries of each in theirs.
 
@@ -98,7 +101,9 @@ def evaluate_tests(
     step = progress_of(sum(len(test.entries) + len(test.forecasts) for test in tests))
     results: Iterable[Result] = _results(settings, tests)
     if run is not None:
-        results = itertools.chain.from_iterable(run(functools.partial(_task, settings), tests))
+        results = itertools.chain.from_iterable(
+            run(functools.partial(_task, settings), tests)
+        )
     for result in results:
         step(f"{result.name} on {result.test_set.dataset}")
         yield result
@@ -134,7 +139,14 @@ def _compile(model: Model, scenes: Iterable[Scene], settings: Settings) -> None:
     for scene in scenes:
         empty: Any = jax.tree.map(np.zeros_like, scene)
         empty.valid[0, 0] = True
-        score_batch(forecaster, model.params, empty, forecaster.count(settings.samples), 0, metrics)
+        score_batch(
+            forecaster,
+            model.params,
+            empty,
+            forecaster.count(settings.samples),
+            0,
+            metrics,
+        )
     example = pad_scene(make_scene(np.zeros((1, model.config.obs_len, 2))), EXAMPLE)
     SceneForecaster(forecaster, model.params, samples=settings.samples, seed=0)(example)
 
@@ -146,7 +158,13 @@ def _evaluate_test(
     for path, entry in [*test.entries, *test.forecasts]:
         compiling = 0.0
         if isinstance(entry, Forecasts):
-            arguments = entry.samples, entry.probability, windows, test.batches, settings.metrics
+            arguments = (
+                entry.samples,
+                entry.probability,
+                windows,
+                test.batches,
+                settings.metrics,
+            )
             runs = [score_samples(*arguments)]
         else:
             start = time.perf_counter()
@@ -159,17 +177,25 @@ def _evaluate_test(
             example = single_scene(windows, number)
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))
-        speed: dict[str, float | None] = dict.fromkeys(("latency", "forecasts_per_second"))
+        speed: dict[str, float | None] = dict.fromkeys(
+            ("latency", "forecasts_per_second")
+        )
         if isinstance(entry, Forecasts):
             rows = windows.rows(np.array([number]))
-            futures = unpacked(entry.samples[:, rows], np.asarray(example.valid)[None])[:, 0]
+            futures = unpacked(entry.samples[:, rows], np.asarray(example.valid)[None])[
+                :, 0
+            ]
             speed["latency"] = entry.latency
         else:
             speed["latency"], futures = _latency(entry, example, settings)
             speed["forecasts_per_second"] = (
                 evaluation.agents * evaluation.samples / evaluation.seconds
             )
-        single = {name: score for name, score in evaluation.scores.items() if score.total.ndim == 1}
+        single = {
+            name: score
+            for name, score in evaluation.scores.items()
+            if score.total.ndim == 1
+        }
         errors = ErrorsByScene(single, windows.identity, windows.position.shape[1])
         name = settings.labels.get(path or "", entry.name)
         row = {
@@ -192,7 +218,9 @@ def _evaluate_test(
             for name, score in evaluation.scores.items()
             if name not in single
         }
-        yield Result(test.test_set, row, errors, example, futures, horizons, windows.period)
+        yield Result(
+            test.test_set, row, errors, example, futures, horizons, windows.period
+        )
 
 
 def _runs(model: Model, test: Test, settings: Settings) -> list[Evaluation]:
@@ -200,7 +228,9 @@ def _runs(model: Model, test: Test, settings: Settings) -> list[Evaluation]:
     seeds = range(settings.seed, settings.seed + settings.seeds)
     options: Any = {"samples": settings.samples, "metrics": settings.metrics}
     return [
-        score_forecaster(model.forecaster, model.params, test.batches, seed=seed, **options)
+        score_forecaster(
+            model.forecaster, model.params, test.batches, seed=seed, **options
+        )
         for seed in (seeds if model.forecaster.noise.dim else seeds[:1])
     ]
 
@@ -240,9 +270,13 @@ def _columns(errors: ErrorsByScene, spread: dict[str, float], source: str) -> Ro
 
 def _band(score: Score, errors: ErrorsByScene) -> np.ndarray:
     """[3, T] mean, low and high of a score with a value for each step, on the same scenes."""
-    step_scores = {str(step): Score(total, score.count) for step, total in enumerate(score.total.T)}
+    step_scores = {
+        str(step): Score(total, score.count) for step, total in enumerate(score.total.T)
+    }
     bounds = dataclasses.replace(errors, scores=step_scores).intervals().values()
-    return np.where(np.isfinite(curves := np.vstack([score.mean, *zip(*bounds)])), curves, np.nan)
+    return np.where(
+        np.isfinite(curves := np.vstack([score.mean, *zip(*bounds)])), curves, np.nan
+    )
 
 
 def _telling(test: Test, evaluation: Evaluation) -> int:
@@ -254,7 +288,9 @@ def _telling(test: Test, evaluation: Evaluation) -> int:
     return int(small[np.argsort(error[small], kind="stable")[9 * len(small) // 10]])
 
 
-def _latency(model: Model, scene: Scene, settings: Settings) -> tuple[float, np.ndarray]:
+def _latency(
+    model: Model, scene: Scene, settings: Settings
+) -> tuple[float, np.ndarray]:
     """Median seconds to forecast one scene, and its forecast [k, N, pred_len, 2], world metres."""
     forecast = SceneForecaster(
         model.forecaster, model.params, samples=settings.samples, seed=settings.seed

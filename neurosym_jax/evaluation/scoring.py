@@ -14,7 +14,13 @@ from jax.typing import ArrayLike
 from neurosym_jax.data.windows import Batch, Windows, bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
-from neurosym_jax.forecasting.batched import PART, batch_noise, draw_batch, forecast_batch, unpacked
+from neurosym_jax.forecasting.batched import (
+    PART,
+    batch_noise,
+    draw_batch,
+    forecast_batch,
+    unpacked,
+)
 from neurosym_jax.forecasting.forecaster import Forecaster, refuse_many
 from neurosym_jax.runtime.process import cpu_cores
 from neurosym_jax.scene import (
@@ -48,7 +54,11 @@ class Score(NamedTuple):
     def mean(self) -> np.ndarray:
         """[] or [T] mean over all scenes; NaN where nothing was counted."""
         count = self.count.sum()
-        return self.total.sum(axis=0) / count if count else np.full(self.total.shape[1:], np.nan)
+        return (
+            self.total.sum(axis=0) / count
+            if count
+            else np.full(self.total.shape[1:], np.nan)
+        )
 
     def of_each_scene(self) -> "Score":
         """Return the mean of each scene with weight 1, in place of its sum."""
@@ -79,7 +89,9 @@ class Evaluation(NamedTuple):
 
 def chosen(names: Sequence[str] | None) -> Metrics:
     """The metrics of these names; by default those that are computed without being named."""
-    return tuple((name, METRICS[name]) for name in (metric_names() if names is None else names))
+    return tuple(
+        (name, METRICS[name]) for name in (metric_names() if names is None else names)
+    )
 
 
 def score_forecaster(
@@ -111,10 +123,12 @@ def score_samples(
     batches: Sequence[Batch],
     metrics: Sequence[str] | None = None,
 ) -> Evaluation:
-    """Scores of forecasts that are there: `samples [k, A, T, 2]` world metres of all agents of
-    `windows`, and `probability [k, S]` of its scenes, None where all are the same.
+    """Scores of forecasts that are there: `samples [k, A, T, 2]` world metres of all
+    agents of `windows`, and `probability [k, S]` of its scenes, None where all are the
+    same.
 
-    Metrics of what neighbours change count nothing, for nobody was forecast without them.
+    Metrics of what neighbours change count nothing, for nobody was forecast without
+    them.
     """
     start, k = time.perf_counter(), len(samples)
     selected = chosen(metrics)
@@ -122,7 +136,9 @@ def score_samples(
 
     def score_part(batch: Batch) -> Scores:
         scenes = batch.index[batch.index >= 0]
-        origin = np.repeat(np.asarray(batch.scene.origin)[: len(scenes)], windows.sizes[scenes], 0)
+        origin = np.repeat(
+            np.asarray(batch.scene.origin)[: len(scenes)], windows.sizes[scenes], 0
+        )
         offsets = relative_positions(samples[:, windows.rows(scenes)], origin[:, None])
         places = unpacked(offsets.astype(model_dtype()), np.asarray(batch.scene.valid))
         likely = None
@@ -146,7 +162,9 @@ def _evaluation(
     index = np.concatenate([batch.index for batch in batches])
     order = np.argsort(index, kind="stable")[(index < 0).sum() :]
     scores = {
-        name: Score(*(np.concatenate(arrays)[order] for arrays in zip(*scores_of_batches)))
+        name: Score(
+            *(np.concatenate(arrays)[order] for arrays in zip(*scores_of_batches))
+        )
         for name in parts[0]
         if (scores_of_batches := [part[name] for part in parts])
     }
@@ -155,16 +173,25 @@ def _evaluation(
 
 
 def score_batch(
-    forecaster: Forecaster, params: Any, scenes: Scene, samples: int, seed: int, metrics: Metrics
+    forecaster: Forecaster,
+    params: Any,
+    scenes: Scene,
+    samples: int,
+    seed: int,
+    metrics: Metrics,
 ) -> Scores:
     """Scores of `forecaster` on a batch of padded scenes."""
     valid, moves = np.asarray(scenes.valid), None
     noise = batch_noise(forecaster, scenes, samples, seed)
     futures, probability = forecast_batch(forecaster, params, scenes, noise)
     if any(metric.moves for _, metric in metrics):
-        alone, _ = forecast_batch(forecaster, params, *without_neighbours(scenes, noise))
+        alone, _ = forecast_batch(
+            forecaster, params, *without_neighbours(scenes, noise)
+        )
         moves = unpacked(futures - alone, valid)
-    drawn = tuple(named for named in metrics if forecaster.calibrated and named[1].drawn)
+    drawn = tuple(
+        named for named in metrics if forecaster.calibrated and named[1].drawn
+    )
     others = tuple(named for named in metrics if named not in drawn)
     scores = score_scenes(others, unpacked(futures, valid), scenes, probability, moves)
     if drawn:
@@ -186,7 +213,9 @@ def without_neighbours(scenes: Scene, noise: np.ndarray) -> tuple[Scene, np.ndar
         return np.asarray(leaf).reshape(-1, 1, *leaf.shape[2:])
 
     identity = np.repeat(np.asarray(scenes.identity), slots, axis=0)
-    alone = jax.tree.map(of_slots, scenes.bare().replace(identity=None)).replace(identity=identity)
+    alone = jax.tree.map(of_slots, scenes.bare().replace(identity=None)).replace(
+        identity=identity
+    )
     if noise.ndim == 3:
         return alone, np.repeat(noise, slots, axis=1)
     return alone, noise.reshape(len(noise), len(identity), 1, -1)
@@ -203,25 +232,30 @@ def score(
 ) -> Scores:
     """Scores of one scene, S = 1.
 
-    Args:
-        forecast: [k, N, T, 2] metres in any frame.
-        future: [N, T, 2] metres in the same frame, the truth.
-        valid: [N] bool, agents that count, one at least; positions of the others are ignored.
-        observed: [N, obs_len, 2] metres in the same frame, for metrics of symbols.
-        metrics: names; by default those that are computed without being named.
-        probability: [k] of the samples; default: all have the same.
+    Args: forecast: [k, N, T, 2] metres in any frame. future: [N, T, 2] metres in the
+        same frame, the truth. valid: [N] bool, agents that count, one at least;
+        positions of the others are ignored. observed: [N, obs_len, 2] metres in the
+        same frame, for metrics of symbols. metrics: names; by default those that are
+        computed without being named. probability: [k] of the samples; default: all have
+        the same.
     """
-    refuse_masked({"forecast": forecast, "future": future, "valid": valid, "observed": observed})
+    refuse_masked(
+        {"forecast": forecast, "future": future, "valid": valid, "observed": observed}
+    )
     future = np.asarray(future, np.float64)
     present = np.ones(len(future), bool) if valid is None else np.asarray(valid)
     seen = future[:, :1] if observed is None else np.asarray(observed)
     scene = make_scene(seen[present], future[present])
-    samples = relative_positions(np.asarray(forecast)[:, present], np.asarray(scene.origin))
+    samples = relative_positions(
+        np.asarray(forecast)[:, present], np.asarray(scene.origin)
+    )
     # A program for each bucket, not for each number of people.
     padded = pad_scene(scene, int(bucket_of(len(present))))
     batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], padded)
     places = unpacked(samples.astype(model_dtype()), batch.valid)
-    likely = None if probability is None else np.asarray(probability, model_dtype())[:, None]
+    likely = (
+        None if probability is None else np.asarray(probability, model_dtype())[:, None]
+    )
     return score_scenes(chosen(metrics), places, batch, likely)
 
 
@@ -234,31 +268,42 @@ def score_scenes(
 ) -> Scores:
     """Scores of a batch of B padded scenes by `samples [k, B, N, T, 2]`, metres from each's origin.
 
-    `probability [k, B]` is None where all samples have the same; `moves [k, B, N, T, 2]` are those
-    of `Metric.moves`.
+    `probability [k, B]` is None where all samples have the same; `moves [k, B, N, T,
+    2]` are those of `Metric.moves`.
 
     Raises:
         InputError: for a metric that fails, gives something else, or lacks `moves`.
     """
     scenes = scenes.replace(origin=None, identity=None)
     arguments = (samples, moves, scenes, probability)
-    sums = _traced(tuple(named for named in metrics if not named[1].on_host), *arguments)
+    sums = _traced(
+        tuple(named for named in metrics if not named[1].on_host), *arguments
+    )
     for name, metric in metrics:
         if metric.on_host:
             values, weights = map(np.asarray, _computed(name, metric, *arguments))
             sums[name] = _summed(name, values, weights, scenes, np)
-    return {name: Score(*(np.asarray(part, float) for part in sums[name])) for name, _ in metrics}
+    return {
+        name: Score(*(np.asarray(part, float) for part in sums[name]))
+        for name, _ in metrics
+    }
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _traced(metrics: Metrics, samples: Any, moves: Any, scenes: Scene, probability: Any) -> Any:
+def _traced(
+    metrics: Metrics, samples: Any, moves: Any, scenes: Scene, probability: Any
+) -> Any:
     """(total [B] or [B, T], count [B]) of each of `metrics` by name, see `score_scenes`."""
 
     def score_one_scene(*arguments: Any) -> dict[str, Any]:
-        computed = {name: _computed(name, metric, *arguments) for name, metric in metrics}
+        computed = {
+            name: _computed(name, metric, *arguments) for name, metric in metrics
+        }
         return jax.tree.map(jnp.asarray, computed)
 
-    parts = jax.vmap(score_one_scene, in_axes=(1, 1, 0, 1))(samples, moves, scenes, probability)
+    parts = jax.vmap(score_one_scene, in_axes=(1, 1, 0, 1))(
+        samples, moves, scenes, probability
+    )
     return {
         name: _summed(name, values, weights, scenes, jnp)
         for name, (values, weights) in parts.items()
@@ -283,10 +328,15 @@ def _computed(
         raise InputError(f"metric {name}: {type(error).__name__}: {error}") from error
 
 
-def _summed(name: str, values: Any, weights: Any, scenes: Scene, xp: Any) -> tuple[Any, Any]:
+def _summed(
+    name: str, values: Any, weights: Any, scenes: Scene, xp: Any
+) -> tuple[Any, Any]:
     """(total [B] or [B, T], count [B]) of a batch's values and weights."""
     _, slots, steps = shape = scenes.known_future.shape[:3]
-    if values.shape not in (shape[:1], shape[:2], shape) or weights.shape != values.shape[:2]:
+    if (
+        values.shape not in (shape[:1], shape[:2], shape)
+        or weights.shape != values.shape[:2]
+    ):
         raise InputError(
             f"metric {name}: values [], [{slots}] or [{slots}, {steps}] of a scene are wanted and "
             f"weights [] or [{slots}] alike, not {list(values.shape[1:])} and "

@@ -4,11 +4,12 @@ The 95 % interval of a line is
 
 - of one training: over the scenes of the test set, in blocks (see `intervals`);
 - of several that differ in their seed: Student's t of the trainings' mean;
-- of a mean over test sets: Student's t of the means of each seed where there are several trainings,
-  else of independent test sets.
+- of a mean over test sets: Student's t of the means of each seed where there are
+  several trainings, else of independent test sets.
 
-A line is the best of its test set where the paired test against each other line, adjusted for their
-number, is significant at 5 %; for means over test sets the test is Student's of the sets' means.
+A line is the best of its test set where the paired test against each other line,
+adjusted for their number, is significant at 5 %; for means over test sets the test is
+Student's of the sets' means.
 """
 
 import re
@@ -42,13 +43,13 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
     Args:
         rows: see `evaluate`.
 
-    Returns:
-        A row for each line and metric, with `line` (a number), the columns of `FACTS`,
-        `checkpoint` (of several trainings without the seed), `trainings`, `sets` (number of test
-        sets), `metric`, its `mean` (None where nothing was counted), the bounds `low` and `high` of
-        its 95 % interval, `std` (between trainings or, of one, between seeds of the noise), `p`
-        (of the test against the best, adjusted; None for the best itself) and `best`, whether `p`
-        of all other lines of the test set is below 5 %.
+    Returns: A row for each line and metric, with `line` (a number), the columns of
+        `FACTS`, `checkpoint` (of several trainings without the seed), `trainings`,
+        `sets` (number of test sets), `metric`, its `mean` (None where nothing was
+        counted), the bounds `low` and `high` of its 95 % interval, `std` (between
+        trainings or, of one, between seeds of the noise), `p` (of the test against the
+        best, adjusted; None for the best itself) and `best`, whether `p` of all other
+        lines of the test set is below 5 %.
     """
     lines = _lines(rows)
     means = pl.DataFrame(_tested(list(_means(lines))), schema=lines.schema)
@@ -66,18 +67,27 @@ def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
     short = dict(zip(paths, unique_suffixes([PurePath(path) for path in paths])))
     names = [name for name, _ in models]
     return [
-        f"{name} {short[path]}" if path and names.count(name) > 1 else name for name, path in models
+        f"{name} {short[path]}" if path and names.count(name) > 1 else name
+        for name, path in models
     ]
 
 
 def unique_suffixes(paths: Sequence[PurePath]) -> list[str]:
     """The shortest ends of all paths that tell them apart, without the parts that all end with."""
     parts = [path.parts for path in dict.fromkeys(paths)]
-    while len(parts) > 1 and len({path[-1:] for path in parts}) == 1 and min(map(len, parts)) > 1:
+    while (
+        len(parts) > 1
+        and len({path[-1:] for path in parts}) == 1
+        and min(map(len, parts)) > 1
+    ):
         parts = [path[:-1] for path in parts]
     longest = max(map(len, parts), default=0)
-    ends = (["/".join(path[-size:]) for path in parts] for size in range(1, longest + 1))
-    unique = next((end for end in ends if len({*end}) == len(parts)), list(map(str, paths)))
+    ends = (
+        ["/".join(path[-size:]) for path in parts] for size in range(1, longest + 1)
+    )
+    unique = next(
+        (end for end in ends if len({*end}) == len(parts)), list(map(str, paths))
+    )
     suffixes = dict(zip(dict.fromkeys(paths), unique))
     return [suffixes[path] for path in paths]
 
@@ -87,9 +97,15 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
 
     Names that would be the same stay as they are.
     """
-    short = {name: re.sub(r",\S+", "", name.replace("constant velocity", "CV")) for name in names}
+    short = {
+        name: re.sub(r",\S+", "", name.replace("constant velocity", "CV"))
+        for name in names
+    }
     brief = list(short.values())
-    return {name: label if brief.count(label) == 1 else name for name, label in short.items()}
+    return {
+        name: label if brief.count(label) == 1 else name
+        for name, label in short.items()
+    }
 
 
 def _lines(rows: pl.DataFrame) -> pl.DataFrame:
@@ -117,13 +133,18 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
         pl.col(*FACTS, *ends).first(),
         pl.col("latency").max(),
         pl.col("forecasts_per_second").min(),
-        checkpoint=pl.when(pl.len() > 1).then(pl.first("family")).otherwise(pl.first("checkpoint")),
+        checkpoint=pl.when(pl.len() > 1)
+        .then(pl.first("family"))
+        .otherwise(pl.first("checkpoint")),
         trainings=pl.len().cast(pl.Int64),
         sets=pl.lit(1),
         means=pl.col("mean"),
         trained=pl.col("seed"),
     )
-    values = [_over_trainings(line) if line["trainings"] > 1 else line for line in lines.to_dicts()]
+    values = [
+        _over_trainings(line) if line["trainings"] > 1 else line
+        for line in lines.to_dicts()
+    ]
     return pl.DataFrame(values, schema=lines.schema).sort("line", maintain_order=True)
 
 
@@ -152,20 +173,34 @@ def _means(lines: pl.DataFrame) -> Iterator[dict[str, Any]]:
         for _, sets in peers.group_by("model", "family", "metric", maintain_order=True):
             if len(names) > 1 and sets["dataset"].to_list() == names:
                 number = len(lines) + sets["line"][0]
-                yield _mean(sets) | {"line": number, "dataset": f"mean of {', '.join(names)}"}
+                yield _mean(sets) | {
+                    "line": number,
+                    "dataset": f"mean of {', '.join(names)}",
+                }
 
 
 def _mean(sets: pl.DataFrame) -> dict[str, Any]:
     """The mean of one metric over test sets, a line each."""
     line = sets.row(0, named=True)
-    path, trainings, means = line.pop("family") or None, line["trainings"], sets["mean"].to_list()
-    line |= dict.fromkeys(("mean", "low", "high", "std", "p", "scenes", "agents", "blocks"))
+    path, trainings, means = (
+        line.pop("family") or None,
+        line["trainings"],
+        sets["mean"].to_list(),
+    )
+    line |= dict.fromkeys(
+        ("mean", "low", "high", "std", "p", "scenes", "agents", "blocks")
+    )
     line |= {"sets": len(sets), "checkpoint": path, "trainings": 1}
     line |= {"latency": sets["latency"].max()}
     line["forecasts_per_second"] = sets["forecasts_per_second"].min()
-    if trainings > 1 and all(seeds == line["trained"] for seeds in sets["trained"].to_list()):
-        # Trainings of one seed are not independent of each other, so they are averaged first.
-        averages = [] if None in means else np.mean(sets["means"].to_list(), axis=0).tolist()
+    if trainings > 1 and all(
+        seeds == line["trained"] for seeds in sets["trained"].to_list()
+    ):
+        # Trainings of one seed are not independent of each other, so they are averaged
+        # first.
+        averages = (
+            [] if None in means else np.mean(sets["means"].to_list(), axis=0).tolist()
+        )
         line = _over_trainings(line | {"means": averages, "trainings": trainings})
         return line | {"means": means}
     line["means"] = means
@@ -181,9 +216,9 @@ def _tested(means: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Lines of means over test sets, with the p values of their paired tests over the sets."""
     groups: dict[Any, list[dict[str, Any]]] = {}
     for line in means:
-        groups.setdefault((line["dataset"], *map(line.get, HORIZON), line["metric"]), []).append(
-            line
-        )
+        groups.setdefault(
+            (line["dataset"], *map(line.get, HORIZON), line["metric"]), []
+        ).append(line)
     for (*_, metric), group in groups.items():
 
         def p_value(best: int, other: int, group: Any = group) -> float:

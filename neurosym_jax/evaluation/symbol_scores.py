@@ -1,10 +1,11 @@
 """Log scores of the symbols and events that k forecasts make probable.
 
-Scored are ordered pairs within 8 m of each other at the last observation. Counts of samples become
-probabilities as in `symbolic.forecast`, smoothed by one sample spread uniformly. The score is
--ln p_c, in nats, for the class c that came true (Good, "Rational decisions", 1952); it is proper. A
-movement below 0.125 m/s counts as standing, and events are timed in seconds, at any period.
-`studies.symbolic_forecast` compares with a Markov chain.
+Scored are ordered pairs within 8 m of each other at the last observation. Counts of
+samples become probabilities as in `symbolic.forecast`, smoothed by one sample spread
+uniformly. The score is -ln p_c, in nats, for the class c that came true (Good,
+"Rational decisions", 1952); it is proper. A movement below 0.125 m/s counts as
+standing, and events are timed in seconds, at any period. `studies.symbolic_forecast`
+compares with a Markov chain.
 """
 
 import dataclasses

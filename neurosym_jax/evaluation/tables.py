@@ -54,12 +54,11 @@ def format_table(
 ) -> str:
     """Rows as tables: one for each test set and horizon and, of several, one of their means.
 
-    Args:
-        rows: see `evaluate`; runs whose checkpoints differ in `seed0`, `seed1`, ... are one line.
-        style: text for a terminal; csv, markdown or latex for a paper.
-        width: columns of a terminal; default: the terminal's.
-        intervals: whether latex has intervals, too, which is too wide for one column of a paper.
-        whole: whether text has columns that do not fit in further tables, and a table of means.
+    Args: rows: see `evaluate`; runs whose checkpoints differ in `seed0`, `seed1`, ...
+        are one line. style: text for a terminal; csv, markdown or latex for a paper.
+        width: columns of a terminal; default: the terminal's. intervals: whether latex
+        has intervals, too, which is too wide for one column of a paper. whole: whether
+        text has columns that do not fit in further tables, and a table of means.
     """
     lines = summarise(rows).with_columns(
         pl.col("dataset", "model", "checkpoint").map_elements(printable, pl.String)
@@ -79,8 +78,12 @@ def _text_tables(lines: pl.DataFrame, width: int | None, whole: bool) -> str:
     texts = []
     for metrics, members in _by_test_set(lines):
         facts = members[0].facts
-        counts = f", {facts['scenes']} scenes, {facts['agents']} people" * (facts["sets"] == 1)
-        title = [f"{facts['dataset']}: {facts['obs_len']} + {facts['pred_len']} steps{counts}"]
+        counts = f", {facts['scenes']} scenes, {facts['agents']} people" * (
+            facts["sets"] == 1
+        )
+        title = [
+            f"{facts['dataset']}: {facts['obs_len']} + {facts['pred_len']} steps{counts}"
+        ]
         models, *rest = _columns(metrics, members)
         while rest:
             taken, left = [models], width - len(models[0])
@@ -102,7 +105,10 @@ def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[lis
     for name, metric in metrics.items():
         column_cells = [line.cells[name] for line in members]
         unmarked = " " if any(cell.best for cell in column_cells) else ""
-        cells = [cell.mean + cell.half + ("*" if cell.best else unmarked) for cell in column_cells]
+        cells = [
+            cell.mean + cell.half + ("*" if cell.best else unmarked)
+            for cell in column_cells
+        ]
         first, _, rest = metric.title.partition(" ")
         columns.append([first, rest, *cells] if rest else ["", first, *cells])
     heads = (("", "k"), ("forecasts", "a second"), ("latency", "in ms"))
@@ -115,7 +121,9 @@ def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[lis
         for line in members
     ]
     columns += [[*head, *map(str, cells)] for head, cells in zip(heads, zip(*facts))]
-    right = [[cell.rjust(max(map(len, column))) for cell in column] for column in columns]
+    right = [
+        [cell.rjust(max(map(len, column))) for cell in column] for column in columns
+    ]
     models = ["", "model", *(line.label for line in members)]
     return [[cell.ljust(max(map(len, models))) for cell in models], *right]
 
@@ -128,10 +136,20 @@ def _rounded(value: float | None, decimals: int, scale: float = 1) -> str:
 def _csv_table(lines: pl.DataFrame) -> str:
     """A line each, with unrounded numbers; `_low` and `_high` bound the 95 % interval, `_p` is of
     the paired test against the best."""
-    facts = ["dataset", "obs_len", "pred_len", "model", "checkpoint", "trainings", "samples"]
+    facts = [
+        "dataset",
+        "obs_len",
+        "pred_len",
+        "model",
+        "checkpoint",
+        "trainings",
+        "samples",
+    ]
     facts += ["seeds", "scenes", "agents", "blocks"]
     values = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
-    wide = lines.pivot("metric", index=["line", *facts], values=list(values), maintain_order=True)
+    wide = lines.pivot(
+        "metric", index=["line", *facts], values=list(values), maintain_order=True
+    )
     columns = [
         pl.col(f"{value}_{metric}").alias(f"{metric}{ending}")
         for metric in lines["metric"].unique(maintain_order=True)
@@ -144,7 +162,8 @@ def _markdown_table(lines: pl.DataFrame) -> str:
     """Means with 95 % intervals; the significantly best is bold."""
     metrics = _metrics(lines)
     heads = [
-        metric.title if metric.unit == "share" else metric.label for metric in metrics.values()
+        metric.title if metric.unit == "share" else metric.label
+        for metric in metrics.values()
     ]
     body = [
         [
@@ -168,7 +187,9 @@ def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
     tests = [members for _, members in _by_test_set(lines)]
     titles = [metric.title.partition(" ") for metric in metrics.values()]
     above, below = ["", ""], ["", "$k$"]
-    for first, parts in itertools.groupby(titles, lambda title: title[0] if title[2] else ""):
+    for first, parts in itertools.groupby(
+        titles, lambda title: title[0] if title[2] else ""
+    ):
         rests = [rest or word for word, _, rest in parts]
         above.append(rf"\multicolumn{{{len(rests)}}}{{c}}{{{latex_text(first)}}}")
         below += map(latex_text, rests)
@@ -176,16 +197,26 @@ def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
     rows = []
     for members in tests:
         facts = members[0].facts
-        title = latex_text(f"{facts['dataset']}, {facts['obs_len']} + {facts['pred_len']} steps")
-        rows += [r"\midrule", rf"\multicolumn{{{len(below)}}}{{l}}{{\emph{{{title}}}}} \\"]
+        title = latex_text(
+            f"{facts['dataset']}, {facts['obs_len']} + {facts['pred_len']} steps"
+        )
+        rows += [
+            r"\midrule",
+            rf"\multicolumn{{{len(below)}}}{{l}}{{\emph{{{title}}}}} \\",
+        ]
         for label, facts, cells_by_metric in members:
             cells = [latex_text(short[label]), str(facts["samples"])]
             for mean, interval, _, best in map(cells_by_metric.__getitem__, metrics):
                 text = rf"\textbf{{{latex_text(mean)}}}" if best else latex_text(mean)
-                cells.append(text + rf"{{\scriptsize{interval}}}" * (intervals and bool(interval)))
+                cells.append(
+                    text
+                    + rf"{{\scriptsize{interval}}}" * (intervals and bool(interval))
+                )
             rows.append(" & ".join(cells) + r" \\")
     named = [f"{brief}: {name}" for name, brief in short.items() if brief != name]
-    units = ["errors in metres"] * any(metric.unit == "m" for metric in metrics.values())
+    units = ["errors in metres"] * any(
+        metric.unit == "m" for metric in metrics.values()
+    )
     return "\n".join(
         [
             r"% \usepackage{booktabs}",
@@ -212,32 +243,53 @@ def _cell(metric: Metric, value: Mapping[str, Any]) -> Cell:
         return Cell(mean, " [too few blocks]" * few)
     low, high = (metric.text(value[end]).split(" ")[0] for end in ("low", "high"))
     half = f" ±{(value['high'] - value['low']) / 2:.3f}".replace("±0.", "±.")
-    return Cell(mean, f" [{low}, {high}]", half * (metric.unit in ("", "m")), value["best"])
+    return Cell(
+        mean, f" [{low}, {high}]", half * (metric.unit in ("", "m")), value["best"]
+    )
 
 
 def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
     """Explanations below a table for a terminal or, given whether it has `intervals`, a paper."""
     notes = [metric.about for metric in _metrics(lines).values()]
-    single = lines.filter(pl.col("trainings") == 1)["blocks"].drop_nulls().unique().sort().to_list()
+    single = (
+        lines.filter(pl.col("trainings") == 1)["blocks"]
+        .drop_nulls()
+        .unique()
+        .sort()
+        .to_list()
+    )
     if single and intervals is not False:
         interval = "[ ]: 95 % interval" if intervals else "±: half of a 95 % interval"
         number = f"{single[0]}" if len(single) == 1 else f"{single[0]} to {single[-1]}"
         notes.append(f"{interval} by Student's t over {number} blocks of scenes")
         if single[0] < FEWEST:
-            notes.append(f"fewer than {FEWEST} blocks say nothing: no interval, no test")
-    if counts := lines.filter(pl.col("trainings") > 1)["trainings"].unique().sort().to_list():
+            notes.append(
+                f"fewer than {FEWEST} blocks say nothing: no interval, no test"
+            )
+    if (
+        counts := lines.filter(pl.col("trainings") > 1)["trainings"]
+        .unique()
+        .sort()
+        .to_list()
+    ):
         number = ", ".join(map(str, counts))
         notes.append(f"{number} trainings: Student's interval of their mean instead")
     if lines["best"].any():
         mark = "*" if intervals is None else "bold"
-        notes.append(f"{mark}: significantly better than every other (paired tests, 5 %, Holm)")
+        notes.append(
+            f"{mark}: significantly better than every other (paired tests, 5 %, Holm)"
+        )
     return [printable(note) for note in dict.fromkeys(notes) if note]
 
 
 def _by_test_set(lines: pl.DataFrame) -> Iterator[tuple[dict[str, Metric], list[Line]]]:
     """The metrics that have a value on each test set, and its lines."""
-    for _, rows in lines.group_by("dataset", "obs_len", "pred_len", maintain_order=True):
-        groups = [line.to_dicts() for _, line in rows.group_by("line", maintain_order=True)]
+    for _, rows in lines.group_by(
+        "dataset", "obs_len", "pred_len", maintain_order=True
+    ):
+        groups = [
+            line.to_dicts() for _, line in rows.group_by("line", maintain_order=True)
+        ]
         names = labels([(first["model"], first["checkpoint"]) for first, *_ in groups])
         members = []
         for name, values in zip(names, groups):
@@ -245,7 +297,8 @@ def _by_test_set(lines: pl.DataFrame) -> Iterator[tuple[dict[str, Metric], list[
             trainings = facts["trainings"]
             label = name + f" ({trainings} trainings)" * (trainings > 1)
             cells = {
-                value["metric"]: _cell(known_metric(value["metric"]), value) for value in values
+                value["metric"]: _cell(known_metric(value["metric"]), value)
+                for value in values
             }
             members.append(Line(label, facts, cells))
         yield _metrics(rows), members
@@ -253,5 +306,7 @@ def _by_test_set(lines: pl.DataFrame) -> Iterator[tuple[dict[str, Metric], list[
 
 def _metrics(lines: pl.DataFrame) -> dict[str, Metric]:
     """The metrics of which some line has a value."""
-    names = lines.filter(pl.col("mean").is_not_null())["metric"].unique(maintain_order=True)
+    names = lines.filter(pl.col("mean").is_not_null())["metric"].unique(
+        maintain_order=True
+    )
     return {name: known_metric(name) for name in names}

@@ -1,10 +1,11 @@
 """Forecasts as TrajNet++ files, with the frames, people, scenes and tags of the recording.
 
-TrajNet++'s evaluator reads two files, what happened and what was forecast. It counts the forecast
-of each scene's primary person, and its collisions (Col-I) where every neighbour is forecast who was
-seen at any observed step. So the scenes that a TrajNet++ recording lists are forecast for all of
-these; steps at which they were not seen are filled at constant velocity. Other recordings have a
-scene for each window, whose people are there throughout.
+TrajNet++'s evaluator reads two files, what happened and what was forecast. It counts
+the forecast of each scene's primary person, and its collisions (Col-I) where every
+neighbour is forecast who was seen at any observed step. So the scenes that a TrajNet++
+recording lists are forecast for all of these; steps at which they were not seen are
+filled at constant velocity. Other recordings have a scene for each window, whose people
+are there throughout.
 """
 
 import json
@@ -46,7 +47,9 @@ class ObservedScene(NamedTuple):
     """[T] frames to forecast."""
 
 
-def write_trajnet(target: Path, model: Model, test: Test, samples: int, seed: int) -> Path:
+def write_trajnet(
+    target: Path, model: Model, test: Test, samples: int, seed: int
+) -> Path:
     """Write forecasts of a test set to `target`; what happened, to `NAME_truth.ndjson` beside it.
 
     Returns the path of the latter.
@@ -55,7 +58,9 @@ def write_trajnet(target: Path, model: Model, test: Test, samples: int, seed: in
     truth = target.with_stem(f"{target.stem}_truth")
     listed = [seen.scene for seen in scenes]
     with new_file(truth) as beside:
-        rows = (_track(frame, person, xy) for (frame, person), xy in sorted(points.items()))
+        rows = (
+            _track(frame, person, xy) for (frame, person), xy in sorted(points.items())
+        )
         beside.write_text(_lines(map(_scene, listed)) + _lines(rows), encoding="utf-8")
     with new_file(target) as beside, beside.open("w", encoding="utf-8") as file:
         file.write(_lines(map(_scene, listed)))
@@ -77,7 +82,9 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
     frames = np.rint(tracks.stamp * (reading.rate or 1)).astype(int)
     points = {
         (frame, person): xy
-        for frame, person, xy in zip(frames.tolist(), tracks.id.tolist(), tracks.position)
+        for frame, person, xy in zip(
+            frames.tolist(), tracks.id.tolist(), tracks.position
+        )
     }
     step = round(windows.period * (reading.rate or 1))
     people_at: dict[int, list[int]] = {}
@@ -92,11 +99,14 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
             raise InputError(
                 f"{path}: scene {scene.id} has {len(steps)} steps, not {obs_len} + {pred_len}"
             )
-        seen = {person for frame in past.tolist() for person in people_at.get(frame, ())}
+        seen = {
+            person for frame in past.tolist() for person in people_at.get(frame, ())
+        }
         people = [scene.person, *sorted(seen - {scene.person})]
         nothing = np.full(2, np.nan)
         walks = [
-            [points.get((frame, person), nothing) for frame in past.tolist()] for person in people
+            [points.get((frame, person), nothing) for frame in past.tolist()]
+            for person in people
         ]
         observed = np.stack([_filled(np.array(walk))[-obs_len:] for walk in walks])
         scenes.append(ObservedScene(scene, np.array(people), observed, future))
@@ -112,7 +122,9 @@ def _filled(path: np.ndarray) -> np.ndarray:
     steps, (seen,) = np.arange(len(path)), np.nonzero(np.isfinite(path[:, 0]))
     if not len(seen):
         raise InputError("a scene's primary person is not seen at any observed step")
-    filled = np.stack([np.interp(steps, seen, path[seen, axis]) for axis in range(2)], axis=1)
+    filled = np.stack(
+        [np.interp(steps, seen, path[seen, axis]) for axis in range(2)], axis=1
+    )
     if len(seen) > 1:
         for end, inner in ((seen[0], seen[1]), (seen[-1], seen[-2])):
             velocity = (path[end] - path[inner]) / (end - inner)
@@ -142,7 +154,9 @@ def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
             people = windows.agent[rows]
             if renumbered:
                 keys = ((name, person) for person in people.tolist())
-                people = np.array([numbers.setdefault(key, len(numbers)) for key in keys])
+                people = np.array(
+                    [numbers.setdefault(key, len(numbers)) for key in keys]
+                )
             for person, path in zip(people.tolist(), windows.position[rows]):
                 points |= {
                     (frame, person): xy
@@ -176,7 +190,9 @@ def _forecasts(
         test.test_set.obs_len,
         test.windows.period,
     )
-    futures, likely = forecast_windows(model, windows, make_batches(windows), samples, seed)
+    futures, likely = forecast_windows(
+        model, windows, make_batches(windows), samples, seed
+    )
     for number, seen in enumerate(scenes):
         own_samples = futures[:, slice(*bounds[number : number + 2])]
         if likely is not None:  # The evaluator takes number 0 for the best guess.
@@ -200,7 +216,9 @@ def _track(frame: int, person: int, xy: np.ndarray) -> dict[str, Any]:
 
 def _scene(scene: OfficialScene) -> dict[str, Any]:
     names = {"person": "p", "start": "s", "end": "e"}
-    return {"scene": {names.get(key, key): value for key, value in scene._asdict().items()}}
+    return {
+        "scene": {names.get(key, key): value for key, value in scene._asdict().items()}
+    }
 
 
 def _lines(rows: Any) -> str:

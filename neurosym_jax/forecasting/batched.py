@@ -1,8 +1,9 @@
 """Forecasts of many scenes at once: batches, and agents packed without padding.
 
-If a forecaster's decoding looks at no neighbour, the agents of a batch of padded scenes are decoded
-as one scene without padding, in parts of one size: no work is spent on padding, and one compiled
-program serves scenes of every size. Single scenes are `model`'s.
+If a forecaster's decoding looks at no neighbour, the agents of a batch of padded scenes
+are decoded as one scene without padding, in parts of one size: no work is spent on
+padding, and one compiled program serves scenes of every size. Single scenes are
+`model`'s.
 """
 
 import functools
@@ -16,13 +17,27 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.windows import Batch, Windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster, refuse_many
-from neurosym_jax.forecasting.model import Model, refuse_other_length, warn_of_tracking_errors
+from neurosym_jax.forecasting.forecaster import (
+    Forecaster,
+    TwoStageForecaster,
+    refuse_many,
+)
+from neurosym_jax.forecasting.model import (
+    Model,
+    refuse_other_length,
+    warn_of_tracking_errors,
+)
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.forecasting.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
-__all__ = ["batch_noise", "draw_batch", "forecast_batch", "forecast_windows", "predict_scenes"]
+__all__ = [
+    "batch_noise",
+    "draw_batch",
+    "forecast_batch",
+    "forecast_windows",
+    "predict_scenes",
+]
 __all__ += ["unpacked"]
 
 PART = 128
@@ -40,15 +55,16 @@ def predict_scenes(
 ) -> list[np.ndarray]:
     """`predict` for many scenes `[N_i, obs_len, 2]`, scenes of one padded size at once.
 
-    Forecast i equals `predict(model, observed[i], frame=frames[i], ...)` up to float rounding;
-    `frames` are 0, 1, 2, ... by default. All forecasts are in memory together, 16 pred_len bytes
-    for each sample of a person; pass larger numbers of scenes in parts, with the `frames` of each.
+    Forecast i equals `predict(model, observed[i], frame=frames[i], ...)` up to float
+    rounding; `frames` are 0, 1, 2, ... by default. All forecasts are in memory
+    together, 16 pred_len bytes for each sample of a person; pass larger numbers of
+    scenes in parts, with the `frames` of each.
 
     Returns:
         For each scene `[k, N_i, pred_len, 2]` float64 metres in its own frame.
 
-    Raises:
-        InputError: naming the scene that `predict` would refuse; for another number of frames than
+    Raises: InputError: naming the scene that `predict` would refuse; for another number
+        of frames than
             scenes.
     """
     refuse(Count, {"samples": samples})
@@ -82,10 +98,11 @@ def forecast_windows(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Futures of the A agents and probabilities of the S scenes of `windows`.
 
-    `batches` are all windows; `run` is `map` or an executor's, and applies a function to batches.
+    `batches` are all windows; `run` is `map` or an executor's, and applies a function
+    to batches.
 
-    Returns:
-        [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the same.
+    Returns: [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the
+        same.
     """
     forecaster = model.forecaster
     samples = forecaster.count(samples)
@@ -104,12 +121,16 @@ def forecast_windows(
         scenes = batch.index[present]
         if probability is not None:
             likely[:, scenes] = probability[:, present]
-        origin = np.repeat(np.asarray(batch.scene.origin)[present], windows.sizes[scenes], axis=0)
+        origin = np.repeat(
+            np.asarray(batch.scene.origin)[present], windows.sizes[scenes], axis=0
+        )
         places[:, windows.rows(scenes)] = futures + origin[:, None]
     return places, None if probability is None else likely
 
 
-def batch_noise(forecaster: Forecaster, scenes: Scene, samples: int, seed: int) -> np.ndarray:
+def batch_noise(
+    forecaster: Forecaster, scenes: Scene, samples: int, seed: int
+) -> np.ndarray:
     """Noise of a batch of B scenes, `[k, B, dim]` or `[k, B, N, dim]`."""
     identity = np.asarray(scenes.identity)
     return draw_noise(forecaster.noise, seed, identity, samples, scenes.valid.shape[1])
@@ -122,9 +143,8 @@ def forecast_batch(
 
     `noise` is `[k, B, dim]` or `[k, B, N, dim]`, see `batch_noise`.
 
-    Returns:
-        [k, A, pred_len, 2] metres relative to each scene's origin, and [k, B]; None where all are
-        the same.
+    Returns: [k, A, pred_len, 2] metres relative to each scene's origin, and [k, B];
+        None where all are the same.
     """
     valid = np.asarray(scenes.valid)
     if isinstance(forecaster, TwoStageForecaster) and forecaster.decodes_alone:
@@ -138,11 +158,17 @@ def draw_batch(
 ) -> np.ndarray:
     """Draws of a batch of B scenes, [n, B, N, pred_len, 2]; see `Forecaster.distribution`."""
     refuse(Seed, {"seed": seed})
-    return np.asarray(_draws(forecaster, params, scenes.bare(), jax.random.key(seed), count))
+    return np.asarray(
+        _draws(forecaster, params, scenes.bare(), jax.random.key(seed), count)
+    )
 
 
 def _decoded_agents(
-    forecaster: TwoStageForecaster, params: Any, scenes: Scene, noise: np.ndarray, valid: np.ndarray
+    forecaster: TwoStageForecaster,
+    params: Any,
+    scenes: Scene,
+    noise: np.ndarray,
+    valid: np.ndarray,
 ) -> np.ndarray:
     """`[k, A, pred_len, 2]` of the agents, packed as one scene and decoded in parts of `PART`."""
     encoder, bare = forecaster.encoder, scenes.bare()
@@ -150,7 +176,9 @@ def _decoded_agents(
     agents = context, bare.replace(identity=None)
     agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], agents)
     agent_noise = (
-        noise[:, valid] if noise.ndim == 4 else np.repeat(noise, valid.sum(axis=1), axis=1)
+        noise[:, valid]
+        if noise.ndim == 4
+        else np.repeat(noise, valid.sum(axis=1), axis=1)
     )
     packed, parts = (*agents, agent_noise.swapaxes(0, 1)), []
     for at in range(0, agent_noise.shape[1], PART):

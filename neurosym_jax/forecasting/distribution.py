@@ -28,8 +28,9 @@ def predict_distribution(
 ) -> np.ndarray:
     """Equally probable futures of one scene, for probabilities, regions and risks.
 
-    Those of `anchors` are drawn from what it learned by a proper score. For other models they are
-    the samples of `predict`, from as many noises; a model without noise has one.
+    Those of `anchors` are drawn from what it learned by a proper score. For other
+    models they are the samples of `predict`, from as many noises; a model without noise
+    has one.
 
     Args:
         model: see `load_model`.
@@ -56,10 +57,14 @@ def draw_futures(forecaster: SceneForecaster, scene: Scene, count: int) -> np.nd
     slots = int(bucket_of(len(scene.valid)))
     refuse_many(forecaster.forecaster, count, slots)
     padded = forecaster.forecaster.prepared(pad_scene(scene.bare(), slots))
-    futures = _draw(forecaster.forecaster, forecaster.params, padded, forecaster.key, count)
+    futures = _draw(
+        forecaster.forecaster, forecaster.params, padded, forecaster.key, count
+    )
     return to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 4))
-def _draw(forecaster: Forecaster, params: Any, scene: Scene, key: Array, count: int) -> Array:
+def _draw(
+    forecaster: Forecaster, params: Any, scene: Scene, key: Array, count: int
+) -> Array:
     return forecaster.distribution(params, scene, key, count)

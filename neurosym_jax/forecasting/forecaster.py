@@ -1,7 +1,8 @@
 """What a forecaster is: k samples of one scene, given noise; and the table of families.
 
-A family is a subclass of `Forecaster` in one folder of `models`, or in a plugin: it owns its
-configurations, recipes, parameters, forecast, batches and loss. Nothing outside asks which it is.
+A family is a subclass of `Forecaster` in one folder of `models`, or in a plugin: it
+owns its configurations, recipes, parameters, forecast, batches and loss. Nothing
+outside asks which it is.
 
 Equal forecasters are equal to `jax.jit`, so they share compiled programs.
 """
@@ -25,7 +26,13 @@ from neurosym_jax.runtime.process import refuse_beyond_memory, refuse_forked
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
-__all__ = ["FORECASTERS", "Forecaster", "Lengths", "Representatives", "TwoStageForecaster"]
+__all__ = [
+    "FORECASTERS",
+    "Forecaster",
+    "Lengths",
+    "Representatives",
+    "TwoStageForecaster",
+]
 __all__ += ["forecaster_of", "refuse_many", "register_forecaster", "with_weighting"]
 
 Representatives = tuple[Array, Array | None]
@@ -41,7 +48,9 @@ class Lengths(Checked):
     """Observed time steps."""
     pred_len: Size = 8
     """Time steps to forecast."""
-    period: Annotated[float, Rule("lie in (0, 3600]", lambda value: 0 < value <= 3600)] = 0.4
+    period: Annotated[
+        float, Rule("lie in (0, 3600]", lambda value: 0 < value <= 3600)
+    ] = 0.4
     """Seconds between time steps, in training."""
 
 
@@ -78,7 +87,9 @@ class Forecaster(abc.ABC):
     def variant(self) -> str:
         """A name for files that tells apart models trained on the same data."""
         lengths = ("obs_len=", "pred_len=", "period=")
-        changes = [text for text in differences(self.config) if not text.startswith(lengths)]
+        changes = [
+            text for text in differences(self.config) if not text.startswith(lengths)
+        ]
         return "_".join([self.model, *(text.replace("=", "_") for text in changes)])
 
     @property
@@ -119,8 +130,9 @@ class Forecaster(abc.ABC):
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
         """Futures [k, N, pred_len, 2] of one scene, metres relative to its origin.
 
-        A function for `jax.vmap` and `jax.jit`. The scene has N slots, and neither `future` nor
-        `origin`; `noise` is [k, dim], or [k, N, dim] where it is per agent; k = 1 for dim 0.
+        A function for `jax.vmap` and `jax.jit`. The scene has N slots, and neither
+        `future` nor `origin`; `noise` is [k, dim], or [k, N, dim] where it is per
+        agent; k = 1 for dim 0.
         """
 
     def prepared(self, scene: Scene) -> Scene:
@@ -132,7 +144,9 @@ class Forecaster(abc.ABC):
         """Whether `distribution` was trained by a proper score, and is not `forecast`'s samples."""
         return False
 
-    def representatives(self, params: Any, scene: Scene, noise: Array) -> Representatives:
+    def representatives(
+        self, params: Any, scene: Scene, noise: Array
+    ) -> Representatives:
         """`forecast`, and the probabilities [k] of its samples; None where all have the same.
 
         By default tracking errors are repaired before, see `repair_scene`.
@@ -143,11 +157,14 @@ class Forecaster(abc.ABC):
     def distribution(self, params: Any, scene: Scene, key: Array, count: int) -> Array:
         """Equally probable draws [n, N, pred_len, 2] of one scene.
 
-        n is `count`, or 1 without noise. By default they are `forecast`'s samples. `key` is the
-        run's, the same for every scene: the draws also depend on the scene's identity.
+        n is `count`, or 1 without noise. By default they are `forecast`'s samples.
+        `key` is the run's, the same for every scene: the draws also depend on the
+        scene's identity.
         """
         agents = len(scene.valid)
-        noise = scene_noise(self.noise, key, jnp.asarray(scene.identity), self.count(count), agents)
+        noise = scene_noise(
+            self.noise, key, jnp.asarray(scene.identity), self.count(count), agents
+        )
         return self.representatives(params, scene, noise)[0]
 
     def count(self, samples: int) -> int:
@@ -177,20 +194,25 @@ class Forecaster(abc.ABC):
 
         return SceneStream(windows, recipe.batch_scenes, recipe.seed).batch
 
-    def loss(self, params: Any, batch: Any, key: Array, recipe: Any) -> tuple[Array, Any]:
+    def loss(
+        self, params: Any, batch: Any, key: Array, recipe: Any
+    ) -> tuple[Array, Any]:
         """[] loss of one batch, and further metrics [] by name; consumes `key`.
 
-        By default the batch is augmented as the recipe says, and the best joint sample counts.
+        By default the batch is augmented as the recipe says, and the best joint sample
+        counts.
         """
         from neurosym_jax.training.step import variety_loss
 
         return variety_loss(self, params, batch, key, recipe)
 
-    def rounds(self, windows: Any, recipe: Any, key: Array) -> Callable[..., tuple[Any, Any]]:
+    def rounds(
+        self, windows: Any, recipe: Any, key: Array
+    ) -> Callable[..., tuple[Any, Any]]:
         """`(state, done, count) -> (state, metrics [count])`: `count` steps after `done` ones.
 
-        By default one step of gradient descent by `loss` a batch. The state's buffers may be
-        reused. `key` is the run's.
+        By default one step of gradient descent by `loss` a batch. The state's buffers
+        may be reused. `key` is the run's.
         """
         from neurosym_jax.training.step import gradient_rounds
 
@@ -200,8 +222,8 @@ class Forecaster(abc.ABC):
 class TwoStageForecaster(Forecaster):
     """A forecaster that encodes a scene once and decodes it for each noise.
 
-    Where decoding looks at no neighbour, an evaluation decodes the agents of many scenes as one
-    scene, without padding and by one program.
+    Where decoding looks at no neighbour, an evaluation decodes the agents of many
+    scenes as one scene, without padding and by one program.
     """
 
     @property
@@ -251,7 +273,9 @@ def forecaster_of(config: Any) -> Forecaster:
     for family in FORECASTERS.values():
         if family.Config is type(config):
             return family(config)
-    raise InputError(f"config: {type(config).__name__} is the Config of no registered forecaster")
+    raise InputError(
+        f"config: {type(config).__name__} is the Config of no registered forecaster"
+    )
 
 
 def refuse_many(
@@ -269,7 +293,10 @@ def refuse_many(
     refuse_forked()
     # Futures, a copy in their places, offsets from the truth; and the noise.
     future = 6 * forecaster.pred_len + 2 * forecaster.noise.dim
-    numbers = agents * future + (agents if decoded is None else decoded) * forecaster.state_size
+    numbers = (
+        agents * future
+        + (agents if decoded is None else decoded) * forecaster.state_size
+    )
     request = f"a forecast of {agents} people at once with {samples} samples"
     refuse_beyond_memory(request, 4.0 * samples * numbers, "ask for fewer samples")
 

@@ -25,12 +25,23 @@ from neurosym_jax.forecasting.forecaster import (
     refuse_many,
 )
 from neurosym_jax.forecasting.noise import scene_noise
-from neurosym_jax.forecasting.tracking_errors import TOP_CHANGE, TOP_SPEED, repair_tracks
+from neurosym_jax.forecasting.tracking_errors import (
+    TOP_CHANGE,
+    TOP_SPEED,
+    repair_tracks,
+)
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
 from neurosym_jax.symbolic.weighting import Weighting
 
-__all__ = ["Model", "SceneForecaster", "checked_scene", "forecast", "forecast_scene", "predict"]
+__all__ = [
+    "Model",
+    "SceneForecaster",
+    "checked_scene",
+    "forecast",
+    "forecast_scene",
+    "predict",
+]
 __all__ += ["predict_representatives", "refuse_other_length", "warn_of_tracking_errors"]
 
 
@@ -121,7 +132,9 @@ class SceneForecaster:
         return forecast_scene(self.forecaster, self.params, padded, noise)
 
     @staticmethod
-    def finish(started: Representatives, scene: Scene) -> tuple[np.ndarray, np.ndarray | None]:
+    def finish(
+        started: Representatives, scene: Scene
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         """Wait for the forecast that `start(scene)` began.
 
         Returns [k, N, pred_len, 2], as calling does, and probabilities [k] as
@@ -129,7 +142,9 @@ class SceneForecaster:
         """
         futures, probability = started
         world = to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
-        return world, None if probability is None else np.asarray(probability, np.float64)
+        return world, None if probability is None else np.asarray(
+            probability, np.float64
+        )
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -140,8 +155,11 @@ def forecast_scene(
     return forecaster.representatives(params, scene, noise)
 
 
-# Apart from the forecast, because threefry is slow to compile and this serves every bucket.
-_noise = jax.jit(scene_noise, static_argnums=(0, 3, 4), compiler_options=COMPILED_QUICKLY)
+# Apart from the forecast, because threefry is slow to compile and this serves every
+# bucket.
+_noise = jax.jit(
+    scene_noise, static_argnums=(0, 3, 4), compiler_options=COMPILED_QUICKLY
+)
 
 
 def predict(
@@ -166,8 +184,8 @@ def predict(
     Returns:
         [k, N, pred_len, 2] float64 metres.
 
-    Raises:
-        InputError: for a wrong shape, an unusable coordinate, a number out of range, or a trace of
+    Raises: InputError: for a wrong shape, an unusable coordinate, a number out of
+        range, or a trace of
             jax's (`jit`, `vmap`, `grad`).
     """
     return predict_representatives(
@@ -186,9 +204,10 @@ def predict_representatives(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The futures that `predict` returns, and their probabilities [k].
 
-    `anchors` learns the probabilities; the samples of other models have 1 / k each. Asked for fewer
-    samples than it has, `anchors` gives the most probable one and those that with it represent all
-    of them best, and the probabilities given that the future is one of these.
+    `anchors` learns the probabilities; the samples of other models have 1 / k each.
+    Asked for fewer samples than it has, `anchors` gives the most probable one and those
+    that with it represent all of them best, and the probabilities given that the future
+    is one of these.
 
     Arguments are those of `predict`: `observed` is [N, obs_len, 2] metres.
 
@@ -196,22 +215,32 @@ def predict_representatives(
         InputError: as `predict`.
     """
     scene = checked_scene(model, observed, recording, frame)
-    forecaster = SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
+    forecaster = SceneForecaster(
+        model.forecaster, model.params, samples=samples, seed=seed
+    )
     futures, probability = forecaster.finish(forecaster.start(scene), scene)
-    return futures, np.full(len(futures), 1 / len(futures)) if probability is None else probability
+    return futures, np.full(
+        len(futures), 1 / len(futures)
+    ) if probability is None else probability
 
 
-def checked_scene(model: Model, observed: ArrayLike, recording: str, frame: int) -> Scene:
+def checked_scene(
+    model: Model, observed: ArrayLike, recording: str, frame: int
+) -> Scene:
     """The scene that `predict` forecasts from `observed [N, obs_len, 2]`.
 
     Raises:
         InputError: as `predict`.
     """
     if isinstance(observed, Tracer):
-        raise InputError("predict runs on the host; under jit, vmap and grad call nj.forecast")
+        raise InputError(
+            "predict runs on the host; under jit, vmap and grad call nj.forecast"
+        )
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")
-    warn_of_tracking_errors(np.asarray(scene.observed), model.config.period, "observed", 4)
+    warn_of_tracking_errors(
+        np.asarray(scene.observed), model.config.period, "observed", 4
+    )
     return scene
 
 
@@ -253,21 +282,20 @@ def forecast(
 ) -> Array:
     """k futures of one scene as a pure function, to differentiate by all but `config` and `valid`.
 
-    It computes what `predict` does in the same coordinates, but nothing is padded, checked,
-    repaired (see `tracking_errors`) or moved to the host. Reverse mode only: the gradient of
-    pooling is written by hand (`models.sgan.pooling`).
-    Symbols with a hard threshold have a gradient of zero by positions; the weightings `soft` and
+    It computes what `predict` does in the same coordinates, but nothing is padded,
+    checked, repaired (see `tracking_errors`) or moved to the host. Reverse mode only:
+    the gradient of pooling is written by hand (`models.sgan.pooling`). Symbols with a
+    hard threshold have a gradient of zero by positions; the weightings `soft` and
     `quantised` (straight through) have another.
 
-    Args:
-        config: `Model.config`.
-        params: `Model.params`; those of a weighting, such as thresholds, are `params["weighting"]`.
-        observed: [N, obs_len, 2] metres. Map coordinates lose precision in float32 before this
+    Args: config: `Model.config`. params: `Model.params`; those of a weighting, such as
+        thresholds, are `params["weighting"]`. observed: [N, obs_len, 2] metres. Map
+        coordinates lose precision in float32 before this
             function sees them: subtract an origin, or use x64.
-        noise: [k, noise_dim], or [k, N, noise_dim] where it is per agent; anchors take none and
-            forecast all their samples.
-        alpha: [N, N, obs_len], of which anchors use the last step; default: the model's own.
-        valid: [N] bool, False for padding; default: no padding.
+        noise: [k, noise_dim], or [k, N, noise_dim] where it is per agent; anchors take
+            none and forecast all their samples.
+        alpha: [N, N, obs_len], of which anchors use the last step; default: the model's
+        own. valid: [N] bool, False for padding; default: no padding.
 
     Returns:
         [k, N, pred_len, 2] metres, in the frame of `observed`.
@@ -276,7 +304,9 @@ def forecast(
         InputError: without the noise that the forecaster takes.
     """
     observed = jnp.asarray(observed)
-    if observed.dtype.itemsize < 4:  # A loop over steps keeps its type: that of the parameters.
+    if (
+        observed.dtype.itemsize < 4
+    ):  # A loop over steps keeps its type: that of the parameters.
         observed = observed.astype(jnp.float32)
     last = observed[:, -1]
     present = jnp.ones(last.shape[0], bool) if valid is None else jnp.asarray(valid)
@@ -286,7 +316,9 @@ def forecast(
     forecaster = forecaster_of(config)
     if noise is None:
         if forecaster.noise.dim:
-            raise InputError("noise: this forecaster needs one, [k, dim] or [k, N, dim]")
+            raise InputError(
+                "noise: this forecaster needs one, [k, dim] or [k, N, dim]"
+            )
         noise = jnp.zeros((forecaster.count(getattr(config, "samples", 1)), 0))
     scene = Scene(
         observed=observed - origin[None, None],

@@ -1,9 +1,10 @@
 """Models on disk: folders of three files and, read through `interop`, torch's checkpoints.
 
-A model's folder holds `config.json` (the forecaster's name and configuration, the dataset to test
-on, the names of plugins it was trained with, which are never imported from here, and where measured
-the neighbour effect), `params.safetensors` (arrays by path, such as `params/mlp/bias`) and
-`README.md`, the card for people. The second line of `config.json` is the digest of everything else:
+A model's folder holds `config.json` (the forecaster's name and configuration, the
+dataset to test on, the names of plugins it was trained with, which are never imported
+from here, and where measured the neighbour effect), `params.safetensors` (arrays by
+path, such as `params/mlp/bias`) and `README.md`, the card for people. The second line
+of `config.json` is the digest of everything else:
 
     (tail -n +3 config.json; cat README.md params.safetensors) | sha256sum
 
@@ -27,7 +28,11 @@ from neurosym_jax.data.leakage import is_fingerprint
 from neurosym_jax.errors import InputError, option
 from neurosym_jax.forecasting.forecaster import FORECASTERS
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_places import RECOMMENDED, find_model, models_at_hand
+from neurosym_jax.forecasting.model_places import (
+    RECOMMENDED,
+    find_model,
+    models_at_hand,
+)
 from neurosym_jax.forecasting.parameters import (
     flat_parameters,
     nested_parameters,
@@ -69,12 +74,12 @@ def save_model(
 ) -> None:
     """Write `model` as a new folder, which appears whole or not at all.
 
-    `card` is the text of its `README.md`, by default a summary of the configuration; it gets the
-    header of the Hugging Face Hub unless it has one. With `replace` it takes the place of what is
-    there.
+    `card` is the text of its `README.md`, by default a summary of the configuration; it
+    gets the header of the Hugging Face Hub unless it has one. With `replace` it takes
+    the place of what is there.
 
-    Raises:
-        InputError: if something is already there or cannot be written, and for a model that would
+    Raises: InputError: if something is already there or cannot be written, and for a
+        model that would
             not come back as it is.
     """
     from safetensors.numpy import save
@@ -87,11 +92,20 @@ def save_model(
         "dataset": model.dataset,
         "plugins": list(model.plugins),
     }
-    optional = {name: getattr(model, name) for name in OPTIONAL} | {"data": dict(model.data)}
-    fields |= {name: value for name, value in optional.items() if value not in ("", None, {})}
+    optional = {name: getattr(model, name) for name in OPTIONAL} | {
+        "data": dict(model.data)
+    }
+    fields |= {
+        name: value for name, value in optional.items() if value not in ("", None, {})
+    }
     text = json.dumps(fields, indent=2, allow_nan=False)
-    if from_json(type(model.config), json.loads(text)["config"], CONFIG) != model.config:
-        raise InputError(f"the configuration of {model.name} does not come back from JSON")
+    if (
+        from_json(type(model.config), json.loads(text)["config"], CONFIG)
+        != model.config
+    ):
+        raise InputError(
+            f"the configuration of {model.name} does not come back from JSON"
+        )
     with (replaced_folder if replace else new_folder)(folder) as beside:
         (beside / PARAMS).write_bytes(save(flat_parameters(model.params)))
         text_of_card = _headed(_card(model) if card is None else card, model.data)
@@ -114,12 +128,12 @@ def load_model(
 ) -> Model:
     """Read a model's folder or a torch checkpoint of SGAN or NeuroSyM.
 
-    Args:
-        path: of the folder or file, the name of a shipped model (`neurosym_zara1_8`), a path
+    Args: path: of the folder or file, the name of a shipped model (`neurosym_zara1_8`),
+        a path
             among the downloads (`sgan-p-models/zara1_8_model.pt`), or `recommended`:
             `neurosym models --all` lists them.
-        dataset: what `recommended` is to be tested on; of ETH/UCY, the model was trained without.
-        pred_len: steps that `recommended` is to forecast; default: 8.
+        dataset: what `recommended` is to be tested on; of ETH/UCY, the model was
+        trained without. pred_len: steps that `recommended` is to forecast; default: 8.
 
     Raises:
         InputError: for a path that is no model, is damaged, or has another format.
@@ -134,7 +148,11 @@ def load_model(
         near = difflib.get_close_matches(str(path), names_here, 1)
         # A kind, such as sgan, is the beginning of names.
         near += [name for name in names_here if name.startswith(f"{path}_")][:1]
-        hint = f"did you mean {near[0]}?" if near else "`neurosym models --all` lists those here"
+        hint = (
+            f"did you mean {near[0]}?"
+            if near
+            else "`neurosym models --all` lists those here"
+        )
         raise InputError(f"{path}: no such checkpoint ({hint})")
     try:
         return _read(path)
@@ -178,7 +196,9 @@ def _read(folder: Path) -> Model:
         raise InputError("damaged: its files do not match the digest")
     fields = from_json(_File, parse_json(b"{" + rest, CONFIG), CONFIG)
     if fields.format != FORMAT:
-        raise InputError(f"format {fields.format} is not the format {FORMAT} of this version")
+        raise InputError(
+            f"format {fields.format} is not the format {FORMAT} of this version"
+        )
     if not is_fingerprint(fields.seen):
         raise InputError(f"{CONFIG}: seen is not a fingerprint of windows")
     try:
@@ -194,7 +214,14 @@ def _read(folder: Path) -> Model:
         raise InputError(f"{PARAMS}: cannot be read ({error})") from None
     optional: dict[str, Any] = {name: getattr(fields, name) for name in OPTIONAL}
     optional["data"] = fields.data or {}
-    model = Model(config, parameters, fields.dataset, fields.forecaster, fields.plugins, **optional)
+    model = Model(
+        config,
+        parameters,
+        fields.dataset,
+        fields.forecaster,
+        fields.plugins,
+        **optional,
+    )
     _refuse_misfit(model)
     return model
 
@@ -203,7 +230,9 @@ def _refuse_misfit(model: Model) -> None:
     """Refuse parameters that are not finite or do not fit the configuration."""
     shapes, flat = model.forecaster.shapes(), flat_parameters(model.params)
     fields = (
-        {name: array.shape for name, array in flat.items()} if shapes is None else shapes_of(shapes)
+        {name: array.shape for name, array in flat.items()}
+        if shapes is None
+        else shapes_of(shapes)
     )
     refuse_misfit(flat, fields, "the configuration describes another network")
 
@@ -223,7 +252,9 @@ def _headed(card: str, data: Mapping[str, str]) -> str:
     """The card with the header that the Hugging Face Hub reads; `data` as `Model.data`."""
     if card.startswith("---\n"):
         return card
-    licences = {HUB_LICENCES.get(licence, "unknown") for licence in data.values()} or {"unknown"}
+    licences = {HUB_LICENCES.get(licence, "unknown") for licence in data.values()} or {
+        "unknown"
+    }
     header = {
         "library_name": "neurosym_jax",
         "pipeline_tag": "time-series-forecasting",

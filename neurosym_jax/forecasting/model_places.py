@@ -10,7 +10,13 @@ from neurosym_jax.data.readers.eth_ucy import SCENES
 from neurosym_jax.data.sources import GENERAL, data_folder, find
 from neurosym_jax.errors import InputError, InputWarning
 
-__all__ = ["DOWNLOADED", "RECOMMENDED", "find_checkpoints", "find_model", "models_at_hand"]
+__all__ = [
+    "DOWNLOADED",
+    "RECOMMENDED",
+    "find_checkpoints",
+    "find_model",
+    "models_at_hand",
+]
 __all__ += ["shipped_models", "shipped_name", "state_of_run"]
 
 RECOMMENDED = "recommended"
@@ -28,11 +34,14 @@ def shipped_name(model: str, dataset: str | None, pred_len: int) -> str:
     return f"{model}_{dataset if dataset in SCENES else GENERAL}_{pred_len}"
 
 
-def find_model(path: Path | str, dataset: str | None = None, pred_len: int | None = None) -> Path:
+def find_model(
+    path: Path | str, dataset: str | None = None, pred_len: int | None = None
+) -> Path:
     """The place of a model: a path with models, the name of a shipped model, or a downloaded path.
 
-    The folder of a training stands for its model. A path that is found nowhere is returned
-    unchanged. `recommended` is the shipped `anchors` for `dataset` and `pred_len` (default: 8).
+    The folder of a training stands for its model. A path that is found nowhere is
+    returned unchanged. `recommended` is the shipped `anchors` for `dataset` and
+    `pred_len` (default: 8).
 
     Warns:
         InputWarning: for a path that has the name of a shipped model.
@@ -73,8 +82,8 @@ def find_checkpoints(
 ) -> list[str]:
     """`names` for `load_model`; a folder of checkpoints is replaced by all of them.
 
-    `sgan-20v` and `sgan-20vp` are the downloaded checkpoints of SGAN; `recommended` stands for the
-    model of each of `datasets` and `pred_len`, see `find_model`.
+    `sgan-20v` and `sgan-20vp` are the downloaded checkpoints of SGAN; `recommended`
+    stands for the model of each of `datasets` and `pred_len`, see `find_model`.
 
     Raises:
         InputError: for checkpoints that are not downloaded yet.
@@ -82,7 +91,9 @@ def find_checkpoints(
     paths: list[str] = []
     for name in map(str, names):
         if name == RECOMMENDED and not _holds_models(Path(name)):
-            paths += dict.fromkeys(find_model(name, dataset, pred_len).name for dataset in datasets)
+            paths += dict.fromkeys(
+                find_model(name, dataset, pred_len).name for dataset in datasets
+            )
             continue
         folder = find_model(name)
         if name in DOWNLOADED and not os.path.exists(folder):
@@ -111,14 +122,20 @@ def models_at_hand() -> list[tuple[str, Path]]:
 
 def _holds_models(path: Path) -> bool:
     """Whether a path is a model, or a folder of models."""
-    return os.path.isfile(path) or os.path.isfile(path / "config.json") or bool(_models_in(path))
+    return (
+        os.path.isfile(path)
+        or os.path.isfile(path / "config.json")
+        or bool(_models_in(path))
+    )
 
 
 def _models_in(folder: Path) -> list[Path]:
     """The models in a folder that is not a model itself."""
     if not os.path.isdir(folder) or (folder / "config.json").exists():
         return []
-    return sorted([*folder.glob("*.pt"), *(path.parent for path in folder.glob("*/config.json"))])
+    return sorted(
+        [*folder.glob("*.pt"), *(path.parent for path in folder.glob("*/config.json"))]
+    )
 
 
 def _shipped_folder() -> Path:

@@ -1,9 +1,10 @@
 """The noise of stochastic forecasters.
 
-Noise is a function of (seed, scene, sample, slot), the same however scenes are batched. Each scene,
-or each agent slot where noise is per agent, has its own stream of random numbers. A sample's
-numbers do not depend on how many samples are drawn, which is a property of JAX's partitionable
-threefry (element i of an array depends on i alone) that the tests check.
+Noise is a function of (seed, scene, sample, slot), the same however scenes are batched.
+Each scene, or each agent slot where noise is per agent, has its own stream of random
+numbers. A sample's numbers do not depend on how many samples are drawn, which is a
+property of JAX's partitionable threefry (element i of an array depends on i alone) that
+the tests check.
 """
 
 import dataclasses
@@ -40,10 +41,13 @@ class NoiseSpec:
         return jax.random.uniform(key, shape, dtype, minval=-1.0, maxval=1.0)
 
 
-def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int) -> Array:
+def scene_noise(
+    spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int
+) -> Array:
     """Noise of one scene, [k, dim] or per agent [k, N, dim].
 
-    `key` is the run's, the same for every scene, and is not consumed; `identity` is `Scene`'s.
+    `key` is the run's, the same for every scene, and is not consumed; `identity` is
+    `Scene`'s.
     """
     slots = jnp.arange(agents, dtype=jnp.uint32) if spec.per_agent else jnp.uint32(0)
     draw = functools.partial(_stream, spec, key, identity, samples=samples)
@@ -69,14 +73,19 @@ def draw_noise(
     key, parts = jax.random.key(seed), []
     for chunk in np.split(streams, range(CHUNK, len(streams), CHUNK)):
         filled = np.pad(chunk, [(0, CHUNK - len(chunk)), (0, 0)])
-        parts.append(np.asarray(_streams(spec, key, filled[:, :2], filled[:, 2], samples)))
+        parts.append(
+            np.asarray(_streams(spec, key, filled[:, :2], filled[:, 2], samples))
+        )
     return np.concatenate(parts, axis=1)[:, : len(slot)].reshape(shape)
 
 
-def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int) -> Array:
+def _stream(
+    spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int
+) -> Array:
     for part in (identity[0], identity[1], slot):
         key = jax.random.fold_in(key, part)
-    # Always float32: under x64 the default type would be float64, which has other numbers.
+    # Always float32: under x64 the default type would be float64, which has other
+    # numbers.
     return spec.draw(key, (samples, spec.dim), jnp.float32)
 
 

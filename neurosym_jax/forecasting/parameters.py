@@ -17,13 +17,15 @@ DEPTH = 32
 def flat_parameters(params: Any) -> dict[str, np.ndarray]:
     """The arrays of nested dictionaries by path.
 
-    Raises:
-        InputError: for a tree that would not come back: not dictionaries, empty ones, names with a
+    Raises: InputError: for a tree that would not come back: not dictionaries, empty
+        ones, names with a
             `/`, leaves that are not arrays of numbers.
     """
     flat = {name: np.asarray(leaf, order="C") for name, leaf in _leaves(params)}
     if jax.tree.structure(nested_parameters(flat)) != jax.tree.structure(params):
-        raise InputError("parameters must be nested dictionaries of arrays, by names without a '/'")
+        raise InputError(
+            "parameters must be nested dictionaries of arrays, by names without a '/'"
+        )
     for name, array in flat.items():
         if array.dtype.kind not in "fiub" or array.dtype.itemsize > 8:
             raise InputError(f"the parameter {name} is not an array of numbers")
@@ -33,21 +35,25 @@ def flat_parameters(params: Any) -> dict[str, np.ndarray]:
 def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
     """The inverse of `flat_parameters`.
 
-    Raises:
-        InputError: for paths of more than `DEPTH` parts, and two of which one begins the other.
+    Raises: InputError: for paths of more than `DEPTH` parts, and two of which one
+        begins the other.
     """
     params: dict[str, Any] = {}
     for path, value in flat.items():
         *scope, name = path.split("/")
         if len(scope) >= DEPTH:
-            raise InputError(f"the parameter {brief(path)} has a path of {len(scope) + 1} parts")
+            raise InputError(
+                f"the parameter {brief(path)} has a path of {len(scope) + 1} parts"
+            )
         node = params
         for part in scope:
             node = node.setdefault(part, {})
             if not isinstance(node, dict):
                 break
         if not isinstance(node, dict) or name in node:
-            raise InputError(f"{brief(path)}: the name of a parameter and of a folder of others")
+            raise InputError(
+                f"{brief(path)}: the name of a parameter and of a folder of others"
+            )
         node[name] = value
     return params
 
@@ -73,7 +79,9 @@ def refuse_misfit(
     ]
     if not misfits:
         message = "parameters that are not finite"
-        misfits = [name for name, array in arrays.items() if not np.isfinite(array).all()]
+        misfits = [
+            name for name, array in arrays.items() if not np.isfinite(array).all()
+        ]
     if misfits:
         rest = f" and {len(misfits) - 6} more" if len(misfits) > 6 else ""
         raise InputError(f"{message}: {', '.join(misfits[:6])}{rest}")
@@ -81,4 +89,7 @@ def refuse_misfit(
 
 def _leaves(params: Any) -> list[tuple[str, Any]]:
     leaves = jax.tree_util.tree_leaves_with_path(params)
-    return [(jax.tree_util.keystr(path, simple=True, separator="/"), leaf) for path, leaf in leaves]
+    return [
+        (jax.tree_util.keystr(path, simple=True, separator="/"), leaf)
+        for path, leaf in leaves
+    ]

@@ -1,10 +1,11 @@
 """Positions that no person can have reached: how a network sees a track with tracking errors.
 
-A step is an error beyond `TOP_SPEED`, or where its velocity differs by more than `TOP_CHANGE` from
-that of the steps beside it and of the track's typical step. A position between two such steps is
-interpolated if that mends both; another such step is replaced by the last plausible one before it,
-or the first one after it. A jump at the last step is not confirmed by a later position: neighbours
-see the agent where it would be without it, and its own forecast begins at the reported position.
+A step is an error beyond `TOP_SPEED`, or where its velocity differs by more than
+`TOP_CHANGE` from that of the steps beside it and of the track's typical step. A
+position between two such steps is interpolated if that mends both; another such step is
+replaced by the last plausible one before it, or the first one after it. A jump at the
+last step is not confirmed by a later position: neighbours see the agent where it would
+be without it, and its own forecast begins at the reported position.
 """
 
 from typing import Any
@@ -15,7 +16,13 @@ from jax import Array
 
 from neurosym_jax.scene import AnyArray, Scene
 
-__all__ = ["TOP_CHANGE", "TOP_SPEED", "limit_displacement", "repair_scene", "repair_tracks"]
+__all__ = [
+    "TOP_CHANGE",
+    "TOP_SPEED",
+    "limit_displacement",
+    "repair_scene",
+    "repair_tracks",
+]
 
 TOP_SPEED = 4.0
 """Largest speed that models take for a person's, m/s: a fast run."""
@@ -30,8 +37,8 @@ def repair_tracks(observed: AnyArray, period: float) -> tuple[Any, Any]:
         observed: [N, T, 2] metres, numpy's or jax's; so are the results.
         period: of a step, seconds.
 
-    Returns:
-        Tracks [N, T, 2] and offsets [N, 2] in metres, zero unless the last step is an error.
+    Returns: Tracks [N, T, 2] and offsets [N, 2] in metres, zero unless the last step is
+        an error.
     """
     xp: Any = np if isinstance(observed, np.ndarray) else jnp
 
@@ -40,7 +47,9 @@ def repair_tracks(observed: AnyArray, period: float) -> tuple[Any, Any]:
 
     steps = xp.diff(observed, axis=1)
     difference = xp.sqrt(xp.square(steps[:, :, None] - steps[:, None]).sum(-1) + 1e-6)
-    typical = xp.take_along_axis(steps, difference.sum(2).argmin(1)[:, None, None], axis=1)
+    typical = xp.take_along_axis(
+        steps, difference.sum(2).argmin(1)[:, None, None], axis=1
+    )
     turn = beyond(steps[:, 1:] - steps[:, :-1], TOP_CHANGE)
     end = xp.ones_like(turn[:, :1])
     sudden = xp.concatenate([end, turn], 1) & xp.concatenate([turn, end], 1)
@@ -57,9 +66,11 @@ def repair_tracks(observed: AnyArray, period: float) -> tuple[Any, Any]:
             if 0 <= pair < bridged.shape[1]:
                 step = xp.where(bridged[:, pair, None], bridge[:, pair], step)
                 plausible_step = plausible_step | bridged[:, pair]
-        # Of earlier steps without a plausible one before them, this is the first one after them.
+        # Of earlier steps without a plausible one before them, this is the first one
+        # after them.
         mended = [
-            xp.where((plausible_step & ~plausible)[:, None], step, before) for before in mended
+            xp.where((plausible_step & ~plausible)[:, None], step, before)
+            for before in mended
         ]
         mended += [xp.where(plausible_step[:, None], step, mended[-1] if mended else 0)]
         plausible = plausible | plausible_step

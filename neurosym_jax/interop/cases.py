@@ -1,7 +1,7 @@
 """Parity cases: inputs, weights and outputs that torch stored, and our outputs of the same.
 
-A kind of case is a function of a manifest row and the case's arrays that returns `{output: (ours,
-theirs)}`; `CASES` has them by name.
+A kind of case is a function of a manifest row and the case's arrays that returns
+`{output: (ours, theirs)}`; `CASES` has them by name.
 """
 
 import dataclasses
@@ -81,10 +81,14 @@ class Case:
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _stages(config: GeneratorConfig, params: Any, *scene_arrays: Any) -> dict[str, Array]:
+def _stages(
+    config: GeneratorConfig, params: Any, *scene_arrays: Any
+) -> dict[str, Array]:
     """[S, N, ...] by torch's names; one scene after another, so memory is that of one."""
 
-    def of_scene(network: Generator, scene: Scene, noise: Array, alpha: Array | None) -> Any:
+    def of_scene(
+        network: Generator, scene: Scene, noise: Array, alpha: Array | None
+    ) -> Any:
         hidden = network.observe(jnp.asarray(scene.displacement))
         context = network.interact(hidden, scene, alpha)
         stages = {"encoder": hidden, "mlp_decoder_context": context}
@@ -92,11 +96,15 @@ def _stages(config: GeneratorConfig, params: Any, *scene_arrays: Any) -> dict[st
             stages["pool_net"] = network.pool(hidden, scene, alpha)
         return {**stages, "pred_rel": network.decode(context, scene, noise)}
 
-    apply = functools.partial(Generator(config).apply, {"params": params}, method=of_scene)
+    apply = functools.partial(
+        Generator(config).apply, {"params": params}, method=of_scene
+    )
     return jax.lax.map(lambda scene: apply(*scene), scene_arrays)
 
 
-def read_case(row: Mapping[str, Any], arrays: Arrays, weights: str = "g_state/") -> Case:
+def read_case(
+    row: Mapping[str, Any], arrays: Arrays, weights: str = "g_state/"
+) -> Case:
     """The case of a manifest's row and of its arrays [...], among them the weights."""
     return make_case(*generator(row, state_of(arrays, weights)), arrays)
 
@@ -110,7 +118,11 @@ def make_case(config: GeneratorConfig, params: dict[str, Any], arrays: Arrays) -
 
 def state_of(arrays: Arrays, prefix: str) -> dict[str, np.ndarray]:
     """The state dict that is stored under `prefix`."""
-    return {k.removeprefix(prefix): array for k, array in arrays.items() if k.startswith(prefix)}
+    return {
+        k.removeprefix(prefix): array
+        for k, array in arrays.items()
+        if k.startswith(prefix)
+    }
 
 
 def placed(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -118,33 +130,47 @@ def placed(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return unpacked(values[None], mask)[0]
 
 
-def padded(positions: np.ndarray, moves: np.ndarray, bounds: np.ndarray, obs_len: int) -> Scene:
+def padded(
+    positions: np.ndarray, moves: np.ndarray, bounds: np.ndarray, obs_len: int
+) -> Scene:
     """Scenes [S, N, ...] of `positions [A, T, 2]`, centred, and of `moves [A, T, 2]` as given."""
-    agents, identity = np.arange(len(positions)), np.zeros((len(bounds) - 1, 2), np.uint32)
+    agents, identity = (
+        np.arange(len(positions)),
+        np.zeros((len(bounds) - 1, 2), np.uint32),
+    )
     windows = Windows(positions.astype(np.float64), agents, bounds, identity, obs_len)
     scenes = gather_scenes(windows, np.arange(windows.scenes), int(windows.sizes.max()))
-    steps = placed(moves[:, :obs_len].astype(scenes.observed.dtype), np.asarray(scenes.valid))
+    steps = placed(
+        moves[:, :obs_len].astype(scenes.observed.dtype), np.asarray(scenes.valid)
+    )
     return scenes.replace(displacement=steps, identity=None)
 
 
 def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     """The generator's forecast and, with `d_type`, the discriminator's scores.
 
-    The discriminator sees torch's forecast, not ours, so that a fault of the generator is not
-    reported twice.
+    The discriminator sees torch's forecast, not ours, so that a fault of the generator
+    is not reported twice.
     """
     case = read_case(row, arrays)
     compared = forecasts(case)
     if "d_type" in row:
         config, params = discriminator(row, state_of(arrays, "d_state/"))
         positions, moves = (
-            np.concatenate([arrays[seen][:, : case.config.obs_len], arrays[forecast]], axis=1)
+            np.concatenate(
+                [arrays[seen][:, : case.config.obs_len], arrays[forecast]], axis=1
+            )
             for seen, forecast in (("traj", "pred_abs"), ("traj_rel", "pred_rel"))
         )
         fakes = padded(positions, moves, case.bounds, positions.shape[1])
         score = functools.partial(Discriminator(config).apply, {"params": params})
-        scores = jax.lax.map(lambda s: score(s.observed, s.displacement, s.valid), fakes.bare())
-        compared["d_scores_fake"] = np.asarray(scores)[case.valid], arrays["d_scores_fake"]
+        scores = jax.lax.map(
+            lambda s: score(s.observed, s.displacement, s.valid), fakes.bare()
+        )
+        compared["d_scores_fake"] = (
+            np.asarray(scores)[case.valid],
+            arrays["d_scores_fake"],
+        )
     return compared
 
 
@@ -160,20 +186,25 @@ def forecasts(case: Case) -> Compared:
 def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     """The forecast, given the stored alpha; and alpha itself, unless the row calls it random.
 
-    NeuroSyM's first release stores a row of alpha for each ordered pair, N*N for a scene of N
-    agents, but slices the rows by the agents' bounds. So a scene gets rows of other pairs, after
-    the first scene those of other scenes, and its network reads row start + j for agent j, for
-    every i: the A agents get the first A rows, which are compared as well.
+    NeuroSyM's first release stores a row of alpha for each ordered pair, N*N for a
+    scene of N agents, but slices the rows by the agents' bounds. So a scene gets rows
+    of other pairs, after the first scene those of other scenes, and its network reads
+    row start + j for agent j, for every i: the A agents get the first A rows, which are
+    compared as well.
     """
     case = read_case(row, arrays)
     alpha, valid = arrays["alpha"], case.valid
     compared: Compared = {}
     if row.get("alpha") != "random":
         # Stored as float32, but the released code observed its symbols in float64.
-        seen = arrays["traj"][:, : case.config.obs_len].astype(np.float64).round(DECIMALS)
+        seen = (
+            arrays["traj"][:, : case.config.obs_len].astype(np.float64).round(DECIMALS)
+        )
         weigh = jax.jit(make_weighting(RELEASED))
         with jax.enable_x64(True):
-            scenes = [np.asarray(weigh(part)) for part in np.split(seen, case.bounds[1:-1])]
+            scenes = [
+                np.asarray(weigh(part)) for part in np.split(seen, case.bounds[1:-1])
+            ]
         # [sum of N*N, T]: a scene of one agent has one row, of zeros.
         pairs = [weights.reshape(-1, weights.shape[-1]) for weights in scenes]
         compared["alpha"] = np.concatenate(pairs), alpha
@@ -188,9 +219,9 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
 def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
     """States and weights of stored pairs, in every convention that is stored.
 
-    Symbols are observed in float64 from the positions as stored, not centred: an exact tie, such as
-    everybody on one line, is one in the coordinates that the released code saw. That code writes 10
-    for a pair in which both people stand; we write 0.
+    Symbols are observed in float64 from the positions as stored, not centred: an exact
+    tie, such as everybody on one line, is one in the coordinates that the released code
+    saw. That code writes 10 for a pair in which both people stand; we write 0.
     """
     k, l = (arrays[name].astype(np.float64) for name in "kl")  # noqa: E741 (as the calculus)
     with jax.enable_x64(True):
@@ -202,14 +233,17 @@ def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
             "qtc_signed": compiled(k, l),
             "qtc_signed_q005": compiled(k, l, quantisation_factor=0.05),
         }
-    return {n: (array, np.where(arrays[n] == 10, 0, arrays[n])) for n, array in values.items()}
+    return {
+        n: (array, np.where(arrays[n] == 10, 0, arrays[n]))
+        for n, array in values.items()
+    }
 
 
 def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     """A discriminator step on one batch, then a generator step that the new discriminator scores.
 
-    Noises, batch and the parameters before are torch's. Losses, gradients and the parameters after
-    are compared, all parameters of a network as one vector.
+    Noises, batch and the parameters before are torch's. Losses, gradients and the
+    parameters after are compared, all parameters of a network as one vector.
     """
     case = read_case(row, arrays, "g0/")
     critic, start = discriminator(row, state_of(arrays, "d0/"))
@@ -225,7 +259,9 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     state, metrics, (d_gradient, g_gradient) = jax.jit(learn, static_argnums=(0, 1))(
         case.config,
         recipe,
-        new_state(recipe, {"params": case.params}, init_adversary(recipe, {"params": start})),
+        new_state(
+            recipe, {"params": case.params}, init_adversary(recipe, {"params": start})
+        ),
         (batch, [arrays["noise_d"][None]]),
         (batch, [arrays["noise_g"]]),
         real=(row["label_real"], row["label_real"]),
@@ -234,11 +270,18 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     clipped, _ = clipping(recipe).update(g_gradient, optax.EmptyState())
     trees = {"d_grad": d_gradient, "d1": state.extra.params}
     trees |= {"g_grad_clipped": clipped, "g1": state.params}
-    compared: Compared = {n: (metrics[metric], arrays[n]) for n, metric in LOSSES.items()}
+    compared: Compared = {
+        n: (metrics[metric], arrays[n]) for n, metric in LOSSES.items()
+    }
     for name, tree in trees.items():
         network = case.config if name.startswith("g") else critic
-        torch_params = {"params": params_from_torch(state_of(arrays, f"{name}/"), network)}
-        compared[name] = ravel_pytree(tree)[0], np.asarray(ravel_pytree(torch_params)[0])
+        torch_params = {
+            "params": params_from_torch(state_of(arrays, f"{name}/"), network)
+        }
+        compared[name] = (
+            ravel_pytree(tree)[0],
+            np.asarray(ravel_pytree(torch_params)[0]),
+        )
     return compared
 
 

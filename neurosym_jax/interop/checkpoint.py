@@ -1,6 +1,7 @@
 """Torch checkpoints of SGAN and NeuroSyM: read without torch, written with it.
 
-A network's widths are read from the shapes of its weights, everything else from the arguments.
+A network's widths are read from the shapes of its weights, everything else from the
+arguments.
 """
 
 import dataclasses
@@ -17,9 +18,17 @@ from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError, brief
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.interop.pickles import read_torch_file
-from neurosym_jax.models.sgan.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.sgan.config import (
+    POOLINGS,
+    DiscriminatorConfig,
+    GeneratorConfig,
+)
 from neurosym_jax.models.sgan.pooling import Social
-from neurosym_jax.models.sgan.torch_names import params_from_torch, params_to_torch, without_dropout
+from neurosym_jax.models.sgan.torch_names import (
+    params_from_torch,
+    params_to_torch,
+    without_dropout,
+)
 from neurosym_jax.runtime.files import new_file
 from neurosym_jax.symbolic.weighting import initial_parameters
 
@@ -36,7 +45,14 @@ __all__ = [
 
 TORCH_POOLING = {"none": "none", "pool_net": "pool_net", "social": "spool"}
 """SGAN's names of the poolings; NeuroSyM's code calls its own `pool_net` as well."""
-SAME = ("obs_len", "pred_len", "noise_dim", "noise_type", "noise_mix_type", "pool_every_timestep")
+SAME = (
+    "obs_len",
+    "pred_len",
+    "noise_dim",
+    "noise_type",
+    "noise_mix_type",
+    "pool_every_timestep",
+)
 """Arguments that are fields of ours, and that no weight says."""
 FIXED = {"num_layers": 1, "activation": "relu", "batch_norm": False}
 """Arguments of SGAN's networks that ours have in one form only."""
@@ -51,7 +67,12 @@ WIDTHS = {
 """Our fields, the weights that have the width, and on which axis."""
 POOLING_OPTIONS = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
 """SGAN's constructor takes all of them, whichever pooling it builds."""
-READ_BY_EVALUATION = {"delim": "tab", "skip": 1, "batch_size": 64, "loader_num_workers": 4}
+READ_BY_EVALUATION = {
+    "delim": "tab",
+    "skip": 1,
+    "batch_size": 64,
+    "loader_num_workers": 4,
+}
 """Arguments that SGAN's evaluation script looks for in a checkpoint."""
 PASSED = (
     "dropout neighborhood_size grid_size weighting d_type h_dim encoder_h_dim_d encoder_h_dim_g "
@@ -64,15 +85,16 @@ PASSED = (
 """Further arguments of the released code, most of its training."""
 
 
-def load_torch_checkpoint(path: str | os.PathLike, ignored: Collection[str] | None = ()) -> Model:
+def load_torch_checkpoint(
+    path: str | os.PathLike, ignored: Collection[str] | None = ()
+) -> Model:
     """The generator that SGAN, NeuroSyM or `export_torch_checkpoint` wrote to `path`.
 
-    Args:
-        path: the file.
-        ignored: names of unknown arguments that do not change the network; None for all.
+    Args: path: the file. ignored: names of unknown arguments that do not change the
+        network; None for all.
 
-    Raises:
-        InputError: naming `path` and what is missing or wrong: an unreadable, damaged or foreign
+    Raises: InputError: naming `path` and what is missing or wrong: an unreadable,
+        damaged or foreign
             file, an argument, a tensor.
     """
     contents = read_torch_file(path)
@@ -85,19 +107,24 @@ def load_torch_checkpoint(path: str | os.PathLike, ignored: Collection[str] | No
 def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Model:
     """The generator in the dictionary that SGAN's training saves.
 
-    It is `g_state`, which SGAN's own evaluation uses, never `g_best_state`. NeuroSyM's files do not
-    say which of its networks they are, nor how alpha was weighted: the network is inferred from its
-    tensors, and the weighting is the authors' table unless the file was exported from here.
+    It is `g_state`, which SGAN's own evaluation uses, never `g_best_state`. NeuroSyM's
+    files do not say which of its networks they are, nor how alpha was weighted: the
+    network is inferred from its tensors, and the weighting is the authors' table unless
+    the file was exported from here.
 
     Raises:
         InputError: naming what is missing or wrong.
     """
     for name in ("g_state", "args"):
         if not isinstance(contents, dict) or not isinstance(contents.get(name), dict):
-            raise InputError(f"has no {name}: not a checkpoint of SGAN, or one without weights")
+            raise InputError(
+                f"has no {name}: not a checkpoint of SGAN, or one without weights"
+            )
     arguments = {str(name): value for name, value in contents["args"].items()}
     unknown = sorted(set(arguments) - {*SAME, *FIXED, *WIDTHS, *PASSED.split()})
-    if refused := [name for name in unknown if ignored is not None and name not in ignored]:
+    if refused := [
+        name for name in unknown if ignored is not None and name not in ignored
+    ]:
         raise InputError(
             f"unknown argument {brief(refused[0])}, which may change the network: if it does not, "
             f"`ignored` names it (neurosym convert --ignore-arg {refused[0][:80]})"
@@ -123,18 +150,22 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
 def export_torch_checkpoint(path: Path | str, model: Model) -> None:
     """Write `torch_contents` with torch, which must be installed, as a `.pt` of weights only.
 
-    Raises:
-        InputError: when `path` cannot be written, torch is absent, or as `torch_contents`.
+    Raises: InputError: when `path` cannot be written, torch is absent, or as
+        `torch_contents`.
     """
     contents = torch_contents(model)
     try:
         import torch  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise InputError(f"{path}: torch writes it, and is not installed here") from None
+        raise InputError(
+            f"{path}: torch writes it, and is not installed here"
+        ) from None
     if os.path.exists(path):
         raise InputError(f"{path}: exists already")
     state = contents["g_state"].items()
-    contents["g_state"] = OrderedDict((name, torch.from_numpy(array)) for name, array in state)
+    contents["g_state"] = OrderedDict(
+        (name, torch.from_numpy(array)) for name, array in state
+    )
     with new_file(path) as beside:
         torch.save(contents, beside)
 
@@ -142,11 +173,11 @@ def export_torch_checkpoint(path: Path | str, model: Model) -> None:
 def torch_contents(model: Model) -> dict[str, Any]:
     """`args` and `g_state` as SGAN's code saves them, with arrays for tensors.
 
-    The code is SGAN's, or for `neurosym_ros` and `neurosym_ijcnn` the release that each is named
-    after.
+    The code is SGAN's, or for `neurosym_ros` and `neurosym_ijcnn` the release that each
+    is named after.
 
-    Raises:
-        InputError: for a network that SGAN's arguments cannot express, `as_described` and learned
+    Raises: InputError: for a network that SGAN's arguments cannot express,
+        `as_described` and learned
             weightings, which torch does not have.
     """
     config = released_config(model)
@@ -159,8 +190,14 @@ def torch_contents(model: Model) -> dict[str, Any]:
         **FIXED,
         **READ_BY_EVALUATION,
         **{name: getattr(config, name) for name in (*SAME, "embedding_dim", "mlp_dim")},
-        **{f"{name}_g": getattr(config, name) for name in ("encoder_h_dim", "decoder_h_dim")},
-        **{name: getattr(pooling, name, usual) for name, usual in POOLING_OPTIONS.items()},
+        **{
+            f"{name}_g": getattr(config, name)
+            for name in ("encoder_h_dim", "decoder_h_dim")
+        },
+        **{
+            name: getattr(pooling, name, usual)
+            for name, usual in POOLING_OPTIONS.items()
+        },
         "dropout": 0.0,
         "noise_dim": (config.noise_dim,),
         "pooling_type": TORCH_POOLING.get(POOLINGS.name_of(pooling), "pool_net"),
@@ -169,9 +206,13 @@ def torch_contents(model: Model) -> dict[str, Any]:
     if isinstance(pooling, Social):
         arguments["bottleneck_dim"] = config.encoder_h_dim
     if weighting is not None:
-        # No argument of the released code's, whose weighting is the data's; it passes over it.
+        # No argument of the released code's, whose weighting is the data's; it passes
+        # over it.
         arguments["weighting"] = weighting.name
-    return {"g_state": params_to_torch(model.params["params"], config), "args": arguments}
+    return {
+        "g_state": params_to_torch(model.params["params"], config),
+        "args": arguments,
+    }
 
 
 def left_out(contents: Mapping[str, Any], model: Model) -> list[str]:
@@ -205,20 +246,24 @@ def generator(
         arguments: of SGAN's training or of its generator.
         state: arrays by torch's names; they say which of NeuroSyM's networks it is.
 
-    Raises:
-        InputError: naming an argument that is missing or that our networks lack, or a tensor.
+    Raises: InputError: naming an argument that is missing or that our networks lack, or
+        a tensor.
     """
     state = without_dropout(state, arguments)
     fields = _required(arguments, (*SAME, "pooling_type")) | _widths(state)
     if normed := [name for name in state if name.endswith("running_mean")]:
         raise InputError(f"{normed[0]}: our networks have no batch norm")
     noise = fields["noise_dim"] or 0
-    fields["noise_dim"] = noise[0] if isinstance(noise, tuple | list) and len(noise) == 1 else noise
+    fields["noise_dim"] = (
+        noise[0] if isinstance(noise, tuple | list) and len(noise) == 1 else noise
+    )
     fields["pool_every_timestep"] = bool(fields["pool_every_timestep"])
     kinds = {torch_name: name for name, torch_name in TORCH_POOLING.items()}
     history = state.get("pool_net_g.spatial_embedding.weight")
     if history is not None:
-        kinds = {"pool_net": "neurosym_ijcnn" if history.shape[-1] == 2 else "neurosym_ros"}
+        kinds = {
+            "pool_net": "neurosym_ijcnn" if history.shape[-1] == 2 else "neurosym_ros"
+        }
     if "neurosym_ros" in kinds.values():
         fields["weighting"] = arguments.get("weighting", "cnd_shipped")
     pooling = "none" if fields["pooling_type"] is None else fields["pooling_type"]
@@ -241,7 +286,9 @@ def discriminator(
     names = {"encoder_h_dim": "h_dim", "hidden_dim": "pool_hidden_dim"}
     fields = {names.get(name, name): width for name, width in _widths(state).items()}
     fields["kind"] = _required(arguments, ["d_type"])["d_type"]
-    config = from_json(DiscriminatorConfig, _fields_of(DiscriminatorConfig, fields), "args")
+    config = from_json(
+        DiscriminatorConfig, _fields_of(DiscriminatorConfig, fields), "args"
+    )
     return config, params_from_torch(state, config)
 
 

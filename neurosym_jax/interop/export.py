@@ -1,10 +1,11 @@
 """A model as one program for any number of people, which runs without this package.
 
-The program maps `observed [n, obs_len, 2]` and `noise` to `(forecasts [k, n, pred_len, 2],
-probabilities [k])`, in float32 metres and in the frame of `observed`. `noise` is [k, dim], or
-[k, n, dim] for a model with noise for each agent; a model without noise takes `observed` alone. The
-parameters are in the program. It is StableHLO, which `jax.export.deserialize` runs on a CPU or a
-CUDA device, for a fixed k; or ONNX, for ONNX Runtime and others, with any k where there is noise.
+The program maps `observed [n, obs_len, 2]` and `noise` to `(forecasts [k, n, pred_len,
+2], probabilities [k])`, in float32 metres and in the frame of `observed`. `noise` is
+[k, dim], or [k, n, dim] for a model with noise for each agent; a model without noise
+takes `observed` alone. The parameters are in the program. It is StableHLO, which
+`jax.export.deserialize` runs on a CPU or a CUDA device, for a fixed k; or ONNX, for
+ONNX Runtime and others, with any k where there is noise.
 """
 
 from collections.abc import Callable
@@ -28,8 +29,8 @@ def export_model(model: Model, samples: int = 20) -> bytes:
 
     Subtract an origin near the people before a call: float32 resolves 4e-6 m at 100 m.
 
-    Raises:
-        InputError: for k that the model cannot make, a model that needs more than positions, and
+    Raises: InputError: for k that the model cannot make, a model that needs more than
+        positions, and
             without flatbuffers.
     """
     optional_module("flatbuffers", "exporting", "export")  # JAX imports it.
@@ -45,8 +46,8 @@ def export_onnx(model: Model, samples: int = 20) -> bytes:
 
     `samples` is k for a model without noise; k of other models is free.
 
-    Raises:
-        InputError: as `export_model`, without onnx, and for an operation without translation.
+    Raises: InputError: as `export_model`, without onnx, and for an operation without
+        translation.
     """
     spec = model.forecaster.noise
     properties = {
@@ -67,12 +68,18 @@ def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Ar
         InputError: for k that the model cannot make.
     """
     refuse(Count, {"samples": samples})
-    forecaster, params, count = model.forecaster, model.params, model.forecaster.count(samples)
+    forecaster, params, count = (
+        model.forecaster,
+        model.params,
+        model.forecaster.count(samples),
+    )
 
     def program(observed: Array, noise: Array | None = None) -> tuple[Array, Array]:
         scene = make_scene(observed, period=model.config.period)
         noise = jnp.zeros((count, 0)) if noise is None else noise
-        forecasts, probabilities = forecast_scene(forecaster, params, scene.bare(), noise)
+        forecasts, probabilities = forecast_scene(
+            forecaster, params, scene.bare(), noise
+        )
         if probabilities is None:
             equal = jnp.ones(forecasts.shape[0])
             probabilities = equal / equal.sum()
@@ -83,12 +90,17 @@ def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Ar
 
 def _arguments(model: Model, samples: str) -> dict[str, jax.ShapeDtypeStruct]:
     """The program's arguments by name, of any number of people; `samples` is a number or a name."""
-    spec, sizes = model.forecaster.noise, {"observed": f"people, {model.config.obs_len}, 2"}
+    spec, sizes = (
+        model.forecaster.noise,
+        {"observed": f"people, {model.config.obs_len}, 2"},
+    )
     if spec.dim:
         sizes["noise"] = f"{samples}, {'people, ' if spec.per_agent else ''}{spec.dim}"
     free = ["people", *([samples] if spec.dim and samples.isidentifier() else [])]
     scope = jax.export.SymbolicScope([f"{name} >= 1" for name in free])
     return {
-        name: jax.ShapeDtypeStruct(jax.export.symbolic_shape(size, scope=scope), jnp.float32)
+        name: jax.ShapeDtypeStruct(
+            jax.export.symbolic_shape(size, scope=scope), jnp.float32
+        )
         for name, size in sizes.items()
     }

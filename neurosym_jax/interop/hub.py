@@ -18,28 +18,35 @@ __all__ = ["from_pretrained", "push_to_hub"]
 def from_pretrained(name: Path | str, *, revision: str | None = None) -> Model:
     """The model of a path or shipped name, as `load_model`, else of the Hub's `owner/name`.
 
-    `revision` is a branch, tag or commit of the Hub's repository; default: its main branch.
+    `revision` is a branch, tag or commit of the Hub's repository; default: its main
+    branch.
 
-    Raises:
-        InputError: where nothing is found, huggingface_hub is absent, or as `load_model`.
+    Raises: InputError: where nothing is found, huggingface_hub is absent, or as
+        `load_model`.
     """
     if find_model(name).exists() or not re.fullmatch(r"[\w.-]+/[\w.-]+", str(name)):
         return load_model(name)
     with _hub(str(name)) as hub:
-        folder = hub.snapshot_download(str(name), revision=revision, allow_patterns=[*FILES])
+        folder = hub.snapshot_download(
+            str(name), revision=revision, allow_patterns=[*FILES]
+        )
     return load_model(folder)
 
 
-def push_to_hub(model: Model, name: str, *, private: bool = False, card: str | None = None) -> str:
+def push_to_hub(
+    model: Model, name: str, *, private: bool = False, card: str | None = None
+) -> str:
     """Upload to the Hub's `owner/name`, which is made if need be; returns the commit's URL.
 
-    Raises:
-        InputError: where huggingface_hub is absent or the Hub refuses, and as `save_model`.
+    Raises: InputError: where huggingface_hub is absent or the Hub refuses, and as
+        `save_model`.
     """
     with tempfile.TemporaryDirectory() as place, _hub(name) as hub:
         save_model(Path(place) / "model", model, card)
         hub.create_repo(name, private=private, exist_ok=True)
-        return hub.upload_folder(repo_id=name, folder_path=Path(place) / "model").commit_url
+        return hub.upload_folder(
+            repo_id=name, folder_path=Path(place) / "model"
+        ).commit_url
 
 
 @contextlib.contextmanager

@@ -1,10 +1,11 @@
 """A JAX function as an ONNX model: its jaxpr, equation by equation, in operators of ONNX.
 
-`to_onnx` traces a function for arguments whose sizes may be symbols (`jax.export.symbolic_shape`),
-computes what depends on constants alone, and writes the rest with `onnx.helper`. It knows the
-operations that our networks consist of and refuses others by name; a changed network needs no
-change here. Short loops are unrolled, others become a `Scan`. ONNX Runtime lacks
-operators for small integers, so all integers are int32; a product of booleans is one of floats.
+`to_onnx` traces a function for arguments whose sizes may be symbols
+(`jax.export.symbolic_shape`), computes what depends on constants alone, and writes the
+rest with `onnx.helper`. It knows the operations that our networks consist of and
+refuses others by name; a changed network needs no change here. Short loops are
+unrolled, others become a `Scan`. ONNX Runtime lacks operators for small integers, so
+all integers are int32; a product of booleans is one of floats.
 """
 
 import ast
@@ -46,9 +47,8 @@ def to_onnx(
 ) -> bytes:
     """The ONNX model of `function`, serialised.
 
-    Args:
-        function: from float32 arrays to a tuple of arrays.
-        arguments: shape of each argument by its name in the model; sizes may be symbols, whose
+    Args: function: from float32 arrays to a tuple of arrays. arguments: shape of each
+        argument by its name in the model; sizes may be symbols, whose
             names are then those of the model's free sizes.
         outputs: names of the arrays returned.
         properties: metadata of the model.
@@ -64,10 +64,14 @@ def to_onnx(
             graph.declare_sizes(name, argument.shape)
         results = graph.translate(closed.jaxpr, closed.consts, list(arguments))
     infos = [graph.info(name, argument) for name, argument in arguments.items()]
-    named = [graph.info(name, var.aval) for name, var in zip(outputs, closed.jaxpr.outvars)]
+    named = [
+        graph.info(name, var.aval) for name, var in zip(outputs, closed.jaxpr.outvars)
+    ]
     for name, result in zip(outputs, results):
         graph.add("Identity", [graph.name(result)], name=name)
-    body = onnx.helper.make_graph(graph.nodes, "forecast", infos, named, graph.constants)
+    body = onnx.helper.make_graph(
+        graph.nodes, "forecast", infos, named, graph.constants
+    )
     opset = onnx.helper.make_opsetid("", OPSET)
     model = onnx.helper.make_model(body, opset_imports=[opset], ir_version=IR_VERSION)
     onnx.helper.set_model_props(model, dict(properties))
@@ -78,7 +82,8 @@ def to_onnx(
 class _Graph:
     """Nodes and constants of a graph that is being written; a loop's body shares its constants.
 
-    A value is the name of a result, or a numpy array where it does not depend on an argument.
+    A value is the name of a result, or a numpy array where it does not depend on an
+    argument.
     """
 
     def __init__(self, onnx: Any, outer: "_Graph | None" = None):
@@ -87,9 +92,12 @@ class _Graph:
         self.numbers = [0] if outer is None else outer.numbers
         self.sizes: dict[str, str] = {} if outer is None else outer.sizes
 
-    # -- writing ---------------------------------------------------------------------------------
+    # -- writing
+    # ---------------------------------------------------------------------------------
 
-    def add(self, operator: str, inputs: list[str], name: str = "", **attributes: Any) -> str:
+    def add(
+        self, operator: str, inputs: list[str], name: str = "", **attributes: Any
+    ) -> str:
         """Add a node with one result; return its name."""
         return self.add_many(operator, inputs, [name or self.fresh()], **attributes)[0]
 
@@ -97,7 +105,9 @@ class _Graph:
         self, operator: str, inputs: list[str], names: list[str], **attributes: Any
     ) -> list[str]:
         """Add a node with results called `names`."""
-        self.nodes.append(self.onnx.helper.make_node(operator, inputs, names, **attributes))
+        self.nodes.append(
+            self.onnx.helper.make_node(operator, inputs, names, **attributes)
+        )
         return names
 
     def fresh(self) -> str:
@@ -118,7 +128,9 @@ class _Graph:
     def integers(self, *values: int) -> str:
         """The constant [len(values)] int64, as operators take axes and shapes."""
         name = self.fresh()
-        self.constants.append(self.onnx.numpy_helper.from_array(np.array(values, np.int64), name))
+        self.constants.append(
+            self.onnx.numpy_helper.from_array(np.array(values, np.int64), name)
+        )
         return name
 
     def number(self, value: int) -> str:
@@ -136,9 +148,12 @@ class _Graph:
     def info(self, name: str, aval: Any) -> Any:
         """Declaration of an input or output."""
         dims = [size if isinstance(size, int) else str(size) for size in aval.shape]
-        return self.onnx.helper.make_tensor_value_info(name, self.element_type(aval.dtype), dims)
+        return self.onnx.helper.make_tensor_value_info(
+            name, self.element_type(aval.dtype), dims
+        )
 
-    # -- sizes -----------------------------------------------------------------------------------
+    # -- sizes
+    # -----------------------------------------------------------------------------------
 
     def declare_sizes(self, argument: str, shape: Sequence[Any]) -> None:
         """Know the symbols among the sizes of an argument."""
@@ -177,19 +192,32 @@ class _Graph:
         """The value in another shape; one symbol among its sizes is left to ONNX to find."""
         free = [not isinstance(size, int) for size in sizes]
         if sum(free) == 1 and 0 not in sizes:
-            shape = self.integers(*(-1 if unknown else size for size, unknown in zip(sizes, free)))
+            shape = self.integers(
+                *(-1 if unknown else size for size, unknown in zip(sizes, free))
+            )
         else:
             shape = self.shape(sizes)
         return self.add("Reshape", [self.name(value), shape])
 
-    def slice(self, value: Any, axes: Sequence[int], starts: Any, ends: Any, steps: Any) -> str:
+    def slice(
+        self, value: Any, axes: Sequence[int], starts: Any, ends: Any, steps: Any
+    ) -> str:
         """Part of a value; `starts` and `ends` are names of [len(axes)] int64."""
-        inputs = [self.name(value), starts, ends, self.integers(*axes), self.integers(*steps)]
+        inputs = [
+            self.name(value),
+            starts,
+            ends,
+            self.integers(*axes),
+            self.integers(*steps),
+        ]
         return self.add("Slice", inputs)
 
-    # -- translating -----------------------------------------------------------------------------
+    # -- translating
+    # -----------------------------------------------------------------------------
 
-    def translate(self, jaxpr: Any, constants: Sequence[Any], inputs: Sequence[Any]) -> list[Any]:
+    def translate(
+        self, jaxpr: Any, constants: Sequence[Any], inputs: Sequence[Any]
+    ) -> list[Any]:
         """Values of the results of a jaxpr, given those of its constants and arguments."""
         values = dict(zip(jaxpr.constvars, map(np.asarray, constants)))
         values |= dict(zip(jaxpr.invars, inputs))
@@ -215,7 +243,9 @@ class _Graph:
         fixed = all(isinstance(size, int) for shape in shapes for size in shape)
         unknown = primitive == "dim_as_value" or any(isinstance(x, str) for x in inputs)
         if fixed and not unknown:
-            arrays = [jnp.asarray(x, atom.aval.dtype) for x, atom in zip(inputs, eqn.invars)]
+            arrays = [
+                jnp.asarray(x, atom.aval.dtype) for x, atom in zip(inputs, eqn.invars)
+            ]
             results = eqn.primitive.bind(*arrays, **eqn.params)
             results = results if eqn.primitive.multiple_results else [results]
             return list(map(np.asarray, results))
@@ -233,7 +263,11 @@ class _Graph:
         """A loop, written out, or a `Scan`, whose body reads the constants from outside."""
         params, body = eqn.params, eqn.params["jaxpr"]
         split = params["num_consts"], params["num_consts"] + params["num_carry"]
-        constants, carry, rows = inputs[: split[0]], inputs[split[0] : split[1]], inputs[split[1] :]
+        constants, carry, rows = (
+            inputs[: split[0]],
+            inputs[split[0] : split[1]],
+            inputs[split[1] :],
+        )
         count, length = len(carry), params["length"]
         # ONNX has no loop without an array to loop over.
         if isinstance(length, int) and (length <= UNROLLED or not rows):
@@ -246,7 +280,9 @@ class _Graph:
                     else self.add("Gather", [row, self.name(np.int32(step))], axis=0)
                     for row in rows
                 ]
-                results = self.translate(body.jaxpr, body.consts, [*constants, *carry, *slices])
+                results = self.translate(
+                    body.jaxpr, body.consts, [*constants, *carry, *slices]
+                )
                 carry = results[:count]
                 for stack, result in zip(stacks, results[count:]):
                     unit = [self.name(result), self.integers(0)]
@@ -259,7 +295,9 @@ class _Graph:
         results = inner.translate(body.jaxpr, body.consts, [*constants, *names])
         outputs = [inner.add("Identity", [inner.name(result)]) for result in results]
         infos = [inner.info(name, var.aval) for name, var in zip(names, arguments)]
-        ends = [inner.info(name, var.aval) for name, var in zip(outputs, body.jaxpr.outvars)]
+        ends = [
+            inner.info(name, var.aval) for name, var in zip(outputs, body.jaxpr.outvars)
+        ]
         graph = self.onnx.helper.make_graph(inner.nodes, "step", infos, ends)
         direction = [int(params["reverse"])]
         return self.add_many(

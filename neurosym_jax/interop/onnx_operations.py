@@ -1,6 +1,7 @@
 """Operations of jaxprs that take more than one operator of ONNX, for `onnx`.
 
-Each is `(graph, equation, *values) -> value`, or values where the operation has several results.
+Each is `(graph, equation, *values) -> value`, or values where the operation has several
+results.
 """
 
 from collections.abc import Callable
@@ -35,7 +36,8 @@ def _is(dtype: Any, kind: type) -> bool:
     return np.issubdtype(dtype, kind)
 
 
-# -- numbers -------------------------------------------------------------------------------------
+# -- numbers
+# -------------------------------------------------------------------------------------
 
 
 @_translates("integer_pow", "square")
@@ -46,18 +48,26 @@ def _integer_pow(graph, eqn, x):
 
 @_translates("rsqrt", "ne")
 def _two_operators(graph, eqn, *values):
-    operators = {"rsqrt": ("Sqrt", "Reciprocal"), "ne": ("Equal", "Not")}[eqn.primitive.name]
-    return graph.add(operators[1], [graph.add(operators[0], list(map(graph.name, values)))])
+    operators = {"rsqrt": ("Sqrt", "Reciprocal"), "ne": ("Equal", "Not")}[
+        eqn.primitive.name
+    ]
+    return graph.add(
+        operators[1], [graph.add(operators[0], list(map(graph.name, values)))]
+    )
 
 
 @_translates("log1p")
 def _log1p(graph, eqn, x):
-    return graph.add("Log", [graph.add("Add", [graph.name(x), graph.name(np.float32(1))])])
+    return graph.add(
+        "Log", [graph.add("Add", [graph.name(x), graph.name(np.float32(1))])]
+    )
 
 
 @_translates("expm1")
 def _expm1(graph, eqn, x):
-    return graph.add("Sub", [graph.add("Exp", [graph.name(x)]), graph.name(np.float32(1))])
+    return graph.add(
+        "Sub", [graph.add("Exp", [graph.name(x)]), graph.name(np.float32(1))]
+    )
 
 
 @_translates("is_finite")
@@ -76,7 +86,9 @@ def _clamp(graph, eqn, low, x, high):
 def _select_n(graph, eqn, condition, *cases):
     if len(cases) != 2:
         raise InputError("ONNX: a choice among more than two arrays has no translation")
-    return graph.add("Where", [graph.name(condition), graph.name(cases[1]), graph.name(cases[0])])
+    return graph.add(
+        "Where", [graph.name(condition), graph.name(cases[1]), graph.name(cases[0])]
+    )
 
 
 @_translates("convert_element_type")
@@ -97,7 +109,9 @@ def _reduce(graph, eqn, x):
 def _arg_extreme(graph, eqn, x):
     operator = {"argmax": "ArgMax", "argmin": "ArgMin"}[eqn.primitive.name]
     (axis,) = eqn.params["axes"]
-    return graph.cast(graph.add(operator, [graph.name(x)], axis=axis, keepdims=0), np.int32)
+    return graph.cast(
+        graph.add(operator, [graph.name(x)], axis=axis, keepdims=0), np.int32
+    )
 
 
 @_translates("cumsum")
@@ -108,10 +122,15 @@ def _cumsum(graph, eqn, x):
 
 @_translates("dot_general")
 def _dot_general(graph, eqn, left, right):
-    (contracted, batch), shapes = eqn.params["dimension_numbers"], [v.aval for v in eqn.invars]
+    (contracted, batch), shapes = (
+        eqn.params["dimension_numbers"],
+        [v.aval for v in eqn.invars],
+    )
     # ONNX multiplies floats only.
     names = [
-        graph.name(value) if _is(aval.dtype, np.floating) else graph.cast(value, np.float32)
+        graph.name(value)
+        if _is(aval.dtype, np.floating)
+        else graph.cast(value, np.float32)
         for value, aval in zip((left, right), shapes)
     ]
     ranks = [len(aval.shape) for aval in shapes]
@@ -145,7 +164,8 @@ def _einsum(contracted: Any, batch: Any, ranks: list[int]) -> str:
     return f"{''.join(sides[0])},{''.join(sides[1])}->{''.join(result)}"
 
 
-# -- shapes --------------------------------------------------------------------------------------
+# -- shapes
+# --------------------------------------------------------------------------------------
 
 
 @_translates("reshape", "squeeze", "expand_dims")
@@ -163,7 +183,11 @@ def _broadcast_in_dim(graph, eqn, x, *_):
     wide = [1] * len(after)
     for axis, size in zip(axes, before):
         wide[axis] = size
-    return name if tuple(wide) == tuple(after) else graph.add("Expand", [name, graph.shape(after)])
+    return (
+        name
+        if tuple(wide) == tuple(after)
+        else graph.add("Expand", [name, graph.shape(after)])
+    )
 
 
 @_translates("transpose")
@@ -173,13 +197,17 @@ def _transpose(graph, eqn, x):
 
 @_translates("concatenate")
 def _concatenate(graph, eqn, *parts):
-    return graph.add("Concat", list(map(graph.name, parts)), axis=eqn.params["dimension"])
+    return graph.add(
+        "Concat", list(map(graph.name, parts)), axis=eqn.params["dimension"]
+    )
 
 
 @_translates("stack")
 def _stack(graph, eqn, *parts):
     axis = eqn.params["axis"]
-    units = [graph.add("Unsqueeze", [graph.name(x), graph.integers(axis)]) for x in parts]
+    units = [
+        graph.add("Unsqueeze", [graph.name(x), graph.integers(axis)]) for x in parts
+    ]
     return graph.add("Concat", units, axis=axis)
 
 
@@ -194,7 +222,10 @@ def _split(graph, eqn, x):
 def _slice(graph, eqn, x):
     params, shape = eqn.params, eqn.invars[0].aval.shape
     strides = params["strides"] or (1,) * len(shape)
-    starts, ends = graph.shape(params["start_indices"]), graph.shape(params["limit_indices"])
+    starts, ends = (
+        graph.shape(params["start_indices"]),
+        graph.shape(params["limit_indices"]),
+    )
     return graph.slice(x, range(len(shape)), starts, ends, strides)
 
 
@@ -213,7 +244,10 @@ def _dynamic_slice(graph, eqn, x, *starts):
 @_translates("rev")
 def _rev(graph, eqn, x):
     axes = eqn.params["dimensions"]
-    starts, ends = graph.integers(*[-1] * len(axes)), graph.integers(*[-(2**31)] * len(axes))
+    starts, ends = (
+        graph.integers(*[-1] * len(axes)),
+        graph.integers(*[-(2**31)] * len(axes)),
+    )
     return graph.slice(x, axes, starts, ends, [-1] * len(axes))
 
 
@@ -223,7 +257,9 @@ def _pad(graph, eqn, x, padding):
     if any(inner):
         raise InputError("ONNX: padding between elements has no translation")
     boolean = _is(eqn.invars[0].aval.dtype, np.bool_)
-    values = [graph.cast(v, np.int32) if boolean else graph.name(v) for v in (x, padding)]
+    values = [
+        graph.cast(v, np.int32) if boolean else graph.name(v) for v in (x, padding)
+    ]
     padded = graph.add("Pad", [values[0], graph.shape([*low, *high]), values[1]])
     return graph.cast(padded, np.bool_) if boolean else padded
 
@@ -248,26 +284,38 @@ def _dim_as_value(graph, eqn, *_):
 def _gather(graph, eqn, x, indices):
     """Elements, rows or windows at indices, see `lax.gather`.
 
-    Constant indices are slices; an index into one axis is a `Gather`; into several, a `GatherND`.
+    Constant indices are slices; an index into one axis is a `Gather`; into several, a
+    `GatherND`.
     """
     numbers, sizes = eqn.params["dimension_numbers"], eqn.params["slice_sizes"]
     axes, shape = numbers.start_index_map, eqn.invars[0].aval.shape
     out = eqn.outvars[0].aval.shape
     if not isinstance(indices, str) and np.ndim(indices) == 1:
         limits = [shape[axis] - sizes[axis] for axis in axes]
-        inside = [int(np.clip(start, 0, limit)) for start, limit in zip(indices, limits)]
+        inside = [
+            int(np.clip(start, 0, limit)) for start, limit in zip(indices, limits)
+        ]
         ends = [start + sizes[axis] for start, axis in zip(inside, axes)]
-        part = graph.slice(x, axes, graph.integers(*inside), graph.shape(ends), [1] * len(axes))
+        part = graph.slice(
+            x, axes, graph.integers(*inside), graph.shape(ends), [1] * len(axes)
+        )
         return graph.reshape(part, out)
     batching = numbers.operand_batching_dims
     free = [axis for axis in range(len(shape)) if axis not in (*axes, *batching)]
     if set(numbers.collapsed_slice_dims) != set(axes) or any(
         sizes[axis] != shape[axis] for axis in free
     ):
-        raise InputError("ONNX: windows at indices that depend on the input have no translation")
-    last = [np.int32(shape[axis] - 1) if isinstance(shape[axis], int) else None for axis in axes]
+        raise InputError(
+            "ONNX: windows at indices that depend on the input have no translation"
+        )
+    last = [
+        np.int32(shape[axis] - 1) if isinstance(shape[axis], int) else None
+        for axis in axes
+    ]
     if None in last:
-        ends = graph.add("Sub", [graph.shape([shape[a] for a in axes]), graph.integers(1)])
+        ends = graph.add(
+            "Sub", [graph.shape([shape[a] for a in axes]), graph.integers(1)]
+        )
         last = graph.cast(ends, np.int32)
     inside = graph.add("Max", [graph.name(indices), graph.name(np.int32(0))])
     inside = graph.add(
@@ -276,15 +324,21 @@ def _gather(graph, eqn, x, indices):
     order = [*batching, *axes, *free]
     rows = graph.add("Transpose", [graph.name(x)], perm=order)
     if tuple(numbers.start_indices_batching_dims) != tuple(range(len(batching))):
-        raise InputError("ONNX: a batch of indices along a later axis has no translation")
+        raise InputError(
+            "ONNX: a batch of indices along a later axis has no translation"
+        )
     rows = graph.add(
-        "GatherND", [rows, graph.add("Cast", [inside], to=INT64)], batch_dims=len(batching)
+        "GatherND",
+        [rows, graph.add("Cast", [inside], to=INT64)],
+        batch_dims=len(batching),
     )
     # The result has the axes of the indices first; jax says where the others are.
     rank, offsets = len(out), numbers.offset_dims
     lead = [place for place in range(rank) if place not in offsets]
     source = {place: number for number, place in enumerate([*lead, *offsets])}
-    result = graph.add("Transpose", [rows], perm=[source[place] for place in range(rank)])
+    result = graph.add(
+        "Transpose", [rows], perm=[source[place] for place in range(rank)]
+    )
     if "FILL" not in str(eqn.params["mode"]):
         return result
     fill = eqn.params["fill_value"]

@@ -1,7 +1,8 @@
 """Parity: how far our outputs are from torch's, of stored cases or of a module that runs now.
 
-A golden directory holds `manifest.json` with a row for each case, and an `.npz` for each case with
-torch's weights, inputs and outputs (`docs/parity.md` says which, and how to make them).
+A golden directory holds `manifest.json` with a row for each case, and an `.npz` for
+each case with torch's weights, inputs and outputs (`docs/parity.md` says which, and how
+to make them).
 """
 
 import dataclasses
@@ -23,7 +24,14 @@ from neurosym_jax.errors import InputError, brief, option
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.forecasting.model import Model, refuse_other_length
 from neurosym_jax.interop import torch_side
-from neurosym_jax.interop.cases import CASES, Case, Compared, forecasts, make_case, read_case
+from neurosym_jax.interop.cases import (
+    CASES,
+    Case,
+    Compared,
+    forecasts,
+    make_case,
+    read_case,
+)
 from neurosym_jax.interop.checkpoint import released_config
 from neurosym_jax.models import Generator
 from neurosym_jax.models.sgan.layers import LSTM, LSTMNetwork
@@ -73,22 +81,32 @@ class Parity:
         """An aligned table and the verdict."""
         table = [("case", "output", "shape", "max abs", "max rel", "")]
         for row in self.rows:
-            shape, verdict = "x".join(map(str, row.shape)) or "scalar", "ok" if row.ok else "MISS"
+            shape, verdict = (
+                "x".join(map(str, row.shape)) or "scalar",
+                "ok" if row.ok else "MISS",
+            )
             numbers = f"{row.max_abs:.1e}", f"{row.max_rel:.1e}"
             table.append((row.case, row.output, shape, *numbers, verdict))
         differ = (row for row in self.rows if row.reason)
-        lines = [f"first difference of {row.case}: {row.output}: {row.reason}" for row in differ]
+        lines = [
+            f"first difference of {row.case}: {row.output}: {row.reason}"
+            for row in differ
+        ]
         if self.assumed:
-            lines.append(f"assumed, for the checkpoint does not say: {'; '.join(self.assumed)}")
+            lines.append(
+                f"assumed, for the checkpoint does not say: {'; '.join(self.assumed)}"
+            )
         within = f"{sum(row.ok for row in self.rows)} of {len(self.rows)} outputs"
-        return "\n".join([aligned_table(table), "", *lines, f"{within} within {self.tolerance:g}"])
+        return "\n".join(
+            [aligned_table(table), "", *lines, f"{within} within {self.tolerance:g}"]
+        )
 
 
 def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
     """Each output of each case of `directory`, in the manifest's order.
 
-    Raises:
-        InputError: naming the file, and the field or the array that is missing or wrong.
+    Raises: InputError: naming the file, and the field or the array that is missing or
+        wrong.
     """
     refuse(NotNegative, {"tolerance": tolerance})
     rows, path = [], directory / "manifest.json"
@@ -98,35 +116,48 @@ def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
             # The name of a row's kind of case: its model's, else its file's.
             kind, classes = row.get("model", path.stem), row.get("layers", {})
             if kind not in CASES:
-                raise InputError(f"{brief(kind)} is none of the cases {', '.join(CASES)}")
+                raise InputError(
+                    f"{brief(kind)} is none of the cases {', '.join(CASES)}"
+                )
             with np.load(path, allow_pickle=False) as archive:
                 arrays = dict(archive)
-            layers = _compared_layers(read_case(row, arrays), classes) if classes else {}
-            rows += _compare(path.name, tolerance, CASES[kind](row, arrays), layers, classes)
+            layers = (
+                _compared_layers(read_case(row, arrays), classes) if classes else {}
+            )
+            rows += _compare(
+                path.name, tolerance, CASES[kind](row, arrays), layers, classes
+            )
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except KeyError as error:
         raise InputError(f"{path}: {error} is missing") from None
     except (OSError, EOFError, ValueError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: is no case ({' '.join(str(error).split())[:300]})") from None
+        raise InputError(
+            f"{path}: is no case ({' '.join(str(error).split())[:300]})"
+        ) from None
     return Parity(tuple(rows), tolerance)
 
 
-def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: int) -> None:
+def run_torch(
+    module: str, checkpoint: Path, out: Path, *, python: str, seed: int
+) -> None:
     """Let the module `FILE.py:CLASS` forecast with a checkpoint, and store the case in `out`.
 
-    Raises:
-        InputError: for a file that is not there, and whatever the module says when it fails.
+    Raises: InputError: for a file that is not there, and whatever the module says when
+        it fails.
     """
     file, _, name = module.rpartition(":")
     if not name.isidentifier() or not Path(file).is_file():
         raise InputError(f"{option('torch_module', module)}: must be FILE.py:CLASS")
-    # As text: the folder of a file that is run comes first where Python looks for modules.
+    # As text: the folder of a file that is run comes first where Python looks for
+    # modules.
     script = Path(torch_side.__file__).read_text(encoding="utf-8")
     paths = (path.resolve() for path in (Path(file), checkpoint, out))
     try:
         done = subprocess.run(
-            [python, "-c", script, *paths, name, str(seed)], capture_output=True, text=True
+            [python, "-c", script, *paths, name, str(seed)],
+            capture_output=True,
+            text=True,
         )
     except OSError as error:
         raise InputError(f"{option('python', python)}: {error.strerror}") from None
@@ -145,12 +176,11 @@ def compare(
 ) -> Parity:
     """Compare a torch generator that is here in Python with `model`, layer by layer.
 
-    Args:
-        torch_module: SGAN's `TrajectoryGenerator`, changed or not. A copy of it runs on the CPU.
-        model: the same network, see `load_model` and `model_from_torch`.
-        scenes: people observed, [N, obs_len, 2] metres each; default: people who walk at random.
-        seed: of the noise and of these people.
-        tolerance: largest absolute difference that passes.
+    Args: torch_module: SGAN's `TrajectoryGenerator`, changed or not. A copy of it runs
+        on the CPU. model: the same network, see `load_model` and `model_from_torch`.
+        scenes: people observed, [N, obs_len, 2] metres each; default: people who walk
+        at random. seed: of the noise and of these people. tolerance: largest absolute
+        difference that passes.
 
     Raises:
         InputError: for a model that SGAN's code does not have, and unusable scenes.
@@ -164,21 +194,29 @@ def compare(
         refuse_other_length(model, walk, f"scenes[{i}]")
     inputs = torch_side.inputs(walks, vars(config), seed)
     arrays, classes = torch_side.forecast(torch, torch_module, inputs)
-    case, name = make_case(config, model.params["params"], arrays), type(torch_module).__name__
-    rows = _compare(name, tolerance, forecasts(case), _compared_layers(case, classes), classes)
+    case, name = (
+        make_case(config, model.params["params"], arrays),
+        type(torch_module).__name__,
+    )
+    rows = _compare(
+        name, tolerance, forecasts(case), _compared_layers(case, classes), classes
+    )
     return Parity(tuple(rows), tolerance, model.assumed)
 
 
 def _compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
     """(ours, theirs) by row, for torch's submodules `names` in the order in which they returned.
 
-    A layer `alone` is ours on the input that torch's was given; any other row is our network's own
-    value at that place, from the scenes on. A layer that torch never called is compared with NaN.
+    A layer `alone` is ours on the input that torch's was given; any other row is our
+    network's own value at that place, from the scenes on. A layer that torch never
+    called is compared with NaN.
     """
     arrays, stages, layers = case.arrays, case.stages(), _layers(case)
     compared: Compared = {}
     if "in/encoder.spatial_embedding" in arrays:
-        moves = np.swapaxes(arrays["traj_rel"][:, : case.config.obs_len], 0, 1).reshape(-1, 2)
+        moves = np.swapaxes(arrays["traj_rel"][:, : case.config.obs_len], 0, 1).reshape(
+            -1, 2
+        )
         compared["obs_traj_rel"] = moves, arrays["in/encoder.spatial_embedding"]
     for name in names:
         if name == "decoder.decoder" and f"h0/{name}" in arrays:
@@ -198,8 +236,12 @@ def _layers(case: Case) -> dict[str, Any]:
     """Our layers and perceptrons, by torch's names."""
     network, layers = Generator(case.config).bind({"params": case.params}), {}
     for name, (path, _) in torch_names(case.config).items():
-        *parts, _ = re.sub(r"/layer_\d", "", path).replace("lstm", "recurrent").split("/")
-        layers[re.sub(r"(\.\d)?\.\w+$", "", name)] = functools.reduce(getattr, parts, network)
+        *parts, _ = (
+            re.sub(r"/layer_\d", "", path).replace("lstm", "recurrent").split("/")
+        )
+        layers[re.sub(r"(\.\d)?\.\w+$", "", name)] = functools.reduce(
+            getattr, parts, network
+        )
     return layers
 
 
@@ -218,7 +260,11 @@ def _alone(arrays: Mapping[str, np.ndarray], name: str, layer: Any) -> np.ndarra
 
 
 def _compare(
-    name: str, tolerance: float, compared: Compared, layers: Compared, classes: Mapping[str, str]
+    name: str,
+    tolerance: float,
+    compared: Compared,
+    layers: Compared,
+    classes: Mapping[str, str],
 ) -> list[ParityRow]:
     """The rows of a case `name`, its layers first; the first that misses has the reason."""
     rows: list[ParityRow] = []
@@ -227,13 +273,16 @@ def _compare(
         scale, max_abs = float(np.abs(reference).max()), math.nan
         if values.shape == reference.shape:
             max_abs = float(np.abs(values.astype(np.float64) - reference).max())
-        # Against an output that is all zeros, any difference is infinitely large, and none is none.
+        # Against an output that is all zeros, any difference is infinitely large, and
+        # none is none.
         max_rel = max_abs / scale if scale else (math.inf if max_abs else 0.0)
         # A layer's numbers may be of any size, and so is their rounding.
         ok = max_abs <= tolerance * (max(1.0, scale) if output in layers else 1.0)
         first = layers and not ok and all(row.ok for row in rows)
         reason = _likely_reason(output, values, reference, classes) if first else ""
-        rows.append(ParityRow(name, output, reference.shape, max_abs, max_rel, ok, reason))
+        rows.append(
+            ParityRow(name, output, reference.shape, max_abs, max_rel, ok, reason)
+        )
     return rows
 
 
@@ -254,7 +303,11 @@ def _likely_reason(
             return "no ReLU after its last layer, ours has one"
         return "it computes something else with the same weights"
     for decimals in range(1, 5):
-        if np.abs(reference - np.round(reference, decimals)).max() < 1e-7 < np.abs(reference).max():
+        if (
+            np.abs(reference - np.round(reference, decimals)).max()
+            < 1e-7
+            < np.abs(reference).max()
+        ):
             return f"it is rounded to {decimals} decimals, ours is not"
     return (
         "its layers agree alone, the module's forward puts them together in another way (order of "

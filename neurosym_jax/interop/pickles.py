@@ -1,10 +1,10 @@
 """Files of `torch.save`, read without torch.
 
-Both forms are read: today's zip archive and the legacy stream of pickles (2018, the published SGAN
-checkpoints). A pickle is a program, so it is run by an unpickler that knows only the opcodes and
-the handful of names that a state dict needs, and refuses every other by name: a file can fail to
-load, but it can run no code. What stands for a name runs nothing and keeps no state of the pickle's
-own choice.
+Both forms are read: today's zip archive and the legacy stream of pickles (2018, the
+published SGAN checkpoints). A pickle is a program, so it is run by an unpickler that
+knows only the opcodes and the handful of names that a state dict needs, and refuses
+every other by name: a file can fail to load, but it can run no code. What stands for a
+name runs nothing and keeps no state of the pickle's own choice.
 """
 
 import io
@@ -50,14 +50,16 @@ class Tensor(np.ndarray):
     # `__new__`, because a pickle can make an object without calling `__init__`.
     def __new__(cls, storage, offset, shape, strides, *_requires_grad_and_hooks):
         """Check that the tensor lies in its storage, whose values are read after the pickle."""
-        sizes_fit = all(type(n) is int and 0 <= n < 2**48 for n in (offset, *shape, *strides))
+        sizes_fit = all(
+            type(n) is int and 0 <= n < 2**48 for n in (offset, *shape, *strides)
+        )
         stored = isinstance(storage, Tensor) and storage.base is None
         if not stored or not sizes_fit or not len(shape) == len(strides) <= 32:
             raise InputError("a tensor is described in a way torch does not")
         elements = math.prod(shape)
         last = offset + sum((n - 1) * step for n, step in zip(shape, strides))
-        # A tensor larger than its storage repeats values (stride 0): weights never do, and a
-        # corrupted shape would ask for any amount of memory.
+        # A tensor larger than its storage repeats values (stride 0): weights never do,
+        # and a corrupted shape would ask for any amount of memory.
         if elements > storage.size or (elements and last >= storage.size):
             raise InputError(
                 f"a tensor of shape {list(shape)} reaches outside its storage of {storage.size}"
@@ -98,15 +100,20 @@ class _Opcodes(dict[int, Any]):
     """Methods of `OPCODES` by their byte."""
 
     def __missing__(self, byte: int) -> Any:
-        name = next((code.name for code in pickletools.opcodes if ord(code.code) == byte), byte)
-        raise InputError(f"refused: the pickle opcode {name} has no use in a checkpoint")
+        name = next(
+            (code.name for code in pickletools.opcodes if ord(code.code) == byte), byte
+        )
+        raise InputError(
+            f"refused: the pickle opcode {name} has no use in a checkpoint"
+        )
 
 
 class _Unpickler(pickle._Unpickler):
     """Knows `OPCODES` and `KNOWN_GLOBALS`, and gathers the storages that it meets, empty.
 
-    The one in Python: that in C takes any opcode, as much memory as an index of its memo says, and
-    as keys tuples of tuples, which share parts and so take minutes to hash.
+    The one in Python: that in C takes any opcode, as much memory as an index of its
+    memo says, and as keys tuples of tuples, which share parts and so take minutes to
+    hash.
     """
 
     dispatch = _Opcodes(
@@ -132,7 +139,9 @@ class _Unpickler(pickle._Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         full = f"{module}.{name}"
         if full not in KNOWN_GLOBALS:
-            raise InputError(f"refused: it asks for {brief(full)}, which no state dict needs")
+            raise InputError(
+                f"refused: it asks for {brief(full)}, which no state dict needs"
+            )
         return KNOWN_GLOBALS[full]
 
     def persistent_load(self, pid: Any) -> Tensor:
@@ -142,7 +151,9 @@ class _Unpickler(pickle._Unpickler):
         if type(key) is not str or type(numel) is not int or not 0 <= numel < 2**48:
             raise InputError(f"storage {brief(key)} has no sensible size")
         dtype = np.dtype(STORAGE_DTYPES[kind])
-        storage = self.storages.setdefault(key, np.ndarray.__new__(Tensor, numel, dtype))
+        storage = self.storages.setdefault(
+            key, np.ndarray.__new__(Tensor, numel, dtype)
+        )
         if (storage.dtype, storage.size) != (dtype, numel):
             raise InputError(f"storage {brief(key)} is described twice, differently")
         return storage
@@ -151,10 +162,10 @@ class _Unpickler(pickle._Unpickler):
 def read_torch_file(path: str | os.PathLike) -> Any:
     """What `torch.save` wrote to `path`: plain Python values with an array for a tensor.
 
-    Raises:
-        InputError: naming `path`, when it cannot be read, is cut short or damaged, is not a
-            file of torch's, asks for a class that is not a state dict's or for more memory than
-            there is.
+    Raises: InputError: naming `path`, when it cannot be read, is cut short or damaged,
+        is not a
+            file of torch's, asks for a class that is not a state dict's or for more
+            memory than there is.
     """
     try:
         with open(path, "rb") as file:
@@ -166,22 +177,33 @@ def read_torch_file(path: str | os.PathLike) -> Any:
                     f"{'not a file of torch.save' if head else 'an empty file'}; "
                     "a .pt checkpoint was expected"
                 )
-            refuse_beyond_memory("reading it", 4.0 * os.fstat(file.fileno()).st_size, "free some")
-            return (_read_legacy if legacy else _read_zip)(io.BytesIO(head + file.read()), {})
+            refuse_beyond_memory(
+                "reading it", 4.0 * os.fstat(file.fileno()).st_size, "free some"
+            )
+            return (_read_legacy if legacy else _read_zip)(
+                io.BytesIO(head + file.read()), {}
+            )
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except Exception as error:
-        # A damaged pickle or archive fails in whichever way the damage dictates: any type at all.
+        # A damaged pickle or archive fails in whichever way the damage dictates: any
+        # type at all.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{path}: damaged or cut short ({reason})") from None
 
 
 def _read_legacy(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
     magic, protocol, system = (_load(stream, storages) for _ in range(3))
-    if (magic, protocol, system["little_endian"]) != (LEGACY_MAGIC, LEGACY_PROTOCOL, True):
-        raise InputError(f"of another format ({brief(protocol)}), or of a big-endian machine")
+    if (magic, protocol, system["little_endian"]) != (
+        LEGACY_MAGIC,
+        LEGACY_PROTOCOL,
+        True,
+    ):
+        raise InputError(
+            f"of another format ({brief(protocol)}), or of a big-endian machine"
+        )
     contents, keys = _load(stream, storages), _load(stream, storages)
     _refuse_keys(keys)
     if missing := storages.keys() - set(keys):
@@ -198,11 +220,20 @@ def _read_zip(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
     with zipfile.ZipFile(stream) as archive:
         names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
         if len(names) != 1:
-            raise InputError("a zip archive, but not one of torch.save: it has no data.pkl")
-        if any(entry.compress_type != zipfile.ZIP_STORED for entry in archive.infolist()):
-            raise InputError("its content is compressed, and may be of any size; torch's never is")
+            raise InputError(
+                "a zip archive, but not one of torch.save: it has no data.pkl"
+            )
+        if any(
+            entry.compress_type != zipfile.ZIP_STORED for entry in archive.infolist()
+        ):
+            raise InputError(
+                "its content is compressed, and may be of any size; torch's never is"
+            )
         # Entries may lie on top of each other.
-        if sum(entry.file_size for entry in archive.infolist()) > stream.getbuffer().nbytes:
+        if (
+            sum(entry.file_size for entry in archive.infolist())
+            > stream.getbuffer().nbytes
+        ):
             raise InputError("its entries are larger than itself")
         contents = _load(io.BytesIO(archive.read(names[0])), storages)
         for key, storage in storages.items():
@@ -212,7 +243,9 @@ def _read_zip(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
 
 def _fill(storage: Tensor, data: bytes) -> None:
     if len(data) != storage.nbytes:
-        raise InputError(f"{len(data)} bytes for a storage of {storage.size} {storage.dtype}")
+        raise InputError(
+            f"{len(data)} bytes for a storage of {storage.size} {storage.dtype}"
+        )
     storage[:] = np.frombuffer(data, storage.dtype)
 
 

@@ -1,7 +1,8 @@
 """The user's torch module runs here: its inputs, the outputs of all submodules, its forecast.
 
-`neurosym parity --torch-module` runs this file as a script in an interpreter that has torch, any
-Python from 3.7 on. It imports nothing of the package, so that what it saves is torch's alone.
+`neurosym parity --torch-module` runs this file as a script in an interpreter that has
+torch, any Python from 3.7 on. It imports nothing of the package, so that what it saves
+is torch's alone.
 """
 
 import copy
@@ -30,8 +31,8 @@ def main(path, checkpoint, out, name, seed):
         file = package + "." + file
     sys.path.insert(0, folder)  # The file may import its neighbours.
     network_class = getattr(importlib.import_module(file), name)
-    # SGAN's training saves losses in a defaultdict, which torch refuses from 2.6 on. The command
-    # has read the file with an unpickler that runs no code.
+    # SGAN's training saves losses in a defaultdict, which torch refuses from 2.6 on.
+    # The command has read the file with an unpickler that runs no code.
     os.environ["TORCH_FORCE_NO_WEIGHTS_ONLY_LOAD"] = "1"
     contents = torch.load(checkpoint, map_location="cpu")
     arguments = contents["args"]
@@ -41,7 +42,9 @@ def main(path, checkpoint, out, name, seed):
     network.load_state_dict(contents["g_state"])
     walks = random_walks(arguments["obs_len"] + arguments["pred_len"], int(seed))
     arrays, layers = forecast(torch, network, inputs(walks, arguments, int(seed)))
-    row.update(model="sgan", file=os.path.splitext(os.path.basename(checkpoint))[0] + ".npz")
+    row.update(
+        model="sgan", file=os.path.splitext(os.path.basename(checkpoint))[0] + ".npz"
+    )
     np.savez_compressed(os.path.join(out, row["file"]), **arrays)
     with open(os.path.join(out, "manifest.json"), "w") as manifest:
         json.dump([dict(row, layers=layers)], manifest, indent=1)
@@ -54,7 +57,9 @@ def random_walks(steps, seed):
         moves = rng.normal(0, 0.3, (people, steps, 2))
         if people > 2:
             moves[0] = 0
-        walks.append((rng.normal(0, 0.5, (people, 1, 2)) + np.cumsum(moves, 1)).round(4))
+        walks.append(
+            (rng.normal(0, 0.5, (people, 1, 2)) + np.cumsum(moves, 1)).round(4)
+        )
     return walks
 
 
@@ -65,19 +70,26 @@ def inputs(walks, arguments, seed):
     dim = int(np.sum(arguments.get("noise_dim") or 0))
     return {
         "traj": positions.astype(np.float32),
-        "traj_rel": np.diff(positions, axis=1, prepend=positions[:, :1]).astype(np.float32),
+        "traj_rel": np.diff(positions, axis=1, prepend=positions[:, :1]).astype(
+            np.float32
+        ),
         "scene_start_end": np.stack([np.append(0, ends[:-1]), ends], 1),
-        "noise": np.random.RandomState(seed).normal(size=(rows, dim)).astype(np.float32),
+        "noise": np.random.RandomState(seed)
+        .normal(size=(rows, dim))
+        .astype(np.float32),
     }
 
 
 def forecast(torch, network, scenes):
     """The arrays of a case, and by its name the class of each submodule, in the order of calls.
 
-    `scenes` are arrays as `inputs` makes them. A copy of the network runs, after `eval()`.
+    `scenes` are arrays as `inputs` makes them. A copy of the network runs, after
+    `eval()`.
     """
     network = copy.deepcopy(network).cpu().eval()
-    arrays = {"g_state/" + name: value.numpy() for name, value in network.state_dict().items()}
+    arrays = {
+        "g_state/" + name: value.numpy() for name, value in network.state_dict().items()
+    }
     arrays.update(scenes)
     classes, dtype = {}, next(network.parameters()).dtype
 
@@ -86,7 +98,9 @@ def forecast(torch, network, scenes):
             return
         classes[name] = type(module).__name__
         recurrent = isinstance(module, torch.nn.LSTM)
-        parts = dict(zip(["in"], inputs), out=result[0] if isinstance(result, tuple) else result)
+        parts = dict(
+            zip(["in"], inputs), out=result[0] if isinstance(result, tuple) else result
+        )
         if recurrent and len(inputs) > 1:
             parts["h0"], parts["c0"] = inputs[1]
         for part, array in parts.items():
@@ -97,12 +111,20 @@ def forecast(torch, network, scenes):
     for name, module in network.named_modules():
         module.register_forward_hook(functools.partial(keep, name))
     positions, moves = (
-        torch.tensor(scenes[name][:, : network.obs_len], dtype=dtype).transpose(0, 1).contiguous()
+        torch.tensor(scenes[name][:, : network.obs_len], dtype=dtype)
+        .transpose(0, 1)
+        .contiguous()
         for name in ("traj", "traj_rel")
     )
-    bounds, noise = torch.tensor(scenes["scene_start_end"]), torch.tensor(scenes["noise"])
+    bounds, noise = (
+        torch.tensor(scenes["scene_start_end"]),
+        torch.tensor(scenes["noise"]),
+    )
     # The released code moves its states to a CUDA device.
-    with torch.no_grad(), mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self):
+    with (
+        torch.no_grad(),
+        mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self),
+    ):
         moved = network(positions, moves, bounds, user_noise=noise.to(dtype))
     arrays["pred_rel"] = moved.transpose(0, 1).numpy()
     arrays["pred_abs"] = (positions[-1] + moved.cumsum(dim=0)).transpose(0, 1).numpy()

@@ -1,7 +1,7 @@
 """Baselines to beat: constant velocity, plain and with sampled headings.
 
-Schöller et al., "What the Constant Velocity Model Can Teach Us About Pedestrian Motion Prediction"
-(RA-L 2020).
+Schöller et al., "What the Constant Velocity Model Can Teach Us About Pedestrian Motion
+Prediction" (RA-L 2020).
 """
 
 import dataclasses
@@ -32,7 +32,9 @@ class ConstantVelocity(TwoStageForecaster):
 
     def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
         """`[k, N, pred_len, 2]`, the same for every sample; `params` and `context` are empty."""
-        step = jnp.broadcast_to(scene.displacement[:, -1], (len(noise), *scene.valid.shape, 2))
+        step = jnp.broadcast_to(
+            scene.displacement[:, -1], (len(noise), *scene.valid.shape, 2)
+        )
         return _extrapolate(scene.observed[:, -1], step, self.pred_len)
 
 

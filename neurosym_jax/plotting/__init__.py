@@ -1,7 +1,8 @@
 """Every figure: arrays in, a `matplotlib.figure.Figure` out.
 
 `pyplot` is not used and `rcParams` stay as they are, so figures need no display.
-`neurosym.mplstyle` and `style` hold their common look. Sizes are those of a two-column paper.
+`neurosym.mplstyle` and `style` hold their common look. Sizes are those of a two-column
+paper.
 """
 
 import lazy_loader

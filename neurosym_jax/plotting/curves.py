@@ -24,8 +24,8 @@ def plot_horizon_errors(
 ) -> Figure:
     """A mean error against the horizon, one line a model, the largest first in the legend.
 
-    Args:
-        errors: [pred_len] by the model's name; or [3, pred_len] with the bounds of an interval,
+    Args: errors: [pred_len] by the model's name; or [3, pred_len] with the bounds of an
+        interval,
             low and high, which is drawn as a band.
         period: seconds from the last observation to the first step, and between steps.
         title: of the figure.
@@ -40,14 +40,20 @@ def plot_horizon_errors(
 def draw_horizon(axes: Axes, errors: Mapping[str, ArrayLike], period: float) -> None:
     """Draw a line [pred_len] and a band for each model against seconds."""
     looks = style.model_looks(errors)
-    curves = {name: np.atleast_2d(np.asarray(curve, float)) for name, curve in errors.items()}
+    curves = {
+        name: np.atleast_2d(np.asarray(curve, float)) for name, curve in errors.items()
+    }
     # Sorted, so that the legend has the order of the lines' ends.
-    for name, (curve, *bounds) in sorted(curves.items(), key=lambda item: -item[1][0, -1]):
+    for name, (curve, *bounds) in sorted(
+        curves.items(), key=lambda item: -item[1][0, -1]
+    ):
         seconds = period * np.arange(1, len(curve) + 1)
         look = {"linewidth": 1.6, "marker": "o", "markersize": 2.5, **looks[name]}
         axes.plot(seconds, curve, label=name, **look)
         if bounds:
-            axes.fill_between(seconds, *bounds, color=looks[name]["color"], alpha=0.2, linewidth=0)
+            axes.fill_between(
+                seconds, *bounds, color=looks[name]["color"], alpha=0.2, linewidth=0
+            )
     axes.set(xlim=(0, None), ylim=(0, None))
 
 
@@ -66,9 +72,9 @@ def plot_training(
 ) -> Figure:
     """Training runs: losses in the upper panel, validation errors (metres) in the lower.
 
-    Both map a name to (steps, values). `best` is the step whose state is kept; where it is given, a
-    caption says what good curves look like. Beyond 100 points, the running mean over 1/20 is drawn
-    over pale points. Values that are not finite leave a gap.
+    Both map a name to (steps, values). `best` is the step whose state is kept; where it
+    is given, a caption says what good curves look like. Beyond 100 points, the running
+    mean over 1/20 is drawn over pale points. Values that are not finite leave a gap.
     """
     figure, ((upper,), (lower,)) = style.new_figure(style.COLUMN, 3.6, 2, sharex=True)
     colours = cycle(style.PALETTE)
@@ -78,9 +84,15 @@ def plot_training(
             if len(steps) > 100:
                 axes.plot(steps, values, color=colour, linewidth=0.5, alpha=0.3)
                 half = len(steps) // 40
-                values = np.convolve(values, np.full(2 * half + 1, 1 / (2 * half + 1)), "valid")
+                values = np.convolve(
+                    values, np.full(2 * half + 1, 1 / (2 * half + 1)), "valid"
+                )
                 steps = steps[half:-half]
-            look = {"linewidth": 1.4, "marker": "o", "markersize": 2.5 if len(steps) <= 40 else 0}
+            look = {
+                "linewidth": 1.4,
+                "marker": "o",
+                "markersize": 2.5 if len(steps) <= 40 else 0,
+            }
             axes.plot(steps, values, color=colour, label=name, **look)
     style.dress(upper, "", "loss", title)
     style.dress(lower, "step", "validation error [m]")

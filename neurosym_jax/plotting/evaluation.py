@@ -24,25 +24,32 @@ TOGETHER = 3
 """Test sets that one figure has room for."""
 
 
-def draw_figures(where: Path, results: Sequence[Result], *, together: bool = False) -> list[Path]:
+def draw_figures(
+    where: Path, results: Sequence[Result], *, together: bool = False
+) -> list[Path]:
     """Write a figure of each test set, or one of up to three `together`; returns the files.
 
-    Figures of the same name are replaced. If there are more than `MAX_MODELS` models, the first of
-    each name is drawn.
+    Figures of the same name are replaced. If there are more than `MAX_MODELS` models,
+    the first of each name is drawn.
 
-    Args:
-        where: a folder, for PNGs; or a name that ends in .png, .pdf or .svg, with which the
+    Args: where: a folder, for PNGs; or a name that ends in .png, .pdf or .svg, with
+        which the
             figures' names begin.
         results: of all models on all test sets.
         together: whether to draw all in `overview`.
     """
     sets = list(dict.fromkeys(result.test_set for result in results))
     drawn = [
-        _drawn([result for result in results if result.test_set == test_set]) for test_set in sets
+        _drawn([result for result in results if result.test_set == test_set])
+        for test_set in sets
     ]
     named = where.suffix in style.ENDINGS
     if together and len(sets) <= TOGETHER:
-        return [style.save_figure(_figure(drawn), where if named else where / "overview.png")]
+        return [
+            style.save_figure(
+                _figure(drawn), where if named else where / "overview.png"
+            )
+        ]
     paths = []
     for test_set, models in zip(sets, drawn):
         name = f"{test_set.dataset}_{test_set.obs_len}_{test_set.pred_len}"
@@ -55,12 +62,14 @@ def draw_figures(where: Path, results: Sequence[Result], *, together: bool = Fal
 def check_figures(where: Path) -> None:
     """Refuse, before the work, a place where `draw_figures` could not write.
 
-    Raises:
-        InputError: for what cannot be written, or a name with another ending than a figure's.
+    Raises: InputError: for what cannot be written, or a name with another ending than a
+        figure's.
     """
     prefix = where.suffix in style.ENDINGS
     if where.suffix and not (prefix or where.is_dir()):
-        raise InputError(f"{where}: a figure's name must end in {', '.join(style.ENDINGS)}")
+        raise InputError(
+            f"{where}: a figure's name must end in {', '.join(style.ENDINGS)}"
+        )
     refuse_unwritable((where.parent if prefix else where) / "overview.png")
 
 
@@ -77,13 +86,16 @@ def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
     metrics = list(next(iter(columns[0].values())).horizons)
     heights = (1.6, *[1.0] * len(metrics))
     shape = (len(heights), len(columns))
-    figure, axes = style.new_figure(style.WIDTH, 2.1 * sum(heights), *shape, height_ratios=heights)
+    figure, axes = style.new_figure(
+        style.WIDTH, 2.1 * sum(heights), *shape, height_ratios=heights
+    )
     for place, models in enumerate(columns):
         first = next(iter(models.values()))
         scene, test, first_column = first.example, first.test_set, place == 0
         valid = np.asarray(scene.valid)
         past, future = (
-            to_world(array, scene)[valid] for array in (scene.observed, scene.known_future)
+            to_world(array, scene)[valid]
+            for array in (scene.observed, scene.known_future)
         )
         above, *below = axes[:, place]
         draw_scene(
@@ -97,7 +109,9 @@ def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
         for panel, shared, metric in zip(below, axes[1:, 0], metrics):
             curves = {name: item.horizons[metric] for name, item in models.items()}
             draw_horizon(panel, curves, first.period)
-            style.dress(panel, "horizon [s]", METRICS[metric].label if first_column else "")
+            style.dress(
+                panel, "horizon [s]", METRICS[metric].label if first_column else ""
+            )
             if not first_column:
                 panel.sharey(shared)
     return style.add_legend(figure, *axes[0])

@@ -1,6 +1,7 @@
 """Forecasts on the floor: a scene from above.
 
-Observed paths are dark, the true future is a broad green band, a model has its own colour and line.
+Observed paths are dark, the true future is a broad green band, a model has its own
+colour and line.
 """
 
 from collections.abc import Mapping
@@ -23,21 +24,23 @@ def plot_forecasts(
 ) -> Figure:
     """One scene with the forecasts of several models.
 
-    Args:
-        observed: [N, obs_len, 2] metres.
-        truth: [N, pred_len, 2] metres, or None if unknown.
-        forecasts: [N, pred_len, 2] metres by the model's name; or [k, N, pred_len, 2], of which the
-            sample of least joint ADE is drawn (without truth the mean), and all of the last model.
+    Args: observed: [N, obs_len, 2] metres. truth: [N, pred_len, 2] metres, or None if
+        unknown. forecasts: [N, pred_len, 2] metres by the model's name; or [k, N,
+        pred_len, 2], of which the
+            sample of least joint ADE is drawn (without truth the mean), and all of the
+            last model.
         title: of the figure.
     """
     past = np.asarray(observed, float)
     future = None if truth is None else np.asarray(truth, float)
-    samples = {name: np.asarray(forecast, float) for name, forecast in forecasts.items()}
+    samples = {
+        name: np.asarray(forecast, float) for name, forecast in forecasts.items()
+    }
     arrays = [array for array in (past, future, *samples.values()) if array is not None]
     points = np.concatenate([array.reshape(-1, 2) for array in arrays])
     low, high = points.min(axis=0), points.max(axis=0)
-    # At least 3 m, so that the tremor of a standing agent does not look like a walk; and neither a
-    # corridor nor a row of agents makes a sliver of a figure.
+    # At least 3 m, so that the tremor of a standing agent does not look like a walk;
+    # and neither a corridor nor a row of agents makes a sliver of a figure.
     extent = np.maximum(1.06 * (high - low) + 0.3, 3.0)
     extent = np.maximum(extent, [0.75 * extent[1], 0.36 * extent[0]])
     # High figures go into one column.
@@ -53,7 +56,10 @@ def plot_forecasts(
 
 
 def draw_scene(
-    axes: Axes, past: np.ndarray, future: np.ndarray | None, samples: Mapping[str, np.ndarray]
+    axes: Axes,
+    past: np.ndarray,
+    future: np.ndarray | None,
+    samples: Mapping[str, np.ndarray],
 ) -> None:
     """Draw `past` [N, obs_len, 2], `future` [N, pred_len, 2] and samples, see `plot_forecasts`."""
     # Thinner lines for many people.
@@ -61,29 +67,51 @@ def draw_scene(
     circle = {"marker": "o", "markersize": 4 * weight, "markerfacecolor": "white"}
     circle |= {"markeredgewidth": 0.9 * weight, "linestyle": "none", "zorder": 5}
     draw_paths(axes, past[:, :1], **circle, color=style.INK, label="start")
-    draw_paths(axes, past, color=style.INK, linewidth=1.0 * weight, zorder=3, label="observed")
+    draw_paths(
+        axes, past, color=style.INK, linewidth=1.0 * weight, zorder=3, label="observed"
+    )
     if future is not None:
         # Pale and broad, so that a forecast on it can be seen.
-        band = {"linewidth": 4.5 * weight, "alpha": 0.35, "solid_capstyle": "round", "zorder": 2}
+        band = {
+            "linewidth": 4.5 * weight,
+            "alpha": 0.35,
+            "solid_capstyle": "round",
+            "zorder": 2,
+        }
         draw_paths(axes, future, past, **band, color=style.TRUTH, label="ground truth")
     for name, look in style.model_looks(samples).items():
         path, label = samples[name], name
         if path.ndim == 4:
             if name == list(samples)[-1]:
-                faint = {"linewidth": 0.5, "alpha": 0.35, "zorder": 2.5, "color": look["color"]}
+                faint = {
+                    "linewidth": 0.5,
+                    "alpha": 0.35,
+                    "zorder": 2.5,
+                    "color": look["color"],
+                }
                 for sample in path:
-                    draw_paths(axes, sample, past, **faint, label=f"{name}, all {len(path)}")
+                    draw_paths(
+                        axes, sample, past, **faint, label=f"{name}, all {len(path)}"
+                    )
             kind = "mean" if future is None else "best"
-            label = f"{name}, {kind} of {len(path)}" if len(path) > 1 else f"{name}, one guess"
+            label = (
+                f"{name}, {kind} of {len(path)}"
+                if len(path) > 1
+                else f"{name}, one guess"
+            )
             if future is None:
                 path = path.mean(axis=0)
             else:  # The sample of least joint ADE.
                 error = np.linalg.norm(path - future, axis=-1)
                 path = path[error.mean(axis=(1, 2)).argmin()]
-        draw_paths(axes, path, past, **look, linewidth=1.5 * weight, zorder=4, label=label)
+        draw_paths(
+            axes, path, past, **look, linewidth=1.5 * weight, zorder=4, label=label
+        )
 
 
-def draw_paths(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **look) -> None:
+def draw_paths(
+    axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **look
+) -> None:
     """Draw a line for each agent of `lines` [N, T, 2], from the end of `past`."""
     if past is not None:
         lines = np.concatenate([past[:, -1:], lines], axis=1)

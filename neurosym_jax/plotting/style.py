@@ -1,7 +1,8 @@
 """The common look: figures in the style `neurosym.mplstyle`, legends, files, and models' colours.
 
-A model has its own colour and line in every figure. Sizes are a paper's; `use_style("talk")` draws
-on a smaller canvas with more dots an inch, so letters and lines are larger beside the rest.
+A model has its own colour and line in every figure. Sizes are a paper's;
+`use_style("talk")` draws on a smaller canvas with more dots an inch, so letters and
+lines are larger beside the rest.
 """
 
 import textwrap
@@ -45,7 +46,8 @@ TRUTH = GREEN
 """Colour of the true future, as in the live view."""
 
 DOTTED, DASHED, DASH_DOT = ":", "--", "-."  # The styles of the robot paper.
-# The first part found in a model's title decides; a NeuroSyM's title holds its weighting.
+# The first part found in a model's title decides; a NeuroSyM's title holds its
+# weighting.
 _LOOKS = {
     "sampled": ("#999999", (0, (6, 1, 1, 1, 1, 1))),
     "constant": (GREY, DASHED),
@@ -79,15 +81,19 @@ def use_style(style: Style) -> None:
 def model_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """`color` and `linestyle` of each model, for `Axes.plot`.
 
-    NeuroSyM is blue and dotted, SGAN red and dash-dotted, constant velocity grey and dashed, and so
-    on. An unknown kind, or a second model of one kind, takes the next of a cycle.
+    NeuroSyM is blue and dotted, SGAN red and dash-dotted, constant velocity grey and
+    dashed, and so on. An unknown kind, or a second model of one kind, takes the next of
+    a cycle.
     """
     looks: dict[str, Any] = {}
     for name in dict.fromkeys(names):
         own = [look for kind, look in _LOOKS.items() if kind in name.lower()][:1]
         free = (look for look in (*own, *_OTHERS) if look not in looks.values())
         looks[name] = next(free, _OTHERS[len(looks) % len(_OTHERS)])
-    return {name: {"color": colour, "linestyle": line} for name, (colour, line) in looks.items()}
+    return {
+        name: {"color": colour, "linestyle": line}
+        for name, (colour, line) in looks.items()
+    }
 
 
 def new_figure(
@@ -96,12 +102,16 @@ def new_figure(
     """An empty figure, `width` by `height` inches of a paper, and its [rows, columns] axes."""
     layout = ConstrainedLayoutEngine(w_pad=0.05, h_pad=0.05, compress=True)
     with _styled():
-        figure = Figure(figsize=(_size.get() * width, _size.get() * height), layout=layout)
+        figure = Figure(
+            figsize=(_size.get() * width, _size.get() * height), layout=layout
+        )
         figure.set_dpi(figure.get_dpi() / _size.get())
         return figure, figure.subplots(rows, columns, squeeze=False, **grid)
 
 
-def dress(axes: Axes, x_label: str = "", y_label: str = "", title: str | None = None) -> None:
+def dress(
+    axes: Axes, x_label: str = "", y_label: str = "", title: str | None = None
+) -> None:
     """Set labels and a title, wrapped to the width of the axes."""
     axes.set(xlabel=x_label, ylabel=_wrapped(y_label, 24))
     if title:
@@ -157,7 +167,9 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     if ending not in ENDINGS:
         raise InputError(f"{path}: a figure's name must end in .png, .pdf or .svg")
     with new_file(path) as beside, _styled():
-        figure.savefig(beside, format=ending[1:], dpi=figure.dpi, metadata=_UNDATED.get(ending))
+        figure.savefig(
+            beside, format=ending[1:], dpi=figure.dpi, metadata=_UNDATED.get(ending)
+        )
     return path
 
 

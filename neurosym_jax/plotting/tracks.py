@@ -30,9 +30,15 @@ DOTS = 700
 """Pixels of a drawn underlay along each side."""
 PAIRS = 12
 """Pairs that fit a heat map with their states."""
-PALE = LinearSegmentedColormap.from_list("pale", colormaps["Blues"](np.linspace(0, 0.6, 64)))
+PALE = LinearSegmentedColormap.from_list(
+    "pale", colormaps["Blues"](np.linspace(0, 0.6, 64))
+)
 """Pale enough for dark letters."""
-LETTERS: dict[str, Any] = {"family": "DejaVu Sans Mono", "color": style.INK, "ha": "center"}
+LETTERS: dict[str, Any] = {
+    "family": "DejaVu Sans Mono",
+    "color": style.INK,
+    "ha": "center",
+}
 """Font of QTC states: letters of one width align them."""
 BESIDE: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.LABEL}
 """A name beside a person."""
@@ -45,10 +51,10 @@ def plot_tracks(
 ) -> Figure:
     """The first recordings (at least one is needed), in metres; a colour a person; 24 panels.
 
-    Args:
-        recordings: what to draw.
-        underlay: what lies under each: an image of the floor, [H, W] or [H, W, 3 or 4], and the
-            homography [3, 3] from its pixels (column, row, 1) to metres; see `read_underlay`.
+    Args: recordings: what to draw. underlay: what lies under each: an image of the
+        floor, [H, W] or [H, W, 3 or 4], and the
+            homography [3, 3] from its pixels (column, row, 1) to metres; see
+            `read_underlay`.
         moment: what one more panel shows: past, future and forecasts of a scene, as
             `plot_forecasts` takes them.
     """
@@ -60,8 +66,12 @@ def plot_tracks(
     figure, grid = style.new_figure(width, rows * width / columns, rows, columns)
     for axes, tracks in zip(grid.ravel(), drawn):
         paths = np.split(tracks.position, np.flatnonzero(np.diff(tracks.id)) + 1)
-        colours = [style.PALETTE[person % len(style.PALETTE)] for person in range(len(paths))]
-        axes.add_collection(LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7))
+        colours = [
+            style.PALETTE[person % len(style.PALETTE)] for person in range(len(paths))
+        ]
+        axes.add_collection(
+            LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7)
+        )
         axes.scatter(*np.array([path[0] for path in paths]).T, s=3, c=colours, zorder=3)
         axes.autoscale()
         style.dress_floor(axes, tracks.recording[:60])
@@ -105,25 +115,40 @@ def _draw_underlay(axes: Axes, pixels: np.ndarray, homography: np.ndarray) -> No
     column, row = (np.round(axis / depth).astype(int) for axis in (column, row))
     seen &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
     drawn = pixels[np.where(seen, row, 0), np.where(seen, column, 0)]
-    look = {"extent": limits, "origin": "lower", "zorder": 0, "cmap": "gray", "aspect": "auto"}
+    look = {
+        "extent": limits,
+        "origin": "lower",
+        "zorder": 0,
+        "cmap": "gray",
+        "aspect": "auto",
+    }
     axes.imshow(drawn, alpha=np.where(seen, 0.6, 0.0), **look)
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str) -> Figure:
+def plot_pairs(
+    scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str
+) -> Figure:
     """A scene's paths beside alpha of its pairs over time, with the QTC_C1 states written in.
 
-    `scene` has one window of N people, whose states have `codes [N, N, T - 1]` and weigh
-    `alpha [N, N, T]`. Where alpha is the same both ways, a pair has one row; the first 12 rows are
-    shown, and the title says of how many.
+    `scene` has one window of N people, whose states have `codes [N, N, T - 1]` and
+    weigh `alpha [N, N, T]`. Where alpha is the same both ways, a pair has one row; the
+    first 12 rows are shown, and the title says of how many.
     """
     people, texts = scene.agent, state_texts()
     count, steps = len(people), alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
-    pairs = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
+    pairs = [
+        (i, j)
+        for i in range(count)
+        for j in range(count)
+        if i != j and (both_ways or i < j)
+    ]
     rows = pairs[:PAIRS]
     height = max(2.2, 0.8 + 0.19 * len(rows))
-    figure, ((where, when),) = style.new_figure(style.WIDTH, height, 1, 2, width_ratios=(1, 2))
+    figure, ((where, when),) = style.new_figure(
+        style.WIDTH, height, 1, 2, width_ratios=(1, 2)
+    )
     for path, person, colour in zip(scene.position, people, style.PALETTE * count):
         draw_paths(where, path[None], color=colour, lw=1.2)
         draw_paths(where, path[None, -1:], color=colour, marker="o", ms=4)
@@ -141,8 +166,12 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
         for step, code in enumerate(codes[row], 1):
             when.text(step, place, texts[code], fontsize=size, va="center", **LETTERS)
     arrow = "→" if both_ways else "–"
-    when.set_yticks(range(len(rows)), [f"{people[i]} {arrow} {people[j]}" for i, j in rows])
-    when.set_xticks(range(0, steps, 2), [f"{scene.period * n:.1f}" for n in range(0, steps, 2)])
+    when.set_yticks(
+        range(len(rows)), [f"{people[i]} {arrow} {people[j]}" for i, j in rows]
+    )
+    when.set_xticks(
+        range(0, steps, 2), [f"{scene.period * n:.1f}" for n in range(0, steps, 2)]
+    )
     when.grid(visible=False)
     suffix = f", {PAIRS} of {len(pairs)} pairs" if len(pairs) > PAIRS else ""
     style.dress(when, "time [s]", "", f"QTC and alpha: {title}{suffix}")

@@ -1,7 +1,8 @@
 """Compiled programs kept between processes, each with the digest that is checked before it runs.
 
-JAX trusts what lies in its cache: a flipped bit can end the process or change a forecast. JAX has
-no public way to check an entry, so the cache replaces the one that JAX would open.
+JAX trusts what lies in its cache: a flipped bit can end the process or change a
+forecast. JAX has no public way to check an entry, so the cache replaces the one that
+JAX would open.
 """
 
 import contextlib
@@ -27,9 +28,10 @@ SEAL = hashlib.sha256().digest_size
 class SealedCache(CacheInterface):
     """A folder of programs, each in a file `KEY.program`: the SHA-256 of key and program, then it.
 
-    A file is written under another name and renamed. One that does not match its digest is removed,
-    so that JAX compiles the program again; the first prints a line. Beyond `limit` bytes the files
-    that were used least recently go. A disk that fails costs time only: the program is compiled.
+    A file is written under another name and renamed. One that does not match its digest
+    is removed, so that JAX compiles the program again; the first prints a line. Beyond
+    `limit` bytes the files that were used least recently go. A disk that fails costs
+    time only: the program is compiled.
     """
 
     def __init__(self, folder: Path, limit: int = LIMIT):
@@ -49,7 +51,10 @@ class SealedCache(CacheInterface):
         if not self.reported:
             self.reported = True
             folder = printable(str(self._path))
-            print(f"warning: {folder}: damaged programs are compiled again", file=sys.stderr)
+            print(
+                f"warning: {folder}: damaged programs are compiled again",
+                file=sys.stderr,
+            )
         return None
 
     def put(self, key: str, value: bytes) -> None:
@@ -69,7 +74,11 @@ class SealedCache(CacheInterface):
 
     def _shrink(self) -> None:
         """Remove the files that were used least recently, also those of other versions."""
-        sizes = {entry.path: entry.stat() for entry in os.scandir(self._path) if entry.is_file()}
+        sizes = {
+            entry.path: entry.stat()
+            for entry in os.scandir(self._path)
+            if entry.is_file()
+        }
         excess = sum(status.st_size for status in sizes.values()) - self.limit
         for path in sorted(sizes, key=lambda path: sizes[path].st_mtime_ns):
             if excess <= 0:

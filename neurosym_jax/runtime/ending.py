@@ -1,8 +1,9 @@
 """One way to end: SIGINT, SIGTERM and SIGHUP interrupt a command, and soon after end its process.
 
-Python runs a signal's handler between two of its own instructions: not while XLA compiles, nor
-while it waits for a thread at exit; and a library may swallow what the handler raises. So a thread
-waits for the signal too, and ends the process where the command has not.
+Python runs a signal's handler between two of its own instructions: not while XLA
+compiles, nor while it waits for a thread at exit; and a library may swallow what the
+handler raises. So a thread waits for the signal too, and ends the process where the
+command has not.
 """
 
 import contextlib
@@ -45,9 +46,9 @@ def when_ended(cleanup: Callable[[], object]) -> Iterator[None]:
 def interruptible() -> Iterator[list[int]]:
     """Interrupt what runs within by signals; yields a list, to which each that came is added.
 
-    The first says so and raises `KeyboardInterrupt`, the second ends the process at once. A signal
-    that is ignored stays so (nohup), and one for which the command has its own handler is left to
-    that.
+    The first says so and raises `KeyboardInterrupt`, the second ends the process at
+    once. A signal that is ignored stays so (nohup), and one for which the command has
+    its own handler is left to that.
     """
     if threading.current_thread() is not threading.main_thread():
         yield []
@@ -64,7 +65,9 @@ def interruptible() -> Iterator[list[int]]:
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     earlier = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
-    ignored = [number for number in SIGNALS if signal.getsignal(number) is signal.SIG_IGN]
+    ignored = [
+        number for number in SIGNALS if signal.getsignal(number) is signal.SIG_IGN
+    ]
     handlers = {n: signal.signal(n, interrupt) for n in SIGNALS if n not in ignored}
     watch = threading.Thread(target=_watch, args=(reader, interrupt, came), daemon=True)
     watch.start()
@@ -84,7 +87,10 @@ def _watch(reader: int, interrupt: Callable[..., None], came: list[int]) -> None
     """End the process `PATIENCE` after a signal that `interrupt` handles, unless it has ended."""
     while content := os.read(reader, 1):
         number = content[0]
-        if number not in SIGNALS or signal.getsignal(number) not in (interrupt, signal.SIG_DFL):
+        if number not in SIGNALS or signal.getsignal(number) not in (
+            interrupt,
+            signal.SIG_DFL,
+        ):
             continue
         time.sleep(PATIENCE)
         if not came:  # Python had no time to run the handler.

@@ -19,7 +19,13 @@ from typing import Any
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.ending import when_ended
 
-__all__ = ["append_text", "folder_digest", "new_file", "new_folder", "refuse_unwritable"]
+__all__ = [
+    "append_text",
+    "folder_digest",
+    "new_file",
+    "new_folder",
+    "refuse_unwritable",
+]
 __all__ += ["replaced_folder", "write_json", "write_text"]
 
 _HERE, _EXCHANGE = -100, 2
@@ -55,8 +61,13 @@ def _replace(beside: Path, path: Path) -> None:
     if not (beside.is_dir() and path.exists()):
         beside.replace(path)
         return
-    with contextlib.suppress(AttributeError, OSError):  # Other systems, old C libraries.
-        exchange, names = ctypes.CDLL(None).renameat2, (os.fsencode(beside), os.fsencode(path))
+    with contextlib.suppress(
+        AttributeError, OSError
+    ):  # Other systems, old C libraries.
+        exchange, names = (
+            ctypes.CDLL(None).renameat2,
+            (os.fsencode(beside), os.fsencode(path)),
+        )
         if exchange(_HERE, names[0], _HERE, names[1], _EXCHANGE) == 0:
             shutil.rmtree(beside)
             return
@@ -70,8 +81,11 @@ def _replace(beside: Path, path: Path) -> None:
 def _beside(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
     with _in_words(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Writers of figures need the ending; a name of maximal length has no room for more.
-        beside = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
+        # Writers of figures need the ending; a name of maximal length has no room for
+        # more.
+        beside = path.with_name(
+            f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}"
+        )
 
         def remove() -> None:
             shutil.rmtree(beside, ignore_errors=True)

@@ -1,7 +1,7 @@
 """This process: its settings, its progress, its memory, and what its results depend on.
 
-Scripts and commands switch settings (compilation cache, memory allocator, XLA flags) on, never
-`import neurosym_jax`.
+Scripts and commands switch settings (compilation cache, memory allocator, XLA flags)
+on, never `import neurosym_jax`.
 """
 
 import contextlib
@@ -25,8 +25,19 @@ from jax._src import xla_bridge
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.compiled import keep_programs
 
-__all__ = ["COMPILED_QUICKLY", "available_memory", "cache_folder", "code_version", "cpu_cores"]
-__all__ += ["enable_compilation_cache", "progress_of", "provenance", "refuse_beyond_memory"]
+__all__ = [
+    "COMPILED_QUICKLY",
+    "available_memory",
+    "cache_folder",
+    "code_version",
+    "cpu_cores",
+]
+__all__ += [
+    "enable_compilation_cache",
+    "progress_of",
+    "provenance",
+    "refuse_beyond_memory",
+]
 __all__ += ["refuse_forked"]
 __all__ += ["run_environment", "tune"]
 
@@ -49,10 +60,14 @@ _INSTRUCTIONS = ("avx512f", "avx2", "avx", "sse4_2", "sve2", "sve", "asimd")
 def cache_folder() -> Path | None:
     """The user's cache folder of this project (`$XDG_CACHE_HOME`, else `~/.cache`).
 
-    None if it cannot be made; in a container the user may have neither a name nor a home.
+    None if it cannot be made; in a container the user may have neither a name nor a
+    home.
     """
     try:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "neurosym_jax"
+        folder = (
+            Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+            / "neurosym_jax"
+        )
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError):
         return None
@@ -62,8 +77,8 @@ def cache_folder() -> Path | None:
 def enable_compilation_cache() -> None:
     """Keep compiled programs between processes, unless `NEUROSYM_NO_CACHE` is set.
 
-    A damaged program is compiled again. The folder must be the user's own: whoever can write there
-    can run code.
+    A damaged program is compiled again. The folder must be the user's own: whoever can
+    write there can run code.
     """
     if os.environ.get("NEUROSYM_NO_CACHE") or (folder := cache_folder()) is None:
         return
@@ -74,21 +89,27 @@ def enable_compilation_cache() -> None:
 def tune() -> None:
     """Make compiled programs faster on a CPU, unless the environment sets the same options.
 
-    Call it before JAX's backend starts. It keeps freed buffers in the process (unless `MALLOC_*` or
-    `GLIBC_TUNABLES` is set): otherwise each call touches every page for the first time, a quarter
-    of a training iteration. It lets XLA use 512-bit vectors (unless `XLA_FLAGS` sets their width),
-    in versions of JAX where this was tried; XLA's default is 256 bits.
+    Call it before JAX's backend starts. It keeps freed buffers in the process (unless
+    `MALLOC_*` or `GLIBC_TUNABLES` is set): otherwise each call touches every page for
+    the first time, a quarter of a training iteration. It lets XLA use 512-bit vectors
+    (unless `XLA_FLAGS` sets their width), in versions of JAX where this was tried;
+    XLA's default is 256 bits.
     """
     if not any(name.startswith(("MALLOC_", "GLIBC_TUNABLES")) for name in os.environ):
         # C libraries other than glibc have no mallopt.
         with contextlib.suppress(AttributeError, OSError, TypeError):
             mallopt = ctypes.CDLL(None).mallopt
-            # One arena, because other threads' arenas map blocks larger than 64 MB; no mapping, no
-            # trimming.
-            for parameter, value in ((_ARENA_MAX, 1), (_MMAP_MAX, 0), (_TRIM_THRESHOLD, -1)):
+            # One arena, because other threads' arenas map blocks larger than 64 MB; no
+            # mapping, no trimming.
+            for parameter, value in (
+                (_ARENA_MAX, 1),
+                (_MMAP_MAX, 0),
+                (_TRIM_THRESHOLD, -1),
+            ):
                 mallopt(parameter, value)
     flags = os.environ.get("XLA_FLAGS", "")
-    # An unknown flag ends the process, so it is set only in versions that are known to have it.
+    # An unknown flag ends the process, so it is set only in versions that are known to
+    # have it.
     if _VECTORS not in flags and jax.__version_info__[:2] == (0, 10):
         os.environ["XLA_FLAGS"] = f"{flags} {_VECTORS}=512".strip()
 
@@ -113,7 +134,9 @@ def run_environment() -> dict[str, Any]:
         "python": platform.python_version(),
         **{name: importlib.metadata.version(name) for name in _PACKAGES},
         # By XLA's own rule.
-        "threads": int(os.environ.get("PJRT_NPROC") or os.environ.get("NPROC") or cpu_cores()),
+        "threads": int(
+            os.environ.get("PJRT_NPROC") or os.environ.get("NPROC") or cpu_cores()
+        ),
         "cpu": " ".join([platform.machine(), *vectors]),
         "platform": device.platform,
         "device": device.device_kind,
@@ -155,7 +178,9 @@ def code_version() -> str | None:
 
 def cpu_cores() -> int:
     """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    return (
+        len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    )
 
 
 def _digests(paths: Iterable[Path | str]) -> dict[str, str]:
@@ -165,7 +190,9 @@ def _digests(paths: Iterable[Path | str]) -> dict[str, str]:
         for file in sorted(path.iterdir()) if path.is_dir() else [path]:
             if file.is_file():
                 with file.open("rb") as content:
-                    digests[str(file)] = hashlib.file_digest(content, "sha256").hexdigest()
+                    digests[str(file)] = hashlib.file_digest(
+                        content, "sha256"
+                    ).hexdigest()
     return digests
 
 

@@ -44,15 +44,18 @@ def map_for(
 def process_map() -> Iterator[Map]:
     """Yield a `map` whose calls are tasks of processes that start now, one for each core.
 
-    Each computes in one thread on a core of its own, and results have the bits of one core. The
-    script that calls this must be importable without effects (`if __name__ == "__main__":`).
+    Each computes in one thread on a core of its own, and results have the bits of one
+    core. The script that calls this must be importable without effects (`if __name__ ==
+    "__main__":`).
 
     Raises:
         InputError: where one of the processes was killed.
     """
     context = multiprocessing.get_context("spawn")
     cores = context.SimpleQueue()
-    for core in sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else ():
+    for core in (
+        sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else ()
+    ):
         cores.put(core)
     pool = ProcessPoolExecutor(
         cpu_cores(), context, initializer=_begin, initargs=(cores, _plugins())
@@ -64,7 +67,8 @@ def process_map() -> Iterator[Map]:
 
     with pool, when_ended(stop):
         for _ in range(cpu_cores()):
-            # A process starts with a task that none is free for, and JAX with its backend.
+            # A process starts with a task that none is free for, and JAX with its
+            # backend.
             pool.submit(jax.device_count)
         try:
             yield pool.map
@@ -90,8 +94,9 @@ def _begin(cores: Any, plugins: Sequence[str]) -> None:
 def cluster_map(address: str) -> Iterator[Map]:
     """Yield a `map` whose calls are tasks on the workers, which have this package installed.
 
-    The plugins of this process are loaded there first. A task whose worker dies is done by another,
-    three times at most. Whoever reaches a Dask scheduler can run any code on its workers.
+    The plugins of this process are loaded there first. A task whose worker dies is done
+    by another, three times at most. Whoever reaches a Dask scheduler can run any code
+    on its workers.
 
     Args:
         address: of the scheduler, such as `tcp://HOST:8786`.
@@ -102,7 +107,9 @@ def cluster_map(address: str) -> Iterator[Map]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("a cluster needs Dask: pip install 'neurosym-jax[cluster]'") from None
+        raise InputError(
+            "a cluster needs Dask: pip install 'neurosym-jax[cluster]'"
+        ) from None
     try:
         client = Client(address, timeout=10, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -114,9 +121,12 @@ def cluster_map(address: str) -> Iterator[Map]:
         plugins = _plugins()
 
         def run(function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
-            # As bytes: objects of a plugin's classes can be unpickled once it is loaded only.
+            # As bytes: objects of a plugin's classes can be unpickled once it is loaded
+            # only.
             tasks = [pickle.dumps((function, item)) for item in items]
-            futures = [client.submit(_call, plugins, task, pure=False) for task in tasks]
+            futures = [
+                client.submit(_call, plugins, task, pure=False) for task in tasks
+            ]
             return (future.result() for future in futures)
 
         yield run
@@ -130,7 +140,9 @@ def _call(plugins: Sequence[str], task: bytes) -> Any:
 
 def _plugins() -> list[str]:
     """What another process needs to load, with paths that it can find."""
-    return [os.path.abspath(name) if name.endswith(".py") else name for name in loaded()]
+    return [
+        os.path.abspath(name) if name.endswith(".py") else name for name in loaded()
+    ]
 
 
 def _load(plugins: Sequence[str]) -> None:

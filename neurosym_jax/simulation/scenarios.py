@@ -1,9 +1,9 @@
 """Embedded default data: two people in a 5 m x 8.2 m room for two minutes, simulated from a seed.
 
-The scenarios are those of the NeuroSyM robot experiment: in `all-forward` people walk side by side
-to the room's end and back, in `cross-path` they cross each other's way. A 10 Hz tracker sees them.
-Results on them do not rank methods for real people. The tracker's faults are options: noise,
-drop-outs, and ids that change.
+The scenarios are those of the NeuroSyM robot experiment: in `all-forward` people walk
+side by side to the room's end and back, in `cross-path` they cross each other's way. A
+10 Hz tracker sees them. Results on them do not rank methods for real people. The
+tracker's faults are options: noise, drop-outs, and ids that change.
 """
 
 import dataclasses
@@ -14,7 +14,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.configuration import Checked, Count, NotNegative, Positive, Seed, Share, refuse
+from neurosym_jax.configuration import (
+    Checked,
+    Count,
+    NotNegative,
+    Positive,
+    Seed,
+    Share,
+    refuse,
+)
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.simulation.social_force import ABREAST, Plan, walk
@@ -33,12 +41,18 @@ class TrackerFaults(Checked):
 
     noise: NotNegative = 0.02  # standard deviation in metres of each coordinate
     dropout: Share = 0.0  # probability per frame that the tracker loses a person
-    dropout_seconds: NotNegative = 1.0  # mean length of a loss, geometrically distributed
+    dropout_seconds: NotNegative = (
+        1.0  # mean length of a loss, geometrically distributed
+    )
     id_switch: Share = 0.0  # probability that a lost person comes back under a new id
-    id_swap: Share = 0.0  # probability per frame that two people within 0.8 m exchange their ids
+    id_swap: Share = (
+        0.0  # probability per frame that two people within 0.8 m exchange their ids
+    )
 
 
-def simulate(scenario: Scenario, seed: int = 0, duration: float = 120.0, **options: Any) -> Tracks:
+def simulate(
+    scenario: Scenario, seed: int = 0, duration: float = 120.0, **options: Any
+) -> Tracks:
     """Tracks of a simulated walk, see `simulate_labelled`."""
     return simulate_labelled(scenario, seed, duration, **options)[0]
 
@@ -53,10 +67,10 @@ def simulate_labelled(
 ) -> tuple[Tracks, np.ndarray]:
     """Tracks of a simulated walk as a tracker reports them, and the true id of each row [R] int64.
 
-    With more than two people, `all-forward` has several pairs (the last person of an odd number
-    walks alone) and in `cross-path` all cross the middle of the room. Frames are `n / rate`, from 0
-    to `duration` seconds. The same arguments give the same bits on the same machine; another
-    `duration`, `people` or `rate` gives another walk.
+    With more than two people, `all-forward` has several pairs (the last person of an
+    odd number walks alone) and in `cross-path` all cross the middle of the room. Frames
+    are `n / rate`, from 0 to `duration` seconds. The same arguments give the same bits
+    on the same machine; another `duration`, `people` or `rate` gives another walk.
     """
     refuse(Scenario, {"scenario": scenario})
     refuse(Seed, {"seed": seed})
@@ -69,7 +83,9 @@ def simulate_labelled(
     lost, label = _identities(path, faults, rate, seed)
     frame, person = np.nonzero(~lost)
     ids = label[frame, person]
-    noise = np.asarray(jax.random.normal(_key(seed, 2), path.shape, jnp.float32), np.float64)
+    noise = np.asarray(
+        jax.random.normal(_key(seed, 2), path.shape, jnp.float32), np.float64
+    )
     position = path[frame, person] + faults.noise * noise[frame, person]
     tracks = make_tracks(f"synthetic/{scenario}/{seed}", stamp[frame], ids, position)
     return tracks, person[np.lexsort((stamp[frame], ids))].astype(np.int64)
@@ -77,7 +93,9 @@ def simulate_labelled(
 
 def _key(seed: int, purpose: int) -> jax.Array:
     """A key for each purpose of a seed; a Threefry key is two free words, so no split is needed."""
-    return jax.random.wrap_key_data(jnp.array([purpose, seed], jnp.uint32), impl="threefry2x32")
+    return jax.random.wrap_key_data(
+        jnp.array([purpose, seed], jnp.uint32), impl="threefry2x32"
+    )
 
 
 def _all_forward(chance: jax.Array) -> Plan:
@@ -103,7 +121,8 @@ def _cross_path(chance: jax.Array) -> Plan:
     angle = np.pi * (np.arange(people) + 0.5) / people
     way = np.stack([np.cos(angle), np.sin(angle)], -1)
     way /= np.abs(way).max(axis=-1, keepdims=True)
-    # Neighbours in angle start from opposite ends, so that two people meet instead of merging.
+    # Neighbours in angle start from opposite ends, so that two people meet instead of
+    # merging.
     end = (-1.0) ** (np.arange(legs)[:, None] + np.arange(people) + 1)
     middle = np.array(ROOM) / 2
     station = middle + end[..., None] * way * (middle - [1.0, 1.1])
@@ -128,20 +147,24 @@ def _between(chance: jax.Array, low: float, high: float) -> jax.Array:
     static_argnames=("scenario", "people", "frames", "rate"),
     compiler_options=COMPILED_QUICKLY,
 )
-def _walk_frames(key: jax.Array, scenario: str, people: int, frames: int, rate: float) -> jax.Array:
+def _walk_frames(
+    key: jax.Array, scenario: str, people: int, frames: int, rate: float
+) -> jax.Array:
     """Positions [frames, people, 2] in metres; `key` is consumed."""
     substeps = int(np.ceil(1 / (rate * 0.05) - 1e-9))
     # No leg takes less than two seconds: the shortest way across is 3 m.
     legs = int(frames / rate / 2) + 3
-    # One draw for everything, because each takes a third of a second to compile. float32 by name,
-    # so that a seed is the same walk under x64. Kicks of unit variance need not be normal: the
-    # wobble is the sum of many.
+    # One draw for everything, because each takes a third of a second to compile.
+    # float32 by name, so that a seed is the same walk under x64. Kicks of unit variance
+    # need not be normal: the wobble is the sum of many.
     steps, plans = frames * substeps + 1, legs * people * 8
     chance = jax.random.uniform(key, (plans + steps * 2 * people,), jnp.float32)
     kicks = float(np.sqrt(12)) * (chance[plans:].reshape(steps, 2, people) - 0.5)
     plan = _PLANS[scenario](chance[:plans].reshape(legs, people, 8))
     plan = Plan(*(values.astype(jnp.float32) for values in plan))
-    return walk(plan, kicks, 1 / (rate * substeps), ROOM, scenario == "all-forward")[::substeps]
+    return walk(plan, kicks, 1 / (rate * substeps), ROOM, scenario == "all-forward")[
+        ::substeps
+    ]
 
 
 def _identities(

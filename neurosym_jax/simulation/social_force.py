@@ -1,14 +1,16 @@
 """People walking in a room: a social-force model, integrated in `lax.scan`.
 
-The forces are those of D. Helbing and P. Molnár, "Social force model for pedestrian dynamics",
-Phys. Rev. E 51, 4282 (1995): relaxation to a desired velocity, elliptical exponential repulsion
-between people (half effect out of view), repulsion from walls, limited speed. The ellipse follows
-the relative velocity, as in A. Johansson, D. Helbing and P. Shukla, Adv. Complex Syst. 10, 271
-(2007): with the other's velocity alone, people in a room this small jump back.
+The forces are those of D. Helbing and P. Molnár, "Social force model for pedestrian
+dynamics", Phys. Rev. E 51, 4282 (1995): relaxation to a desired velocity, elliptical
+exponential repulsion between people (half effect out of view), repulsion from walls,
+limited speed. The ellipse follows the relative velocity, as in A. Johansson, D. Helbing
+and P. Shukla, Adv. Complex Syst. 10, 271 (2007): with the other's velocity alone,
+people in a room this small jump back.
 
-Our assumptions: anticipation of 1 s, bodies and contact, a softer wall, a limited turning rate,
-braking before the goal and pausing there for the partner, slow random changes of pace and heading,
-and, in place of an attraction, a spring that keeps a pair 0.8 m abreast.
+Our assumptions: anticipation of 1 s, bodies and contact, a softer wall, a limited
+turning rate, braking before the goal and pausing there for the partner, slow random
+changes of pace and heading, and, in place of an attraction, a spring that keeps a pair
+0.8 m abreast.
 """
 
 import functools
@@ -22,7 +24,9 @@ __all__ = ["ABREAST", "Plan", "walk"]
 
 RELAXATION = 0.5  # s
 REPULSION, RANGE = 2.1, 0.3  # m^2/s^2, m
-ANTICIPATION = 1.0  # s of coming relative motion; 2 s in 1995, for walks longer than a room
+ANTICIPATION = (
+    1.0  # s of coming relative motion; 2 s in 1995, for walks longer than a room
+)
 BODY = 0.2  # m, taken off a distance before the repulsion is evaluated
 BEHIND = 0.5  # of the repulsion by people out of view
 HALF_VIEW = np.deg2rad(100.0)
@@ -62,8 +66,8 @@ def walk(
 ) -> jax.Array:
     """Positions [F, P, 2] in metres, a frame every `dt` (at most 0.05) seconds, from leg 0 on.
 
-    `kicks` [F + 1, 2, P] of unit variance change pace and heading at random. With `abreast`, people
-    0 and 1, 2 and 3, ... are pairs that stay side by side across x.
+    `kicks` [F + 1, 2, P] of unit variance change pace and heading at random. With
+    `abreast`, people 0 and 1, 2 and 3, ... are pairs that stay side by side across x.
     """
     people, ahead = plan.goal.shape[1], plan.goal[1] - plan.goal[0]
     start = _State(
@@ -76,11 +80,18 @@ def walk(
         pause=plan.pause[0],
         arrived=jnp.ones(people, bool),
     )
-    return jax.lax.scan(functools.partial(_step, plan, abreast, dt, room), start, kicks[1:])[1]
+    return jax.lax.scan(
+        functools.partial(_step, plan, abreast, dt, room), start, kicks[1:]
+    )[1]
 
 
 def _step(
-    plan: Plan, abreast: bool, dt: float, room: tuple[float, float], state: _State, kick: jax.Array
+    plan: Plan,
+    abreast: bool,
+    dt: float,
+    room: tuple[float, float],
+    state: _State,
+    kick: jax.Array,
 ) -> tuple[_State, jax.Array]:
     """One Euler step of all people: the next state, and the positions [P, 2] of this one."""
     everyone = np.arange(len(state.leg))
@@ -108,8 +119,12 @@ def _step(
     keep = float(np.exp(-dt / WOBBLE_TIME))
     wobble = keep * state.wobble + float(np.sqrt(1 - keep**2)) * kick
     top = plan.pace[leg, everyone]
-    pace = top * (1 + WOBBLE[0] * wobble[0]) * jnp.clip(_length(way) / BRAKING, 0.3, 1.0)
-    pace = jnp.where(arrived, 0.0, pace * (0.25 + 0.75 * jnp.clip(jnp.cos(error), 0.0, 1.0)))
+    pace = (
+        top * (1 + WOBBLE[0] * wobble[0]) * jnp.clip(_length(way) / BRAKING, 0.3, 1.0)
+    )
+    pace = jnp.where(
+        arrived, 0.0, pace * (0.25 + 0.75 * jnp.clip(jnp.cos(error), 0.0, 1.0))
+    )
     aim = heading + WOBBLE[1] * wobble[1]
     desired = pace[:, None] * jnp.stack([jnp.cos(aim), jnp.sin(aim)], -1)
 
@@ -117,14 +132,24 @@ def _step(
     others = ~np.eye(len(everyone), dtype=bool)
     offset = state.position[:, None] - state.position[None]
     near = _length(offset)[..., None]
-    force = force + jnp.sum(CONTACT * jnp.maximum(TOUCH - near, 0.0) * offset / near, axis=1)
+    force = force + jnp.sum(
+        CONTACT * jnp.maximum(TOUCH - near, 0.0) * offset / near, axis=1
+    )
     if abreast:
         others[everyone, partner] = False
-        rank = ABREAST * np.stack([everyone - partner, 0 * everyone], -1).astype(np.float32)
-        gap, drift = (motion - motion[partner] for motion in (state.position, state.velocity))
+        rank = ABREAST * np.stack([everyone - partner, 0 * everyone], -1).astype(
+            np.float32
+        )
+        gap, drift = (
+            motion - motion[partner] for motion in (state.position, state.velocity)
+        )
         force = force + SPRING / 2 * (rank - gap) - DAMPING / 2 * drift
-    repulsions = jax.vmap(jax.vmap(_repulsion, (None, 0, None, None, 0)), (0, None, 0, 0, None))
-    push = repulsions(state.position, state.position, heading, state.velocity, state.velocity)
+    repulsions = jax.vmap(
+        jax.vmap(_repulsion, (None, 0, None, None, 0)), (0, None, 0, 0, None)
+    )
+    push = repulsions(
+        state.position, state.position, heading, state.velocity, state.velocity
+    )
     force = force + jnp.sum(jnp.where(others[..., None], push, 0.0), axis=1)
 
     velocity = state.velocity + dt * force
@@ -133,7 +158,9 @@ def _step(
     position = state.position + dt * velocity
     inside = jnp.clip(position, MARGIN, np.array([room], np.float32) - MARGIN)
     velocity = jnp.where(position == inside, velocity, 0.0)
-    return _State(inside, velocity, heading, wobble, leg, since, pause, arrived), state.position
+    return _State(
+        inside, velocity, heading, wobble, leg, since, pause, arrived
+    ), state.position
 
 
 def _repulsion(own, other, heading, own_velocity, velocity) -> jax.Array:
@@ -156,7 +183,9 @@ def _walls(position: jax.Array, room: tuple[float, float]) -> jax.Array:
     """Acceleration [P, 2] away from the four walls."""
 
     distances = position, np.array([room], np.float32) - position
-    near, far = (WALL / WALL_RANGE * jnp.exp(-distance / WALL_RANGE) for distance in distances)
+    near, far = (
+        WALL / WALL_RANGE * jnp.exp(-distance / WALL_RANGE) for distance in distances
+    )
     return near - far
 
 

@@ -1,7 +1,8 @@
 """Events of a pair, such as passing or meeting: expressions over its symbols and distances.
 
-`EVENTS` lists those that the package brings; `register_event` adds one. An event says at which
-steps it happens; `forecast` says how probable it is in sampled futures, and when it happens.
+`EVENTS` lists those that the package brings; `register_event` adds one. An event says
+at which steps it happens; `forecast` says how probable it is in sampled futures, and
+when it happens.
 """
 
 import dataclasses
@@ -59,7 +60,10 @@ class PairFuture:
     @property
     def order(self) -> Array:
         """[..., T] int8: -1 where k walks behind l, towards l who walks away, 1 ahead, else 0."""
-        behind, ahead = self.towards("k") & self.away("l"), self.away("k") & self.towards("l")
+        behind, ahead = (
+            self.towards("k") & self.away("l"),
+            self.away("k") & self.towards("l"),
+        )
         return ahead.astype(jnp.int8) - behind.astype(jnp.int8)
 
     def place(self, who: str) -> tuple[Array, Array]:
@@ -175,7 +179,9 @@ EVENTS: Registry[Event] = Registry(
         "overtakes": Event(
             "k, who walked behind l, walks ahead of l, in directions less than 45 degrees apart "
             "and within 3 m",
-            lambda e: e.turns(e.order) & (e.order > 0) & e.angle_between(0, 45) & e.within(3),
+            lambda e: (
+                e.turns(e.order) & (e.order > 0) & e.angle_between(0, 45) & e.within(3)
+            ),
         ),
         "meets": Event(
             "k and l, who were farther apart a step before, are within 1.2 m of each other",

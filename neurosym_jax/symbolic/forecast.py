@@ -1,15 +1,17 @@
 """Probabilities of the states and events of a scene's pairs, from k sampled futures, and as text.
 
-Every sample is a joint future of the scene, so in each of them a pair is in one state at each step,
-and an event happens or not. The share of samples is smoothed, because an event that happens in none
-of k samples is not impossible: of C classes the one counted n times gets
+Every sample is a joint future of the scene, so in each of them a pair is in one state
+at each step, and an event happens or not. The share of samples is smoothed, because an
+event that happens in none of k samples is not impossible: of C classes the one counted
+n times gets
 
     p = (n + w / C) / (k + w)
 
-the mean of a Dirichlet distribution with a uniform prior of weight w: as if w more samples had been
-seen. The default w = 1 is Perks' prior (1947, "Some observations on inverse probability including a
-new indifference rule"), and for an event, which has two classes, Jeffreys'. Samples in which a
-person is not there (NaN) are not among the k; where there is none the probabilities are 0.
+the mean of a Dirichlet distribution with a uniform prior of weight w: as if w more
+samples had been seen. The default w = 1 is Perks' prior (1947, "Some observations on
+inverse probability including a new indifference rule"), and for an event, which has two
+classes, Jeffreys'. Samples in which a person is not there (NaN) are not among the k;
+where there is none the probabilities are 0.
 """
 
 import dataclasses
@@ -38,7 +40,13 @@ from neurosym_jax.symbolic.states import (
     state_texts,
 )
 
-__all__ = ["EventForecast", "SymbolSettings", "event_steps", "forecast_rows", "format_forecast"]
+__all__ = [
+    "EventForecast",
+    "SymbolSettings",
+    "event_steps",
+    "forecast_rows",
+    "format_forecast",
+]
 __all__ += ["format_pairs", "state_steps", "symbolic_events", "symbolic_forecast"]
 
 
@@ -81,17 +89,21 @@ class EventForecast(NamedTuple):
 
 
 def symbolic_forecast(
-    samples: ArrayLike, observed: ArrayLike, *, pairs: ArrayLike | None = None, **settings: Any
+    samples: ArrayLike,
+    observed: ArrayLike,
+    *,
+    pairs: ArrayLike | None = None,
+    **settings: Any,
 ) -> Array:
     """Probabilities [N, N, T, S] of the states of pairs at every future step, or [P, T, S].
 
-    They are in the order of `all_states(calculus)`, and 0 for an agent with itself and where a
-    person is not there.
+    They are in the order of `all_states(calculus)`, and 0 for an agent with itself and
+    where a person is not there.
 
-    Args:
-        samples: [k, N, T, 2] metres, futures of the scene, see `predict`.
-        observed: [N, obs_len, 2] metres in the same frame; only the last positions are used.
-        pairs: [P, 2] ordered pairs; None for all N^2, which takes 4 N^2 T (2 S + 5 k) bytes: with
+    Args: samples: [k, N, T, 2] metres, futures of the scene, see `predict`. observed:
+        [N, obs_len, 2] metres in the same frame; only the last positions are used.
+        pairs: [P, 2] ordered pairs; None for all N^2, which takes 4 N^2 T (2 S + 5 k)
+        bytes: with
             20 samples of 8 steps in QTC_C1 21 MB for 50 people and 2.1 GB for 500.
         **settings: see `SymbolSettings`.
 
@@ -111,7 +123,8 @@ def symbolic_events(
 ) -> EventForecast:
     """Probabilities and times of E events of pairs, [E, N, N] or, for `pairs`, [E, P].
 
-    `events` are names, None for all of `EVENTS`; see `symbolic_forecast` for the other arguments.
+    `events` are names, None for all of `EVENTS`; see `symbolic_forecast` for the other
+    arguments.
     """
     checked, *paths = _checked(samples, observed, pairs, settings)
     return _events(checked, tuple(EVENTS) if events is None else tuple(events), *paths)
@@ -120,13 +133,16 @@ def symbolic_events(
 def state_steps(settings: SymbolSettings, k: Array, l: Array) -> Array:
     """[..., T] rows of the pairs' states in `all_states`, S where a person is not there.
 
-    Paths `k` and `l` [..., T + 1, 2] begin with the last position observed, and broadcast.
+    Paths `k` and `l` [..., T + 1, 2] begin with the last position observed, and
+    broadcast.
     """
     states = settings.observe(k, l, settings.calculus)
     return state_index(settings.calculus, states, settings.distances)
 
 
-def event_steps(settings: SymbolSettings, names: tuple[str, ...], k: Array, l: Array) -> Array:
+def event_steps(
+    settings: SymbolSettings, names: tuple[str, ...], k: Array, l: Array
+) -> Array:
     """The step at which each of E events first happens to pairs [..., T + 1, 2], see `state_steps`.
 
     Returns [E, ...] int32 steps from 0; T where it does not happen.
@@ -162,7 +178,9 @@ def _checked(
             "samples must be [k, N, T, 2] and observed [N, obs_len, 2], not "
             f"{list(shape)} and {list(seen)}"
         )
-    last = (observed if isinstance(observed, jax.Array) else np.asarray(observed))[:, -1]
+    last = (observed if isinstance(observed, jax.Array) else np.asarray(observed))[
+        :, -1
+    ]
     if isinstance(last, np.ndarray):
         # Far from the origin float32 would lose the differences.
         origin = last.astype(np.float64).mean(axis=0, where=~np.isnan(last))
@@ -191,7 +209,9 @@ def _forecast(settings: SymbolSettings, paths: Array, pairs: Array | None) -> Ar
     count, size = rows[0].size, len(settings.states)
     first = (size + 1) * jnp.arange(count).reshape(1, *rows.shape[1:])
     counts = jnp.zeros(count * (size + 1)).at[(first + rows).ravel()].add(1)
-    counts = counts.reshape(*rows.shape[1:], size + 1)  # The last: samples without a state.
+    counts = counts.reshape(
+        *rows.shape[1:], size + 1
+    )  # The last: samples without a state.
     present = len(rows) - counts[..., -1:]
     shares = _smoothed(counts[..., :-1], present, size, settings.smoothing)
     return jnp.where(others[..., None, None], shares, 0)
@@ -199,7 +219,9 @@ def _forecast(settings: SymbolSettings, paths: Array, pairs: Array | None) -> Ar
 
 def _smoothed(counts: Array, samples: Array, classes: int, smoothing: float) -> Array:
     """Probabilities by the module's formula from counts in `samples [...]`; else 0."""
-    shares = (counts + smoothing * (1 / classes)) / jnp.where(samples > 0, samples + smoothing, 1)
+    shares = (counts + smoothing * (1 / classes)) / jnp.where(
+        samples > 0, samples + smoothing, 1
+    )
     return jnp.where(samples > 0, shares, 0)
 
 
@@ -218,15 +240,16 @@ def _events(
     seconds = settings.period * (jnp.stack(times, axis=-1) + 1.0)
     happens = others[None] & (count > 0)
     return EventForecast(
-        jnp.where(others[None], share, 0), jnp.where(happens[..., None], seconds, jnp.inf)
+        jnp.where(others[None], share, 0),
+        jnp.where(happens[..., None], seconds, jnp.inf),
     )
 
 
 def format_pairs(codes: np.ndarray, people: np.ndarray, period: float) -> str:
     """A line for every unordered pair of `people [N]`: its state at each step, `.` if unchanged.
 
-    `codes [N, N, T - 1]` are those of QTC_C1, a step every `period` seconds; an absent state is
-    blank.
+    `codes [N, N, T - 1]` are those of QTC_C1, a step every `period` seconds; an absent
+    state is blank.
     """
     texts = [*state_texts(), ""]
     head = [f"{period * (step + 1):>5.1f}" for step in range(codes.shape[-1])]
@@ -240,13 +263,16 @@ def format_pairs(codes: np.ndarray, people: np.ndarray, period: float) -> str:
 
 
 def forecast_rows(
-    samples: ArrayLike, observed: ArrayLike, people: np.ndarray, settings: SymbolSettings
+    samples: ArrayLike,
+    observed: ArrayLike,
+    people: np.ndarray,
+    settings: SymbolSettings,
 ) -> list[dict[str, Any]]:
     """A row for each ordered pair of `people [N]`: its events, and its likeliest state by step.
 
-    The state is None where a person is not there.
-    The pair with the most probable event comes first. See `symbolic_forecast` for `samples
-    [k, N, T, 2]` and `observed [N, obs_len, 2]`.
+    The state is None where a person is not there. The pair with the most probable event
+    comes first. See `symbolic_forecast` for `samples [k, N, T, 2]` and `observed [N,
+    obs_len, 2]`.
     """
     fields = dataclasses.asdict(settings)
     states = np.asarray(symbolic_forecast(samples, observed, **fields))
@@ -254,10 +280,18 @@ def forecast_rows(
     texts = state_texts(settings.calculus, settings.distances)
     surest = events.probability.max(axis=0)
     rows = []
-    for k, l in sorted(itertools.permutations(range(len(people)), 2), key=lambda at: -surest[at]):
+    for k, l in sorted(
+        itertools.permutations(range(len(people)), 2), key=lambda at: -surest[at]
+    ):
         happens = {}
-        for name, share, times in zip(EVENTS, events.probability[:, k, l], events.seconds[:, k, l]):
-            seconds = np.round(times.astype(float), 3).tolist() if np.isfinite(times[0]) else None
+        for name, share, times in zip(
+            EVENTS, events.probability[:, k, l], events.seconds[:, k, l]
+        ):
+            seconds = (
+                np.round(times.astype(float), 3).tolist()
+                if np.isfinite(times[0])
+                else None
+            )
             happens[name] = {"probability": round(float(share), 4), "seconds": seconds}
         likely = [
             {
@@ -278,7 +312,11 @@ def format_forecast(rows: list[dict[str, Any]], at_least: float = 0.3) -> str:
     """
     lines = ["event                                    probability  in s (quartiles)"]
     events = [
-        (event["probability"], EVENTS[name].in_short(name).format(**row), event["seconds"])
+        (
+            event["probability"],
+            EVENTS[name].in_short(name).format(**row),
+            event["seconds"],
+        )
         for row in rows
         for name, event in row["events"].items()
         if event["probability"] >= at_least
@@ -286,4 +324,6 @@ def format_forecast(rows: list[dict[str, Any]], at_least: float = 0.3) -> str:
     for share, words, seconds in sorted(events, key=lambda event: -event[0]):
         times = "{1:.1f} ({0:.1f} to {2:.1f})".format(*seconds) if seconds else "-"
         lines.append(f"{words:40} {share:11.2f}  {times}")
-    return "\n".join(lines if events else [*lines, f"none is as probable as {at_least:g}"])
+    return "\n".join(
+        lines if events else [*lines, f"none is as probable as {at_least:g}"]
+    )

@@ -1,36 +1,41 @@
 """What two points do relative to each other, as signs: the Qualitative Trajectory Calculus (QTC).
 
-A state of the pair (k, l) describes one step, from one frame to the next, by four symbols:
+A state of the pair (k, l) describes one step, from one frame to the next, by four
+symbols:
 
 - q1: k moves towards l (-), away from l (+), or neither (0);
 - q2: l moves towards k (-), away from k (+), or neither (0);
 - q3: k moves to the left (-) or right (+) of the line from k to l, or along it (0);
 - q4: l moves to the left (-) or right (+) of the line from l to k, or along it (0).
 
-Three calculi of the family can be observed: `b1`, QTC_B1, is q1 and q2; `c1`, QTC_C1, all four;
-`bc1`, QTC_BC1 (Bellotto, Hanheide, Van de Weghe, 2013), is `c1` for pairs that are near each other
-and `b1` for others, whose q3 and q4 are `ABSENT`. So can two calculi that QSRlib has beside QTC:
+Three calculi of the family can be observed: `b1`, QTC_B1, is q1 and q2; `c1`, QTC_C1,
+all four; `bc1`, QTC_BC1 (Bellotto, Hanheide, Van de Weghe, 2013), is `c1` for pairs
+that are near each other and `b1` for others, whose q3 and q4 are `ABSENT`. So can two
+calculi that QSRlib has beside QTC:
 
-- `argd`, argument distance: minus the number of distances within which the pair is after a step;
-- `mos`, moving or stationary: 1 for a point that moves and 0 for one that stands, of k and of l.
+- `argd`, argument distance: minus the number of distances within which the pair is
+after a step;
+- `mos`, moving or stationary: 1 for a point that moves and 0 for one that stands, of k
+and of l.
 
-A state needs both points before and after the step. Where a coordinate is NaN all its symbols are
-`ABSENT`.
+A state needs both points before and after the step. Where a coordinate is NaN all its
+symbols are `ABSENT`.
 
-Van de Weghe, "Representing and Reasoning about Moving Objects: A Qualitative Approach" (2004);
-Delafontaine, Cohn, Van de Weghe, "Implementing a qualitative calculus to analyse moving point
-objects" (2011). Three conventions are in use:
+Van de Weghe, "Representing and Reasoning about Moving Objects: A Qualitative Approach"
+(2004); Delafontaine, Cohn, Van de Weghe, "Implementing a qualitative calculus to
+analyse moving point objects" (2011). Three conventions are in use:
 
 - `distance` (the papers, and NeuroSyM: Mghames et al., 2023): q1 is the sign of
   |k1 - l0| - |k0 - l0|. The quantisation factor applies to q1 and q2 only, unless a
   `side_quantisation_factor` is given.
-- `line` (QSRlib): q1 is the sign of the displacement's component along the line from l0 to k0, so
-  passing someone at a right angle is 0, not +. The quantisation factor applies to all symbols.
-- `as_published` (NeuroSyM's released code): as `distance`, but the sides are unsigned: any movement
-  off the line is +, and no side is ever -.
+- `line` (QSRlib): q1 is the sign of the displacement's component along the line from l0
+  to k0, so passing someone at a right angle is 0, not +. The quantisation factor
+  applies to all symbols.
+- `as_published` (NeuroSyM's released code): as `distance`, but the sides are unsigned:
+  any movement off the line is +, and no side is ever -.
 
-Both agents are taken at t-1, so T frames give T-1 states. Symbols are piecewise constant, so no
-gradient passes through them; `soft` has differentiable ones.
+Both agents are taken at t-1, so T frames give T-1 states. Symbols are piecewise
+constant, so no gradient passes through them; `soft` has differentiable ones.
 """
 
 from collections.abc import Callable
@@ -43,7 +48,14 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import refuse
 from neurosym_jax.symbolic.states import ABSENT, DISTANCES, Calculus, Distances
 
-__all__ = ["Convention", "absent_steps", "comparisons", "observe", "other_pairs", "side_factor"]
+__all__ = [
+    "Convention",
+    "absent_steps",
+    "comparisons",
+    "observe",
+    "other_pairs",
+    "side_factor",
+]
 
 Convention = Literal["distance", "line", "as_published"]
 
@@ -61,29 +73,31 @@ def observe(
 ) -> Array:
     """States [..., T-1, m] int8 of the pair (k, l) at every step; QTC's in {-1, 0, 1} or `ABSENT`.
 
-    All ordered pairs of a scene of positions [N, T, 2] are `observe(positions[:, None], positions)`
-    [N, N, T-1, m], with agent i as k and agent j as l in entry (i, j). Thresholds are inclusive,
-    and may be traced.
+    All ordered pairs of a scene of positions [N, T, 2] are `observe(positions[:, None],
+    positions)` [N, N, T-1, m], with agent i as k and agent j as l in entry (i, j).
+    Thresholds are inclusive, and may be traced.
 
-    Args:
-        k, l: [..., T, 2] positions in metres; leading axes broadcast.
-        calculus: `b1`, `c1`, `bc1`, `argd` or `mos`, see the module.
-        convention: see the module.
-        quantisation_factor: metres per step up to which q1 and q2, or a symbol of `mos`, are 0.
-        side_quantisation_factor: metres per step across the line up to which q3 and q4 are 0; None
+    Args: k, l: [..., T, 2] positions in metres; leading axes broadcast. calculus: `b1`,
+        `c1`, `bc1`, `argd` or `mos`, see the module. convention: see the module.
+        quantisation_factor: metres per step up to which q1 and q2, or a symbol of
+        `mos`, are 0. side_quantisation_factor: metres per step across the line up to
+        which q3 and q4 are 0; None
             is `quantisation_factor` in the `line` convention and 0 in the others.
         near: metres between k and l, at the end of a step, up to which `bc1` has sides.
-        distances: metres, increasing, at which `argd` passes from one state to the next.
+        distances: metres, increasing, at which `argd` passes from one state to the
+        next.
 
-    Raises:
-        InputError: for an unknown calculus or convention, and for distances that do not increase.
+    Raises: InputError: for an unknown calculus or convention, and for distances that do
+        not increase.
     """
     refuse(Calculus, {"calculus": calculus})
     refuse(Distances, {"distances": distances})
     if calculus == "argd":
         symbols = [_distance_symbol(k, l, distances)]
     elif calculus == "mos":
-        symbols = [moves.astype(jnp.int8) for moves in _moving(k, l, quantisation_factor)]
+        symbols = [
+            moves.astype(jnp.int8) for moves in _moving(k, l, quantisation_factor)
+        ]
     else:
         factors = quantisation_factor, side_quantisation_factor
         symbols = _qtc_symbols(k, l, calculus, convention, factors, near)
@@ -103,7 +117,9 @@ def _qtc_symbols(
     quantisation_factor, side_quantisation_factor = factors
     side = side_factor(quantisation_factor, convention, side_quantisation_factor)
     compared = comparisons(k, l, convention, _length)
-    towards = [_compare(*comparison, quantisation_factor) for comparison in compared[:2]]
+    towards = [
+        _compare(*comparison, quantisation_factor) for comparison in compared[:2]
+    ]
     compared = compared[2:] if calculus != "b1" else []
     sides = [_compare(*comparison, side) for comparison in compared]
     if convention == "as_published":
@@ -119,13 +135,19 @@ def _distance_symbol(k: ArrayLike, l: ArrayLike, distances: tuple[float, ...]) -
     """[T-1, ...] int8: minus the number of distances that the pair is within after each step."""
     (_, (x, y), _), (_, (other_x, other_y), _) = _ways(k, l)
     length = _length(x - other_x, y - other_y)
-    return -sum(((length <= distance).astype(jnp.int8) for distance in distances), jnp.int8(0))
+    return -sum(
+        ((length <= distance).astype(jnp.int8) for distance in distances), jnp.int8(0)
+    )
 
 
-def _moving(k: ArrayLike, l: ArrayLike, quantisation_factor: ArrayLike) -> tuple[Array, ...]:
+def _moving(
+    k: ArrayLike, l: ArrayLike, quantisation_factor: ArrayLike
+) -> tuple[Array, ...]:
     """[T-1, ...] bool of k and of l: whether it moves farther than the factor, metres per step."""
     lengths = (_length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1), _ in _ways(k, l))
-    return tuple(jnp.broadcast_arrays(*(length > quantisation_factor for length in lengths)))
+    return tuple(
+        jnp.broadcast_arrays(*(length > quantisation_factor for length in lengths))
+    )
 
 
 def absent_steps(k: ArrayLike, l: ArrayLike) -> Array:
@@ -155,11 +177,15 @@ def side_factor(
 
 
 def comparisons(
-    k: ArrayLike, l: ArrayLike, convention: Convention, length: Callable[[Array, Array], Array]
+    k: ArrayLike,
+    l: ArrayLike,
+    convention: Convention,
+    length: Callable[[Array, Array], Array],
 ) -> list[tuple[Array, Array, Array | None]]:
     """(a, b, scale) [T-1, ...] of q1 to q4: the sign is that of a - b, metres times `scale`.
 
-    Without a scale a and b are metres. Positions are those of `observe`, and `length` is of (x, y).
+    Without a scale a and b are metres. Positions are those of `observe`, and `length`
+    is of (x, y).
     """
     pairs = []
     for (x0, y0), (x1, y1), (x, y) in _ways(k, l):
@@ -176,10 +202,13 @@ def comparisons(
 def _ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
     """(Mover before, mover after, other before) of k [..., T, 2] moving, then of l.
 
-    Each is (x, y) of [T-1, ...]: with steps first, all pairs of a scene are computed along agents
-    and not along the few steps, which vectorises and takes a quarter of the time.
+    Each is (x, y) of [T-1, ...]: with steps first, all pairs of a scene are computed
+    along agents and not along the few steps, which vectorises and takes a quarter of
+    the time.
     """
-    (kx, ky), (lx, ly) = (jnp.moveaxis(point, (-1, -2), (0, 1)) for point in _same_rank(k, l))
+    (kx, ky), (lx, ly) = (
+        jnp.moveaxis(point, (-1, -2), (0, 1)) for point in _same_rank(k, l)
+    )
     k0, l0 = (kx[:-1], ky[:-1]), (lx[:-1], ly[:-1])
     return [(k0, (kx[1:], ky[1:]), l0), (l0, (lx[1:], ly[1:]), k0)]
 
@@ -194,9 +223,10 @@ def _same_rank(k: ArrayLike, l: ArrayLike) -> list[Array]:
 def _compare(a: Array, b: Array, scale: Array | None, factor: ArrayLike) -> Array:
     """Sign of a - b [...] where it exceeds the factor, else 0, as int8; see `comparisons`.
 
-    Sums are compared instead of a difference because compilers fuse `p*q - r*s` into a multiply-add
-    that rounds one product only. Two equal products would then differ by a rounding error, and
-    exact ties, such as all agents walking on one line, would be lost.
+    Sums are compared instead of a difference because compilers fuse `p*q - r*s` into a
+    multiply-add that rounds one product only. Two equal products would then differ by a
+    rounding error, and exact ties, such as all agents walking on one line, would be
+    lost.
     """
     threshold = factor if scale is None else factor * scale
     return (a > b + threshold).astype(jnp.int8) - (b > a + threshold).astype(jnp.int8)

@@ -1,20 +1,22 @@
 """Differentiable QTC_C1: the probability of each symbol, and the expected alpha.
 
-A hard symbol (`qtc`) compares a margin d, metres that a step leads away from the other agent or to
-the right of the line to it, with a threshold q. A soft one blurs the comparison by a logistic error
-of scale `temperature`, T:
+A hard symbol (`qtc`) compares a margin d, metres that a step leads away from the other
+agent or to the right of the line to it, with a threshold q. A soft one blurs the
+comparison by a logistic error of scale `temperature`, T:
 
-    p(+) = sigmoid((d - q) / T),    p(-) = sigmoid((-d - q) / T),    p(0) = 1 - p(+) - p(-)
+    p(+) = sigmoid((d - q) / T),    p(-) = sigmoid((-d - q) / T),    p(0) = 1 - p(+) -
+    p(-)
 
-As T goes to 0 the hard symbol gets probability 1, at a tie as well where q > 0; with q = 0 no
-symbol is ever 0 and a tie is half -, half +. Margins along and across the line are lengths divided
-by the pair's distance; within T of each other there is no line, and they are divided by T instead,
-so that nothing jumps where two agents meet. Norms have gradient 0 where they are 0. So values and
-gradients are finite everywhere, and outside of that distance each symbol is the hard one wherever
-its margin lies ten temperatures from the threshold (probability > 0.9999).
+As T goes to 0 the hard symbol gets probability 1, at a tie as well where q > 0; with q
+= 0 no symbol is ever 0 and a tie is half -, half +. Margins along and across the line
+are lengths divided by the pair's distance; within T of each other there is no line, and
+they are divided by T instead, so that nothing jumps where two agents meet. Norms have
+gradient 0 where they are 0. So values and gradients are finite everywhere, and outside
+of that distance each symbol is the hard one wherever its margin lies ten temperatures
+from the threshold (probability > 0.9999).
 
-Symbols are taken as independent. Where a position is not there (NaN) no symbol has a probability,
-so the expected alpha is 0, and gradients through it are 0.
+Symbols are taken as independent. Where a position is not there (NaN) no symbol has a
+probability, so the expected alpha is 0, and gradients through it are 0.
 """
 
 from typing import Any
@@ -24,7 +26,13 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.symbolic.qtc import Convention, absent_steps, comparisons, observe, side_factor
+from neurosym_jax.symbolic.qtc import (
+    Convention,
+    absent_steps,
+    comparisons,
+    observe,
+    side_factor,
+)
 
 __all__ = ["safe_root", "soft_alpha", "soft_symbols"]
 
@@ -41,16 +49,22 @@ def soft_symbols(
 ) -> Array:
     """Probabilities [..., T-1, 4, 3] of (-, 0, +) for each QTC_C1 symbol of the pair (k, l).
 
-    Positions [..., T, 2] and the other arguments are those of `qtc.observe`; `temperature` is in
-    metres per step, > 0. The probabilities are differentiable in every array. `straight_through`
-    gives the hard symbols probability 1, with the gradients of the soft ones.
+    Positions [..., T, 2] and the other arguments are those of `qtc.observe`;
+    `temperature` is in metres per step, > 0. The probabilities are differentiable in
+    every array. `straight_through` gives the hard symbols probability 1, with the
+    gradients of the soft ones.
     """
     side = side_factor(quantisation_factor, convention, side_quantisation_factor)
     thresholds = [quantisation_factor] * 2 + [side] * 2
-    symbols, points = [], [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)]
+    symbols, points = (
+        [],
+        [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)],
+    )
     # Filled, so that gradients of what is absent are 0.
     first, second = (jnp.where(jnp.isnan(point), 0, point) for point in points)
-    compared = comparisons(first, second, convention, lambda x, y: safe_root(x * x + y * y))
+    compared = comparisons(
+        first, second, convention, lambda x, y: safe_root(x * x + y * y)
+    )
     for (a, b, scale), threshold in zip(compared, thresholds):
         margin = a - b if scale is None else (a - b) / jnp.maximum(scale, temperature)
         symbols.append(_probabilities(margin, threshold, temperature))
@@ -67,14 +81,17 @@ def soft_symbols(
         "side_quantisation_factor": side,
     }
     hard = observe(k, l, "c1", convention=convention, **factors)
-    return jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
+    return jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype) + (
+        soft - jax.lax.stop_gradient(soft)
+    )
 
 
 def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Array:
     """Expected weights [...] of QTC_C1 states with independent symbols, see `soft_symbols`.
 
-    `table` has [81] weights by state code; None is `cnd`, which depends on the number of zeros
-    alone. Its expectation is then built symbol by symbol, to the same bits in any shape.
+    `table` has [81] weights by state code; None is `cnd`, which depends on the number
+    of zeros alone. Its expectation is then built symbol by symbol, to the same bits in
+    any shape.
     """
     probabilities = jnp.asarray(probabilities)
     if table is None:
@@ -96,7 +113,10 @@ def _expected_by_zeros(zero: Array) -> Array:
     count = [jnp.ones_like(zero[..., 0])]
     for symbol in range(4):
         p = zero[..., symbol]
-        others, zeros = [share * (1 - p) for share in count], [share * p for share in count]
+        others, zeros = (
+            [share * (1 - p) for share in count],
+            [share * p for share in count],
+        )
         count = [others[0], *(a + b for a, b in zip(others[1:], zeros)), zeros[-1]]
     terms = (share / (3**z + 2 ** (4 - z) - 2) for z, share in enumerate(count))
     return sum(terms, jnp.zeros(()))

@@ -1,17 +1,18 @@
 """States of qualitative calculi, chains of them, and which can follow each other.
 
-A state is a vector of m symbols (int8), QTC's in {-1, 0, 1}. Those that QTC_BC drops are `ABSENT`,
-and all of them where a position is not there. `qtc` says what symbols mean. Tables are read-only;
-their rows are those of `all_states`.
+A state is a vector of m symbols (int8), QTC's in {-1, 0, 1}. Those that QTC_BC drops
+are `ABSENT`, and all of them where a position is not there. `qtc` says what symbols
+mean. Tables are read-only; their rows are those of `all_states`.
 
-Conceptual neighbourhood diagrams say which states can follow each other when points move.
-Two states are neighbours by the `dominance` rule of the theory (Van de Weghe and De Maeyer,
-"Conceptual neighbourhood diagrams for representing moving objects", 2005) if symbols change only
-between 0 and another value (continuity), and those that change all arrive at 0 or all leave it: a
-value other than 0 holds over an interval, 0 may hold at an instant, so no symbol can leave 0 at the
-very instant at which another one arrives there. The `continuity` rule, which NeuroSyM's released
-table uses, drops the second condition: 1160 edges of QTC_C1 instead of 544. A QTC_BC state of a
-pair apart and one of a pair near are compared by the symbols that both have.
+Conceptual neighbourhood diagrams say which states can follow each other when points
+move. Two states are neighbours by the `dominance` rule of the theory (Van de Weghe and
+De Maeyer, "Conceptual neighbourhood diagrams for representing moving objects", 2005) if
+symbols change only between 0 and another value (continuity), and those that change all
+arrive at 0 or all leave it: a value other than 0 holds over an interval, 0 may hold at
+an instant, so no symbol can leave 0 at the very instant at which another one arrives
+there. The `continuity` rule, which NeuroSyM's released table uses, drops the second
+condition: 1160 edges of QTC_C1 instead of 544. A QTC_BC state of a pair apart and one
+of a pair near are compared by the symbols that both have.
 """
 
 import functools
@@ -63,10 +64,13 @@ NeighbourRule = Literal["dominance", "continuity"]
 
 
 @functools.cache
-def all_states(calculus: Calculus = "c1", distances: tuple[float, ...] = DISTANCES) -> np.ndarray:
+def all_states(
+    calculus: Calculus = "c1", distances: tuple[float, ...] = DISTANCES
+) -> np.ndarray:
     """[S, m] int8, read-only: the 9 states of `b1`, 81 of `c1`, or 90 of `bc1`, pairs apart first.
 
-    `argd` has one for each of its `distances`, the nearest first, and one beyond; `mos` has 4.
+    `argd` has one for each of its `distances`, the nearest first, and one beyond; `mos`
+    has 4.
 
     Raises:
         InputError: for an unknown calculus.
@@ -128,27 +132,36 @@ def format_state(state: ArrayLike, separator: str = " ") -> str:
     return separator.join("-0+"[symbol + 1] for symbol in symbols)
 
 
-def state_texts(calculus: Calculus = "c1", distances: tuple[float, ...] = DISTANCES) -> list[str]:
+def state_texts(
+    calculus: Calculus = "c1", distances: tuple[float, ...] = DISTANCES
+) -> list[str]:
     """The S states of a calculus as text, such as `-+0+`, `<= 1.2 m` or `m s`, by their rows."""
     if calculus == "argd":
-        return [*(f"<= {distance:g} m" for distance in distances), f"> {distances[-1]:g} m"]
+        return [
+            *(f"<= {distance:g} m" for distance in distances),
+            f"> {distances[-1]:g} m",
+        ]
     if calculus == "mos":
-        return [" ".join("sm"[symbol] for symbol in state) for state in all_states("mos")]
+        return [
+            " ".join("sm"[symbol] for symbol in state) for state in all_states("mos")
+        ]
     return [format_state(state, "") for state in all_states(calculus)]
 
 
 def collapse(states: ArrayLike) -> np.ndarray:
     """The chain `states [T, m]` without repetitions of the state before; absence is a value."""
     states = np.asarray(states)
-    return states[np.append(True, (states[1:] != states[:-1]).any(axis=1))[: len(states)]]
+    return states[
+        np.append(True, (states[1:] != states[:-1]).any(axis=1))[: len(states)]
+    ]
 
 
 def validate(states: ArrayLike) -> np.ndarray:
     """A chain `[T, m]` made continuous, as QSRlib does (Delafontaine, 2011).
 
-    Wherever a symbol skips 0, at most one state is inserted: symbols that jump between - and + pass
-    through 0; if a symbol has to leave its value for 0, all symbols that leave 0 wait. Symbols that
-    only one of the two states has are not compared.
+    Wherever a symbol skips 0, at most one state is inserted: symbols that jump between
+    - and + pass through 0; if a symbol has to leave its value for 0, all symbols that
+    leave 0 wait. Symbols that only one of the two states has are not compared.
     """
     states = np.asarray(states)
     before, after = states[:-1], states[1:]
@@ -156,25 +169,31 @@ def validate(states: ArrayLike) -> np.ndarray:
     p, c = np.where(shared, before, 0), np.where(shared, after, 0)
     middle = np.where(p * c == -1, 0, c)
     leaving = ((p != 0) & (middle == 0)).any(axis=1, keepdims=True)
-    middle = np.where(shared, np.where(leaving & (p == 0), 0, middle), after).astype(states.dtype)
+    middle = np.where(shared, np.where(leaving & (p == 0), 0, middle), after).astype(
+        states.dtype
+    )
     at = np.flatnonzero((middle != after).any(axis=1))
     return np.insert(states, at + 1, middle[at], axis=0)
 
 
 @functools.cache
-def adjacency(calculus: Calculus = "c1", rule: NeighbourRule = "dominance") -> np.ndarray:
+def adjacency(
+    calculus: Calculus = "c1", rule: NeighbourRule = "dominance"
+) -> np.ndarray:
     """[S, S] bool, symmetric: which states are neighbours; none is its own.
 
-    Those of `argd`, at its default distances, are the next nearer and the next farther one, for
-    distances change continuously (Clementini, Di Felice, Hernandez, "Qualitative representation of
-    positional information", 1997).
+    Those of `argd`, at its default distances, are the next nearer and the next farther
+    one, for distances change continuously (Clementini, Di Felice, Hernandez,
+    "Qualitative representation of positional information", 1997).
 
-    Raises:
-        InputError: for an unknown calculus or rule, and `mos`, of which no diagram is published.
+    Raises: InputError: for an unknown calculus or rule, and `mos`, of which no diagram
+        is published.
     """
     refuse(NeighbourRule, {"rule": rule})
     if calculus == "mos":
-        raise InputError("mos has no published neighbourhood diagram: use b1, c1, bc1 or argd")
+        raise InputError(
+            "mos has no published neighbourhood diagram: use b1, c1, bc1 or argd"
+        )
     states = all_states(calculus)
     if calculus == "argd":
         return _read_only(abs(states - states.T) == 1)
@@ -189,14 +208,17 @@ def adjacency(calculus: Calculus = "c1", rule: NeighbourRule = "dominance") -> n
 
 @functools.cache
 def alpha_table(
-    calculus: Calculus = "c1", rule: NeighbourRule = "dominance", include_self: bool = False
+    calculus: Calculus = "c1",
+    rule: NeighbourRule = "dominance",
+    include_self: bool = False,
 ) -> np.ndarray:
     """[S] float64: 1 / N_Tr of every state, N_Tr its number of neighbours.
 
-    Mghames et al., "A Neuro-Symbolic Approach for Enhanced Human Motion Prediction" (2023): the
-    more transitions a state has, the less it says. QTC_C1 states with 0, 1, 2, 3 or 4 zeros weigh
-    1/15, 1/9, 1/11, 1/27, 1/80. The authors' table is `rule="continuity"` with `include_self=True`,
-    which counts staying in the state as a transition: 1 / (2^nonzero 3^zero).
+    Mghames et al., "A Neuro-Symbolic Approach for Enhanced Human Motion Prediction"
+    (2023): the more transitions a state has, the less it says. QTC_C1 states with 0, 1,
+    2, 3 or 4 zeros weigh 1/15, 1/9, 1/11, 1/27, 1/80. The authors' table is
+    `rule="continuity"` with `include_self=True`, which counts staying in the state as a
+    transition: 1 / (2^nonzero 3^zero).
     """
     table = 1 / (adjacency(calculus, rule).sum(axis=1) + include_self)
     return _read_only(table)

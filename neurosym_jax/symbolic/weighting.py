@@ -1,9 +1,10 @@
 """Weightings: how much agent j matters to agent i at each step, alpha [N, N, T].
 
-NeuroSyM (Mghames et al., 2023) multiplies the features of a pair by alpha, looked up by the QTC_C1
-state that the pair was last observed in. A weighting is a frozen dataclass: its fields are its
-options, and equal weightings share compiled programs. What it learns is in the model's parameters,
-`params["weighting"]`. The built-in ones are in `weightings`.
+NeuroSyM (Mghames et al., 2023) multiplies the features of a pair by alpha, looked up by
+the QTC_C1 state that the pair was last observed in. A weighting is a frozen dataclass:
+its fields are its options, and equal weightings share compiled programs. What it learns
+is in the model's parameters, `params["weighting"]`. The built-in ones are in
+`weightings`.
 """
 
 import abc
@@ -34,10 +35,13 @@ class Weighting(Checked, abc.ABC):
     """The name by which it is registered, in text forms and tables."""
 
     @abc.abstractmethod
-    def weigh(self, parameters: Parameters, positions: Array, valid: Array, period: float) -> Array:
+    def weigh(
+        self, parameters: Parameters, positions: Array, valid: Array, period: float
+    ) -> Array:
         """[N, N, T] weights of all ordered pairs of one scene, see `alpha` for the arguments.
 
-        Positions that are not there are zeros here; `alpha` takes the weights of their pairs away.
+        Positions that are not there are zeros here; `alpha` takes the weights of their
+        pairs away.
         """
 
     def start(self) -> Parameters:
@@ -48,9 +52,14 @@ class Weighting(Checked, abc.ABC):
         """Arguments of `qtc.observe` at steps of `period` seconds."""
         return {}
 
-    def codes(self, parameters: Parameters, positions: ArrayLike, *, period: float = 0.4) -> Array:
+    def codes(
+        self, parameters: Parameters, positions: ArrayLike, *, period: float = 0.4
+    ) -> Array:
         """[N, N, T-1] codes of the QTC_C1 states of all ordered pairs of `positions [N, T, 2]`."""
-        positions, thresholds = jnp.asarray(positions), self.thresholds(parameters, period)
+        positions, thresholds = (
+            jnp.asarray(positions),
+            self.thresholds(parameters, period),
+        )
         return encode_state(observe(positions[:, None], positions, **thresholds))
 
     def alpha(
@@ -63,11 +72,11 @@ class Weighting(Checked, abc.ABC):
     ) -> Array:
         """Weights of the interactions of every ordered pair of one scene.
 
-        The state observed from t-1 to t weights the interaction at t, so t = 0 has no state and
-        weighs 0 unless a weighting defines it. An agent weighs 1 for itself; pairs with padding
-        weigh 0, and so does a single valid agent, whatever the padded size. Where a position is not
-        there (NaN), now or at the step before, the pair has no state and weighs 0; gradients
-        through it are 0.
+        The state observed from t-1 to t weights the interaction at t, so t = 0 has no
+        state and weighs 0 unless a weighting defines it. An agent weighs 1 for itself;
+        pairs with padding weigh 0, and so does a single valid agent, whatever the
+        padded size. Where a position is not there (NaN), now or at the step before, the
+        pair has no state and weighs 0; gradients through it are 0.
 
         Args:
             parameters: as `start()`, or trained.
@@ -79,7 +88,9 @@ class Weighting(Checked, abc.ABC):
             [N, N, T]; (i, j) is how much j matters to i.
         """
         positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
-        present = jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)
+        present = (
+            jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)
+        )
         missing = jnp.isnan(positions).any(axis=-1)
         filled = jnp.where(missing[..., None], 0, positions)
         alpha = self.weigh(parameters, filled, present, period).astype(positions.dtype)

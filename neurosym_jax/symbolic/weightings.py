@@ -1,9 +1,10 @@
 """The table of weightings and its members, and how a plugin adds one (`register_weighting`).
 
-Most look alpha up by the QTC_C1 state of a pair. A table gives each of the 81 states a weight:
-`cnd` the theory's, `cnd_shipped` the authors', `learned` 81 free ones. `quantised` has symbols that
-are 0 below a threshold, `soft` the expectation over symbols that fade into each other, and
-`shuffled`, a control, gives weights to the wrong pairs.
+Most look alpha up by the QTC_C1 state of a pair. A table gives each of the 81 states a
+weight: `cnd` the theory's, `cnd_shipped` the authors', `learned` 81 free ones.
+`quantised` has symbols that are 0 below a threshold, `soft` the expectation over
+symbols that fade into each other, and `shuffled`, a control, gives weights to the wrong
+pairs.
 """
 
 import dataclasses
@@ -24,7 +25,16 @@ from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
 from neurosym_jax.symbolic.states import alpha_table
 from neurosym_jax.symbolic.weighting import Parameters, Weighting, initial_parameters
 
-__all__ = ["WEIGHTINGS", "Cnd", "CndShipped", "Learned", "Ones", "Quantised", "Shuffled", "Soft"]
+__all__ = [
+    "WEIGHTINGS",
+    "Cnd",
+    "CndShipped",
+    "Learned",
+    "Ones",
+    "Quantised",
+    "Shuffled",
+    "Soft",
+]
 __all__ += ["Zeros", "make_weighting", "register_weighting"]
 
 
@@ -54,7 +64,9 @@ class Cnd(Weighting):
         """[81] weights of the QTC_C1 states by code, before training."""
         return alpha_table("c1")
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: Array, period: float) -> Array:
+    def weigh(
+        self, parameters: Parameters, positions: Array, valid: Array, period: float
+    ) -> Array:
         """See `Weighting.weigh`; at the first step no state has been observed."""
         observed = self.observed(parameters, positions, valid, period)
         unobserved = parameters.get("unobserved", 0.0)
@@ -65,14 +77,20 @@ class Cnd(Weighting):
         self, parameters: Parameters, positions: Array, valid: Array, period: float
     ) -> Array:
         """[N, N, T-1] weights of the states observed in positions [N, T, 2] of `valid [N]`."""
-        table = jnp.asarray(parameters.get("table", self.state_weights()), positions.dtype)
-        return table.at[self.codes(parameters, positions, period=period)].get(mode="clip")
+        table = jnp.asarray(
+            parameters.get("table", self.state_weights()), positions.dtype
+        )
+        return table.at[self.codes(parameters, positions, period=period)].get(
+            mode="clip"
+        )
 
 
 def value_of(parameters: Parameters, weighting: Weighting, option: str) -> Any:
     """An option of `weighting`, or its learned value, of which the logarithm is a parameter."""
     name = f"log_{option}"
-    return jnp.exp(parameters[name]) if name in parameters else getattr(weighting, option)
+    return (
+        jnp.exp(parameters[name]) if name in parameters else getattr(weighting, option)
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,8 +125,8 @@ class Learned(Cnd):
 class Quantised(Cnd):
     """`cnd` of symbols that are 0 below 0.125 m/s, 5 cm in 0.4 s.
 
-    A learned threshold has straight-through gradients: symbols are hard, their gradients those of
-    soft ones.
+    A learned threshold has straight-through gradients: symbols are hard, their
+    gradients those of soft ones.
     """
 
     title = "quantised"
@@ -158,7 +176,10 @@ class Soft(Quantised):
 
     def start(self) -> Parameters:
         """`log_speed` [], `log_temperature` [], `table` [81], `unobserved` []."""
-        own = {"log_temperature": np.log(self.temperature), "table": self.state_weights()}
+        own = {
+            "log_temperature": np.log(self.temperature),
+            "table": self.state_weights(),
+        }
         return {**super().start(), **own, "unobserved": 0.0} if self.learned else {}
 
 
@@ -166,9 +187,10 @@ class Soft(Quantised):
 class Shuffled(Cnd):
     """The weights of `quantised` with the wrong pairs, and the last step first.
 
-    Each neighbour of an agent gets those of the next nearer one at the last position, the nearest
-    those of the farthest: the same weights in the same scene, without their meaning. The order
-    follows from the scene alone: neither rotation nor padding nor the order of agents changes it.
+    Each neighbour of an agent gets those of the next nearer one at the last position,
+    the nearest those of the farthest: the same weights in the same scene, without their
+    meaning. The order follows from the scene alone: neither rotation nor padding nor
+    the order of agents changes it.
     """
 
     title = "shuffled"
@@ -195,17 +217,21 @@ class Ones(Weighting):
     title = "ones"
     value: ClassVar[float] = 1.0
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: Array, period: float) -> Array:
+    def weigh(
+        self, parameters: Parameters, positions: Array, valid: Array, period: float
+    ) -> Array:
         """See `Weighting.weigh`."""
-        return jnp.full((positions.shape[0], *positions.shape[:2]), self.value, positions.dtype)
+        return jnp.full(
+            (positions.shape[0], *positions.shape[:2]), self.value, positions.dtype
+        )
 
 
 @dataclasses.dataclass(frozen=True)
 class Zeros(Ones):
     """0 for every pair, except of an agent for itself.
 
-    The released training had these weights with the authors' table, because its reader took the
-    first character of a label such as `0.0625`.
+    The released training had these weights with the authors' table, because its reader
+    took the first character of a label such as `0.0625`.
     """
 
     title = "zeros"
@@ -216,7 +242,16 @@ WEIGHTINGS: Registry[type[Weighting]] = Registry(
     "weighting",
     {
         weighting.title: weighting
-        for weighting in (Cnd, CndShipped, Quantised, Soft, Learned, Ones, Zeros, Shuffled)
+        for weighting in (
+            Cnd,
+            CndShipped,
+            Quantised,
+            Soft,
+            Learned,
+            Ones,
+            Zeros,
+            Shuffled,
+        )
     },
 )
 
@@ -228,7 +263,9 @@ class FunctionWeighting(Weighting):
     takes_period: ClassVar[bool]
     """Whether the function has an argument `period`, seconds."""
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: Array, period: float) -> Array:
+    def weigh(
+        self, parameters: Parameters, positions: Array, valid: Array, period: float
+    ) -> Array:
         """See `Weighting.weigh`."""
         seconds = {"period": period} if self.takes_period else {}
         return type(self).function(positions, valid, **seconds, **parameters)
@@ -242,27 +279,35 @@ def _registered(name: str) -> Weighting:
     return WEIGHTINGS[name]()
 
 
-def register_weighting(name: str, *, replace: bool = False, **start: Any) -> Callable[[Any], Any]:
+def register_weighting(
+    name: str, *, replace: bool = False, **start: Any
+) -> Callable[[Any], Any]:
     """Register the decorated function or class as a weighting.
 
-    A function is `(positions [N, T, 2], valid [N], **parameters) -> alpha [N, N, T]`, and gets the
-    seconds between steps where it has an argument `period`. A class is a `Weighting`, a frozen
-    dataclass whose fields are its options. Weights of an agent for itself, in padding, alone and
-    where a position is not there are set afterwards (`Weighting.alpha`).
+    A function is `(positions [N, T, 2], valid [N], **parameters) -> alpha [N, N, T]`,
+    and gets the seconds between steps where it has an argument `period`. A class is a
+    `Weighting`, a frozen dataclass whose fields are its options. Weights of an agent
+    for itself, in padding, alone and where a position is not there are set afterwards
+    (`Weighting.alpha`).
 
-    `start` are initial values of a function's learnable parameters; `replace` replaces another
-    weighting of this name.
+    `start` are initial values of a function's learnable parameters; `replace` replaces
+    another weighting of this name.
 
-    Raises:
-        InputError: for `start` of a class, whose fields have defaults, and for a taken name.
+    Raises: InputError: for `start` of a class, whose fields have defaults, and for a
+        taken name.
     """
 
     def register(weighting: Any) -> Any:
         made = isinstance(weighting, type)
-        own: dict[str, Any] = {"function": staticmethod(weighting), "start": lambda _: start}
+        own: dict[str, Any] = {
+            "function": staticmethod(weighting),
+            "start": lambda _: start,
+        }
         own["takes_period"] = "period" in inspect.signature(weighting).parameters
         if made and start:
-            raise InputError(f"{name}: initial values of a class are its fields' defaults")
+            raise InputError(
+                f"{name}: initial values of a class are its fields' defaults"
+            )
         cls: Any = weighting if made else type(name, (FunctionWeighting,), own)
         WEIGHTINGS.register(name, cls, replace=replace)
         cls.title = name
@@ -279,8 +324,8 @@ def make_weighting(
 ) -> Callable[..., Array]:
     """A function `(positions [N, T, 2], valid [N] or None) -> alpha [N, N, T]`, see `alpha`.
 
-    `weighting` is an instance, or text such as `soft,temperature=0.1`; `parameters` are trained
-    ones, by default the initial ones; `period` is in seconds.
+    `weighting` is an instance, or text such as `soft,temperature=0.1`; `parameters` are
+    trained ones, by default the initial ones; `period` is in seconds.
     """
     is_text = isinstance(weighting, str)
     chosen = component(weighting, WEIGHTINGS, "weighting") if is_text else weighting

@@ -18,14 +18,16 @@ def make_recipe(
 ) -> Recipe:
     """The recipe of this name; `changes` are NAME=VALUE, a value as JSON or as text.
 
-    Raises:
-        InputError: for an unknown name, a change that is not NAME=VALUE of a field, or a value out
+    Raises: InputError: for an unknown name, a change that is not NAME=VALUE of a field,
+        or a value out
             of its range.
     """
     recipes = known_recipes()
     refuse(Literal[*recipes], {"recipe": name})
     length = [] if steps is None else [f"steps={steps}"]
-    return changed(recipes[name], [f"seed={seed}", *length, *changes], "set", f"recipe {name}")
+    return changed(
+        recipes[name], [f"seed={seed}", *length, *changes], "set", f"recipe {name}"
+    )
 
 
 def make_config(
@@ -38,22 +40,21 @@ def make_config(
 ) -> Any:
     """The configuration of a model by name: `sgan`, `neurosym`, `anchors`, or a plugin's.
 
-    Args:
-        model: which.
-        obs_len: observed steps.
-        pred_len: steps to forecast.
-        period: seconds between steps.
-        changes: of the published sizes, each NAME=VALUE of a field of the configuration, such as
+    Args: model: which. obs_len: observed steps. pred_len: steps to forecast. period:
+        seconds between steps. changes: of the published sizes, each NAME=VALUE of a
+        field of the configuration, such as
             `pooling=social` or `weighting=cnd`.
 
-    Raises:
-        InputError: for an unknown model, a change that does not fit, or one that makes it another
+    Raises: InputError: for an unknown model, a change that does not fit, or one that
+        makes it another
             model.
     """
     configs = known_configs()
     refuse(Literal[*configs], {"model": model})
     lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
-    config = changed(dataclasses.replace(configs[model], **lengths), changes, "config", model)
+    config = changed(
+        dataclasses.replace(configs[model], **lengths), changes, "config", model
+    )
     if (other := forecaster_of(config).model) != model:
         raise InputError(f"model {model!r}: {', '.join(changes)} makes it {other!r}")
     return config
@@ -66,7 +67,11 @@ def recipes_of(family: type[Forecaster]) -> dict[str, Recipe]:
 
 def known_recipes() -> dict[str, Recipe]:
     """The recipes of all families that learn, by name."""
-    return {name: recipe for family in _learners() for name, recipe in recipes_of(family).items()}
+    return {
+        name: recipe
+        for family in _learners()
+        for name, recipe in recipes_of(family).items()
+    }
 
 
 def known_configs() -> dict[str, Any]:
@@ -87,8 +92,12 @@ def refuse_other_recipe(forecaster: Forecaster, recipe: Any) -> None:
         raise InputError(f"{forecaster.title} has nothing to train")
     fitting = recipes_of(type(forecaster))
     if type(recipe) not in map(type, fitting.values()):
-        raise InputError(f"recipe: does not fit {forecaster.model}, which takes {[*fitting]}")
+        raise InputError(
+            f"recipe: does not fit {forecaster.model}, which takes {[*fitting]}"
+        )
 
 
 def _learners() -> list[type[Forecaster]]:
-    return [family for family in FORECASTERS.values() if family.init is not Forecaster.init]
+    return [
+        family for family in FORECASTERS.values() if family.init is not Forecaster.init
+    ]

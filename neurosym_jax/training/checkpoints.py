@@ -1,8 +1,9 @@
 """The states of a training run on disk: whole or not at all, verified, the two newest.
 
-Each is a folder `step_00000120` of `state/` (arrays, Orbax's), `record.json` and `sha256`, the
-digest of the others: Orbax restores some flipped bits without noticing, and a flipped bit in a
-shape asks for any amount of memory. One process at a time writes to a folder.
+Each is a folder `step_00000120` of `state/` (arrays, Orbax's), `record.json` and
+`sha256`, the digest of the others: Orbax restores some flipped bits without noticing,
+and a flipped bit in a shape asks for any amount of memory. One process at a time writes
+to a folder.
 """
 
 import contextlib
@@ -40,7 +41,9 @@ def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> N
 
     path = folder / f"step_{step:08d}"
     # By number, because Orbax or the file system may read a leaf's path otherwise.
-    leaves = {f"{at:06d}": np.asarray(leaf) for at, leaf in enumerate(jax.tree.leaves(state))}
+    leaves = {
+        f"{at:06d}": np.asarray(leaf) for at, leaf in enumerate(jax.tree.leaves(state))
+    }
     context = ocp.Context()
     # In the background, Orbax waits twenty minutes for a folder that cannot be made.
     context.asynchronous.create_directories_asynchronously = False
@@ -49,7 +52,10 @@ def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> N
             shutil.rmtree(left)
         with new_folder(path) as new:
             # Asked before, because Orbax prints thirty tracebacks on a full disk.
-            if shutil.disk_usage(new).free < sum(leaf.nbytes for leaf in leaves.values()) + SPARE:
+            if (
+                shutil.disk_usage(new).free
+                < sum(leaf.nbytes for leaf in leaves.values()) + SPARE
+            ):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             with context:
                 ocp.save(str((new / STATE).absolute()), leaves)
@@ -58,17 +64,22 @@ def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> N
         for old in _steps(folder)[:-2]:
             shutil.rmtree(old)
     except Exception as error:  # Orbax and its storage raise many kinds.
-        text = str(error) if isinstance(error, InputError) else f"{path}: {_reason(error)}"
+        text = (
+            str(error) if isinstance(error, InputError) else f"{path}: {_reason(error)}"
+        )
         raise TrainingError(f"{text}; what was saved before is kept") from error
 
 
 def restore_state(
-    folder: Path, template: Any, check: Callable[[dict[str, Any]], object] = lambda record: None
+    folder: Path,
+    template: Any,
+    check: Callable[[dict[str, Any]], object] = lambda record: None,
 ) -> tuple[Any, dict[str, Any]] | None:
     """The newest whole state, in the structure of `template`, and its record; None without any.
 
     Its leaves are numpy arrays, bit for bit those saved. Damaged states are renamed to
-    `damaged_...`, with a warning. `check` may refuse the record before the state is compared.
+    `damaged_...`, with a warning. `check` may refuse the record before the state is
+    compared.
 
     Raises:
         InputError: where a whole state has other arrays than `template`.
@@ -81,7 +92,9 @@ def restore_state(
                 raise ValueError("its files do not match their digest")
             record = json.loads((path / RECORD).read_bytes())
             arrays: Any = ocp.load(str((path / STATE).absolute()))
-        except Exception as error:  # Orbax and its storage raise many kinds for damaged files.
+        except (
+            Exception
+        ) as error:  # Orbax and its storage raise many kinds for damaged files.
             print(f"warning: {path}: is damaged: {_reason(error)}", file=sys.stderr)
             aside = path.with_name(f"damaged_{path.name}")
             shutil.rmtree(aside, ignore_errors=True)

@@ -1,7 +1,7 @@
 """The training loop: rounds of compiled steps, validation and saved states.
 
-The best state by validation is a model on the disk from the first validation on, so a run that
-ends early, whatever ends it, can be used; see `run_files`.
+The best state by validation is a model on the disk from the first validation on, so a
+run that ends early, whatever ends it, can be used; see `run_files`.
 """
 
 import sys
@@ -63,24 +63,22 @@ def train(
 ) -> Model:
     """Train a model; return the best by validation, which `folder / "model"` then holds.
 
-    Args:
-        training: `Windows` (see `windows_from`), or recordings, which are resampled to the steps of
+    Args: training: `Windows` (see `windows_from`), or recordings, which are resampled
+        to the steps of
             `config`: `Tracks`, files, folders, dataframes, or several of these.
-        validation: the same; the state with the least error on these is kept. None keeps a part of
-            the recordings for it.
-        folder: of the run.
-        config: of what is trained, such as `AnchorConfig` or a plugin's; default: that of `init`,
+        validation: the same; the state with the least error on these is kept. None
+            keeps a part of the recordings for it.
+        folder: of the run. config: of what is trained, such as `AnchorConfig` or a
+        plugin's; default: that of `init`,
             or else SGAN's.
-        recipe: how it is trained; default: the usual one of its family.
-        init: the model whose parameters it starts from, or what `load_model` takes.
-        tested: recordings to be tested on, which are refused where `training` has them.
-        fold: K/N, see `training.preparation.prepare`.
-        read: how files are read, and the guards that are waived.
-        dataset: the data set that was left out, to be tested on; recorded with the model.
-        data: names of the data sets learned from, for the card and licences.
-        resume: continue the run in `folder`, to more steps if the recipe has more.
-        quiet: tell no progress.
-        on_row: called with each row of `metrics.jsonl`.
+        recipe: how it is trained; default: the usual one of its family. init: the model
+        whose parameters it starts from, or what `load_model` takes. tested: recordings
+        to be tested on, which are refused where `training` has them. fold: K/N, see
+        `training.preparation.prepare`. read: how files are read, and the guards that
+        are waived. dataset: the data set that was left out, to be tested on; recorded
+        with the model. data: names of the data sets learned from, for the card and
+        licences. resume: continue the run in `folder`, to more steps if the recipe has
+        more. quiet: tell no progress. on_row: called with each row of `metrics.jsonl`.
 
     Raises:
         InputError: see `training.preparation.prepare` and `train_run`.
@@ -90,7 +88,9 @@ def train(
     config = config or (init.config if init else make_config("sgan"))
     recipe = recipe or next(iter(recipes_of(type(forecaster_of(config))).values()))
     seen = init.seen if init else ""
-    parts = prepare(config, recipe, training, validation, tested, read=read, fold=fold, seen=seen)
+    parts = prepare(
+        config, recipe, training, validation, tested, read=read, fold=fold, seen=seen
+    )
     run = Run(config, recipe, *parts, dataset, tuple(data), init=init)
     return train_run(run, Path(folder), resume=resume, quiet=quiet, on_row=on_row)
 
@@ -105,9 +105,9 @@ def train_run(
 ) -> Model:
     """Train from the start, or from the newest good state in `folder`; see `train`.
 
-    Raises:
-        InputError: when `folder` holds a run already (and `resume` is not given), or another run.
-        TrainingError: when numbers are not finite again after steps were made smaller; the best
+    Raises: InputError: when `folder` holds a run already (and `resume` is not given),
+        or another run. TrainingError: when numbers are not finite again after steps
+        were made smaller; the best
             state stays on disk as a model.
     """
     recipe, record = run.recipe, record_of(run)
@@ -138,7 +138,9 @@ def train_run(
             return _Session(state, best, rows, session.is_slower)
 
         if run.init is not None and not session.rows:
-            session = with_row(session, session.state, validated(session.state, {"step": 0}))
+            session = with_row(
+                session, session.state, validated(session.state, {"step": 0})
+            )
         good, done = session, int(session.state.step)
         advance = (run.slower() if session.is_slower else run).rounds()
         if not is_over(run, session.rows, done):
@@ -153,7 +155,11 @@ def train_run(
             validates = count == to_validation or row["step"] == recipe.steps
             if validates and np.isfinite([*row.values()]).all():
                 row = validated(state, row)
-            if bad := [f"{name} {value}" for name, value in row.items() if not np.isfinite(value)]:
+            if bad := [
+                f"{name} {value}"
+                for name, value in row.items()
+                if not np.isfinite(value)
+            ]:
                 session = good = _slower(good, run, folder, done, ", ".join(bad))
                 done, advance = int(session.state.step), run.slower().rounds()
                 files.begin(session.rows)
@@ -167,7 +173,9 @@ def train_run(
 
 def _begin(run: Run, folder: Path, record: dict[str, Any] | None) -> _Session:
     """How far the run is; `record` of a run to be resumed."""
-    state = jax.tree.map(np.array, run.init_state())  # A step takes over buffers on the device.
+    state = jax.tree.map(
+        np.array, run.init_state()
+    )  # A step takes over buffers on the device.
     best = _kept(run, state)
     steps = [path.name[5:] for path in (folder / "checkpoints").glob("step_*")]
     if record is None and steps:
@@ -183,10 +191,14 @@ def _begin(run: Run, folder: Path, record: dict[str, Any] | None) -> _Session:
         (state, best), before = restored
         return _Session(state, best, tuple(before["rows"]), before["is_slower"])
     if any((folder / name).exists() for name in ("model", "run.json")):
-        raise InputError(f"{folder}: holds a model and no state to go on from; choose another")
+        raise InputError(
+            f"{folder}: holds a model and no state to go on from; choose another"
+        )
     if record is None and any((folder / "checkpoints").glob("damaged_*")):
         again = option("resume", True)
-        raise InputError(f"{folder}: holds a run whose states are damaged; {again} begins it anew")
+        raise InputError(
+            f"{folder}: holds a run whose states are damaged; {again} begins it anew"
+        )
     return _Session(state, best, (), False)
 
 
@@ -200,11 +212,16 @@ def _slower(good: _Session, run: Run, folder: Path, done: int, bad: str) -> _Ses
     text = f"{folder}: after step {done} numbers are not finite: {bad}"
     if good.is_slower:
         step = best_row(good.rows).get("step")
-        model = "" if step is None else f"; its model is that of step {step}, a run can start there"
+        model = (
+            ""
+            if step is None
+            else f"; its model is that of step {step}, a run can start there"
+        )
         raise TrainingError(f"{text}, again, with smaller steps{model}")
     rate = run.slower().recipe.learning_rate
     print(
-        f"warning: {text}; it goes on from step {step} at learning_rate {rate:g}", file=sys.stderr
+        f"warning: {text}; it goes on from step {step} at learning_rate {rate:g}",
+        file=sys.stderr,
     )
     return good._replace(is_slower=True)
 

@@ -1,7 +1,8 @@
 """What a training learns from and is validated on: one preparation for the command and Python.
 
-Recordings are resampled to the steps of the configuration and cut into windows. Where nothing is
-said of validation, a part of each recording is kept for it, a window apart from what is learned.
+Recordings are resampled to the steps of the configuration and cut into windows. Where
+nothing is said of validation, a part of each recording is kept for it, a window apart
+from what is learned.
 """
 
 import dataclasses
@@ -45,30 +46,33 @@ def prepare(
 ) -> tuple[Windows, Windows]:
     """The windows to learn from and to validate on.
 
-    Args:
-        config: of the model, whose `obs_len`, `pred_len` and `period` the windows have.
-        recipe: whose `min_agents` the scenes to learn from have.
-        training: `Windows`, or recordings: `Tracks` on any clock, files, folders, dataframes, or
+    Args: config: of the model, whose `obs_len`, `pred_len` and `period` the windows
+        have. recipe: whose `min_agents` the scenes to learn from have. training:
+        `Windows`, or recordings: `Tracks` on any clock, files, folders, dataframes, or
             several of these.
-        validation: the same; None or nothing keeps a part of `training` for it.
-        tested: recordings that the model is to be tested on, which it must not learn.
-        also: further recordings to learn from, of which no part is kept.
-        read: how files are read, and which guards are waived (`seen`).
-        fold: K/N validates on the K-th of N parts of `training`: of its recordings, where there are
+        validation: the same; None or nothing keeps a part of `training` for it. tested:
+        recordings that the model is to be tested on, which it must not learn. also:
+        further recordings to learn from, of which no part is kept. read: how files are
+        read, and which guards are waived (`seen`). fold: K/N validates on the K-th of N
+        parts of `training`: of its recordings, where there are
             as many, or else of the time of each.
         seen: the fingerprint of what the model learned before.
 
-    Raises:
-        InputError: for recordings without windows, windows of another length or period, and
+    Raises: InputError: for recordings without windows, windows of another length or
+        period, and
             windows to be validated or tested on that are learned from.
     """
     own = validation is None or (isinstance(validation, list) and not validation)
     if fold is not None and not own:
         raise InputError(f"fold {fold}: has no effect where validation is given")
     if own and isinstance(training, Windows):
-        raise InputError("validation: windows cannot be divided; give recordings, or validation")
+        raise InputError(
+            "validation: windows cannot be divided; give recordings, or validation"
+        )
     training, validation = (
-        part if part is None or isinstance(part, Windows) else _on_grid(part, config.period, read)
+        part
+        if part is None or isinstance(part, Windows)
+        else _on_grid(part, config.period, read)
         for part in (training, None if own else validation)
     )
     if own:
@@ -137,7 +141,9 @@ def _windows(
         raise
 
 
-def _windows_if_any(part: Sequence[Tracks], config: Any, least: int = 2) -> Windows | None:
+def _windows_if_any(
+    part: Sequence[Tracks], config: Any, least: int = 2
+) -> Windows | None:
     try:
         return cut_windows(part, config.obs_len, config.pred_len, min_agents=least)
     except InputError:  # It may be too short for a window.
@@ -153,12 +159,18 @@ class _Recording:
     step: float  # seconds
     window: float  # seconds from the first step of a window to its last
 
-    def parted(self, first: float, last: float, gap: float) -> tuple[Tracks, Tracks, int]:
+    def parted(
+        self, first: float, last: float, gap: float
+    ) -> tuple[Tracks, Tracks, int]:
         """Its parts outside of `first` to `last` and within, and how many windows are outside.
 
         `gap` seconds on both sides belong to neither part.
         """
-        before, after, half = first - gap - self.step / 2, last + gap + self.step / 2, self.step / 2
+        before, after, half = (
+            first - gap - self.step / 2,
+            last + gap + self.step / 2,
+            self.step / 2,
+        )
         stamp = self.tracks.stamp
         outside = self.tracks.take((stamp < before) | (stamp > after))
         within = self.tracks.take((stamp > first - half) & (stamp < last + half))
@@ -176,12 +188,15 @@ def _divided(
         if windows is not None and windows.stamp is not None:
             begin = np.sort(windows.stamp - (config.obs_len - 1) * config.period)
             length = config.obs_len + config.pred_len - 1
-            used.append(_Recording(tracks, begin, config.period, length * config.period))
+            used.append(
+                _Recording(tracks, begin, config.period, length * config.period)
+            )
     if not used:
         return [*recordings], []  # Which has no windows, as is said where they are cut.
     parts = _last_parts(used) if fold is None else _fold(used, fold)
     training, validation = (
-        [part for part in column if part is not None and len(part.id)] for column in zip(*parts)
+        [part for part in column if part is not None and len(part.id)]
+        for column in zip(*parts)
     )
     return training, validation
 
@@ -206,7 +221,9 @@ def _last_parts(recordings: Sequence[_Recording]) -> _Parts:
     stride = min(round(1 / SHARE), len(short))
     for number, recording in enumerate(short, 1):
         validates = len(short) > 1 and number % stride == 0
-        parts.append((None, recording.tracks) if validates else (recording.tracks, None))
+        parts.append(
+            (None, recording.tracks) if validates else (recording.tracks, None)
+        )
     return parts
 
 
@@ -231,19 +248,25 @@ def _last(windows: int) -> int:
 def _fold(recordings: Sequence[_Recording], fold: str) -> _Parts:
     """One of N parts is kept: of the recordings where there are N, or else of the time of each."""
     number, _, count = fold.partition("/")
-    if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count) > 1):
+    if not (
+        number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count) > 1
+    ):
         raise InputError(f"fold: K/N, such as 1/5 for the first of five, not {fold!r}")
     at, total = int(number) - 1, int(count)
     if len(recordings) >= total:
         return [
-            (None, recording.tracks) if order % total == at else (recording.tracks, None)
+            (None, recording.tracks)
+            if order % total == at
+            else (recording.tracks, None)
             for order, recording in enumerate(recordings)
         ]
     parts = _Parts()
     for recording in recordings:
         begin = np.array_split(recording.begin, total)[at]
         if not len(begin):
-            raise InputError(f"fold {fold}: {recording.tracks.recording} has too few windows")
+            raise InputError(
+                f"fold {fold}: {recording.tracks.recording} has too few windows"
+            )
         last, gap = begin[-1] + recording.window, recording.window + recording.step
         parts.append(recording.parted(begin[0], last, gap)[:2])
     return parts
@@ -254,10 +277,15 @@ def _refuse_seen(use: str, windows: Windows, training: Windows, seen: str) -> No
     shared, total = shared_shapes(windows, training)
     expected = total * chance_shapes(training)
     before, looked = seen_before(seen, windows) if seen else (0, 0)
-    names = ", ".join(dict.fromkeys(printable(reading.recording) for reading in windows.reading))
-    where = f"windows in {names or 'these windows'}, and that is what the model is {use} on"
+    names = ", ".join(
+        dict.fromkeys(printable(reading.recording) for reading in windows.reading)
+    )
+    where = (
+        f"windows in {names or 'these windows'}, and that is what the model is {use} on"
+    )
     waived = f"({option('allow', ('seen',))} waives this)"
-    # Of shapes that are alike by chance, not more than four deviations beyond what is expected.
+    # Of shapes that are alike by chance, not more than four deviations beyond what is
+    # expected.
     if shared > max(0.01 * total, expected + 4 * math.sqrt(expected)):
         chance = f", {expected:.0f} by chance," if expected >= 1 else ""
         raise InputError(

@@ -40,9 +40,13 @@ class Progress:
             yield
             return
         self._programs.remove(program)
-        label = f"{program} (program {self._count - len(self._programs)} of {self._count})"
+        label = (
+            f"{program} (program {self._count - len(self._programs)} of {self._count})"
+        )
         self._say(f"compiling {label}: usually 5 to 60 s, once on this machine")
-        notice = f"still compiling {label}: XLA needs long for it here; nothing is wrong"
+        notice = (
+            f"still compiling {label}: XLA needs long for it here; nothing is wrong"
+        )
         timer = threading.Timer(LONG, self._say, (notice,))
         timer.daemon = True
         timer.start()

@@ -31,7 +31,14 @@ from neurosym_jax.runtime.process import COMPILED_QUICKLY, run_environment
 from neurosym_jax.training.catalogue import refuse_other_recipe
 from neurosym_jax.training.state import TrainState, warmup_of
 
-__all__ = ["ROUND", "Run", "differences_between", "model_card", "record_of", "refuse_other_run"]
+__all__ = [
+    "ROUND",
+    "Run",
+    "differences_between",
+    "model_card",
+    "record_of",
+    "refuse_other_run",
+]
 
 ROUND = 25
 """Most steps between two updates of the progress bar."""
@@ -59,7 +66,7 @@ Validation chose step {step}: joint ADE {val_ade:.3f}, FDE {val_fde:.3f}, best o
 ## Training
 
 {settings}
-"""  # noqa: E501
+"""
 """The text of `README.md` beside the parameters."""
 
 
@@ -88,7 +95,9 @@ class Run:
         if self.init is None and not self.recipe.steps:
             raise InputError("steps must be at least 1 without an initial model")
         if self.init is not None and self.init.config != self.config:
-            before, now = (to_json(config) for config in (self.init.config, self.config))
+            before, now = (
+                to_json(config) for config in (self.init.config, self.config)
+            )
             changes = "; ".join(differences_between(before, now))
             raise InputError(f"the initial model has another configuration: {changes}")
         modules = self.forecaster.shapes()
@@ -124,9 +133,13 @@ class Run:
             for name in ("learning_rate", "d_learning_rate")
             if hasattr(self.recipe, name)
         }
-        return dataclasses.replace(self, recipe=dataclasses.replace(self.recipe, **rates))
+        return dataclasses.replace(
+            self, recipe=dataclasses.replace(self.recipe, **rates)
+        )
 
-    def rounds(self) -> Callable[[TrainState, int, int], tuple[TrainState, Mapping[str, Any]]]:
+    def rounds(
+        self,
+    ) -> Callable[[TrainState, int, int], tuple[TrainState, Mapping[str, Any]]]:
         """See `Forecaster.rounds`."""
         return self.forecaster.rounds(self.training, self.recipe, self._key(1))
 
@@ -141,8 +154,13 @@ def record_of(run: Run) -> dict[str, Any]:
         "config": to_json(run.config),
         "training": to_json(run.recipe),
         "scene": run.dataset,
-        "init": None if run.init is None else _digest_of(*jax.tree.leaves(run.init.params)),
-        "data": {"training": _digest(run.training), "validation": _digest(run.validation)},
+        "init": None
+        if run.init is None
+        else _digest_of(*jax.tree.leaves(run.init.params)),
+        "data": {
+            "training": _digest(run.training),
+            "validation": _digest(run.validation),
+        },
         "environment": run_environment(),
     }
 
@@ -171,7 +189,10 @@ def refuse_other_run(
             f"was scheduled for {then} steps, and from step {done} on follows the schedule of {now}"
         ]
     for text in changes:
-        print(f"warning: {folder}: the run {text}: other bits than in one go", file=sys.stderr)
+        print(
+            f"warning: {folder}: the run {text}: other bits than in one go",
+            file=sys.stderr,
+        )
 
 
 def _fixed(record: dict[str, Any]) -> dict[str, Any]:
@@ -203,12 +224,13 @@ def _digest_of(*arrays: Any) -> str:
     return sha.hexdigest()
 
 
-def model_card(facts: Mapping[str, Any], test_rows: Sequence[dict[str, Any]] = ()) -> str:
+def model_card(
+    facts: Mapping[str, Any], test_rows: Sequence[dict[str, Any]] = ()
+) -> str:
     """The text of the card of a model.
 
-    Args:
-        facts: the content of `run.json` of its training, see `loop`.
-        test_rows: rows of an evaluation of this model on its own test set, and of the baselines.
+    Args: facts: the content of `run.json` of its training, see `loop`. test_rows: rows
+        of an evaluation of this model on its own test set, and of the baselines.
     """
     family, licences = FORECASTERS[facts["forecaster"]], facts["licences"]
     config = from_json(family.Config, dict(facts["config"]), "run.json")
@@ -228,17 +250,31 @@ def model_card(facts: Mapping[str, Any], test_rows: Sequence[dict[str, Any]] = (
     settings |= {name: facts[name] for name in ("parameters", "code")}
     settings["plugins"] = ", ".join(facts["plugins"])
     if (share := facts["validation"].get("val_neighbour_share")) is not None:
-        settings["people whom their neighbours change"] = f"{100 * share:.1f} %, in validation"
-    for section, prefix in (("training", ""), ("config", "config: "), ("environment", "")):
+        settings["people whom their neighbours change"] = (
+            f"{100 * share:.1f} %, in validation"
+        )
+    for section, prefix in (
+        ("training", ""),
+        ("config", "config: "),
+        ("environment", ""),
+    ):
         settings |= {f"{prefix}{name}": value for name, value in facts[section].items()}
-    settings["warmup_steps"] = str(warmup_of(types.SimpleNamespace(**facts["training"])))
-    lines = [[name, str(value)] for name, value in settings.items() if value not in (None, "", [])]
+    settings["warmup_steps"] = str(
+        warmup_of(types.SimpleNamespace(**facts["training"]))
+    )
+    lines = [
+        [name, str(value)]
+        for name, value in settings.items()
+        if value not in (None, "", [])
+    ]
     return CARD.format(
         title=title,
         obs_len=config.obs_len,
         pred_len=config.pred_len,
         samples=facts["samples"],
         **{name: facts["validation"][name] for name in ("step", "val_ade", "val_fde")},
-        tests=format_table(rows_frame(test_rows), "markdown") if test_rows else "Not tested yet.",
+        tests=format_table(rows_frame(test_rows), "markdown")
+        if test_rows
+        else "Not tested yet.",
         settings=markdown_table(["", ""], lines),
     )

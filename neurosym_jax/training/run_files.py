@@ -1,8 +1,9 @@
 """The files of a run: its log, the best state as a model at every moment, and facts at its end.
 
-A run is a folder: `recipe.yaml` (the options that repeat it), `checkpoints/` (to resume from),
-`metrics.jsonl`, `model/` (the best state by validation so far, and its card) and at its end
-`curves.png` and `run.json`, all facts of the run, whose presence says that it is finished.
+A run is a folder: `recipe.yaml` (the options that repeat it), `checkpoints/` (to resume
+from), `metrics.jsonl`, `model/` (the best state by validation so far, and its card) and
+at its end `curves.png` and `run.json`, all facts of the run, whose presence says that
+it is finished.
 """
 
 import dataclasses
@@ -69,8 +70,13 @@ class RunFiles:
         self.keep(params, best_row(rows))
 
         def curves(*metrics: str) -> dict[str, Any]:
-            pairs = {name: [(r["step"], r[name]) for r in rows if name in r] for name in metrics}
-            return {name: tuple(zip(*points)) for name, points in pairs.items() if points}
+            pairs = {
+                name: [(r["step"], r[name]) for r in rows if name in r]
+                for name in metrics
+            }
+            return {
+                name: tuple(zip(*points)) for name, points in pairs.items() if points
+            }
 
         losses = curves("loss", "g_loss", "g_adversarial", "d_loss")
         errors = curves("val_ade", "val_fde", "val_energy_score")
@@ -114,7 +120,10 @@ class RunFiles:
             **self._record,
             "samples": self._run.samples,
             "licences": model.data,
-            "counts": {name: {"scenes": w.scenes, "agents": w.agents} for name, w in parts.items()},
+            "counts": {
+                name: {"scenes": w.scenes, "agents": w.agents}
+                for name, w in parts.items()
+            },
             "recordings": {
                 name: [dataclasses.asdict(reading) for reading in w.reading]
                 for name, w in parts.items()

@@ -44,14 +44,19 @@ def update(
 ) -> TrainState:
     """The state after clipping the gradient and one Adam step of the forecaster.
 
-    Modules that the recipe freezes have no gradient. `scale` may change the step. The average has
-    `ema` for its decay; early, it is over the last tenth of the steps.
+    Modules that the recipe freezes have no gradient. `scale` may change the step. The
+    average has `ema` for its decay; early, it is over the last tenth of the steps.
     """
     if recipe.freeze:
         gradient = jax.tree_util.tree_map_with_path(
-            lambda path, leaf: jnp.zeros_like(leaf) if is_frozen(recipe, path) else leaf, gradient
+            lambda path, leaf: (
+                jnp.zeros_like(leaf) if is_frozen(recipe, path) else leaf
+            ),
+            gradient,
         )
-    moves, optimizer = optimizer_step(_optimizer(recipe), gradient, state.optimizer, state.params)
+    moves, optimizer = optimizer_step(
+        _optimizer(recipe), gradient, state.optimizer, state.params
+    )
     params: Any = optax.apply_updates(state.params, scale(moves))
     average = state.average
     if recipe.ema:
@@ -65,7 +70,9 @@ def update(
             return share * mean + (1 - share) * value
 
         average = jax.tree_util.tree_map_with_path(averaged, average, params)
-    return state._replace(step=state.step + 1, params=params, optimizer=optimizer, average=average)
+    return state._replace(
+        step=state.step + 1, params=params, optimizer=optimizer, average=average
+    )
 
 
 def optimizer_step(
@@ -83,12 +90,20 @@ def is_frozen(recipe: Recipe, path: tuple[Any, ...]) -> bool:
 
 def clipping(recipe: Recipe) -> optax.GradientTransformation:
     """The first part of an update: gradients of at most the recipe's norm."""
-    return optax.clip_by_global_norm(recipe.clip_norm) if recipe.clip_norm else optax.identity()
+    return (
+        optax.clip_by_global_norm(recipe.clip_norm)
+        if recipe.clip_norm
+        else optax.identity()
+    )
 
 
 def warmup_of(recipe: Any) -> int:
     """Steps in which the learning rate rises, as they are done."""
-    return min(recipe.warmup_steps, recipe.steps // 2) if recipe.schedule == "cosine" else 0
+    return (
+        min(recipe.warmup_steps, recipe.steps // 2)
+        if recipe.schedule == "cosine"
+        else 0
+    )
 
 
 def _optimizer(recipe: Recipe) -> optax.GradientTransformation:

@@ -26,7 +26,9 @@ def gradient_rounds(
     def advance(state: TrainState, done: int, count: int) -> tuple[TrainState, Any]:
         rows = []
         for step in range(done, done + count):
-            state, metrics = gradient_step(forecaster, recipe, key, state, batches(step))
+            state, metrics = gradient_step(
+                forecaster, recipe, key, state, batches(step)
+            )
             rows.append(metrics)
         return state, {name: jnp.stack([row[name] for row in rows]) for name in rows[0]}
 
@@ -64,7 +66,9 @@ def variety_loss(
     for number, scenes in enumerate(augment(groups, move_key, recipe)):
         scenes = jax.tree.map(jnp.asarray, scenes)
         slots = scenes.valid.shape if spec.per_agent else scenes.valid.shape[:1]
-        noise = spec.draw(jax.random.fold_in(noise_key, number), (samples, *slots, spec.dim))
+        noise = spec.draw(
+            jax.random.fold_in(noise_key, number), (samples, *slots, spec.dim)
+        )
         forecast = jax.vmap(forecaster.forecast, in_axes=(None, 0, 1), out_axes=1)
         futures = forecast(params, scenes.replace(future=None), noise)
         distance = safe_root(jnp.square(futures - scenes.known_future[None]).sum(-1))

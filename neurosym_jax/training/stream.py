@@ -1,11 +1,11 @@
 """Training batches: an endless stream that depends on (seed, step) only, and random changes to it.
 
-A batch has a fixed number of scenes of every size class, in proportion to the data (stratified by
-size), so that one compiled step serves all batches. Within a class every scene comes once before
-any comes again. It is augmented anew each time.
+A batch has a fixed number of scenes of every size class, in proportion to the data
+(stratified by size), so that one compiled step serves all batches. Within a class every
+scene comes once before any comes again. It is augmented anew each time.
 
-To add an augmentation: its function, an entry at the end of `AUGMENTATIONS`, and its options in
-`Recipe`.
+To add an augmentation: its function, an entry at the end of `AUGMENTATIONS`, and its
+options in `Recipe`.
 """
 
 import dataclasses
@@ -22,7 +22,14 @@ from neurosym_jax.data.windows import Windows, gather_scenes
 from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.training.recipe import Recipe
 
-__all__ = ["AUGMENTATIONS", "Groups", "SceneStream", "augment", "gather_cropped", "merge"]
+__all__ = [
+    "AUGMENTATIONS",
+    "Groups",
+    "SceneStream",
+    "augment",
+    "gather_cropped",
+    "merge",
+]
 __all__ += ["size_classes", "split"]
 
 Groups = tuple[Scene, ...]
@@ -35,15 +42,23 @@ COST_OF_A_CLASS = 1000
 class SceneStream:
     """Batches of about `batch_scenes` scenes of `windows`.
 
-    Scenes of more than `max_agents` agents are cropped to a random agent and its nearest
-    neighbours.
+    Scenes of more than `max_agents` agents are cropped to a random agent and its
+    nearest neighbours.
     """
 
     def __init__(
-        self, windows: Windows, batch_scenes: int, seed: int, max_agents: int | None = None
+        self,
+        windows: Windows,
+        batch_scenes: int,
+        seed: int,
+        max_agents: int | None = None,
     ):
         self._windows, self._seed = windows, seed
-        sizes = windows.sizes if max_agents is None else np.minimum(windows.sizes, max_agents)
+        sizes = (
+            windows.sizes
+            if max_agents is None
+            else np.minimum(windows.sizes, max_agents)
+        )
         classes = size_classes(sizes, batch_scenes)
         class_of = np.searchsorted(classes, sizes)
         members = [np.flatnonzero(class_of == index) for index in range(len(classes))]
@@ -52,7 +67,9 @@ class SceneStream:
 
     def steps(self, first: int, count: int) -> Groups:
         """`count` batches from step `first`: a Scene `[count, quota, slots, ...]` of each class."""
-        return tuple(self._of_class(index, first, count) for index in range(len(self._classes)))
+        return tuple(
+            self._of_class(index, first, count) for index in range(len(self._classes))
+        )
 
     def batch(self, step: int) -> Groups:
         """The batch of one step: a Scene `[quota, slots, ...]` of each class."""
@@ -66,26 +83,30 @@ class SceneStream:
         for number in np.unique(epoch):
             order = np.random.default_rng([seed, index, number]).permutation(members)
             chosen[epoch == number] = order[within[epoch == number]]
-        # Drawn step by step: the result does not depend on how many steps a call asks for.
+        # Drawn step by step: the result does not depend on how many steps a call asks
+        # for.
         focus = [
             np.random.default_rng([seed, index, step, 1]).random(quota)
             for step in range(first, first + count)
         ]
         scenes = gather_cropped(self._windows, chosen, slots, np.concatenate(focus))
-        return jax.tree.map(lambda array: array.reshape(count, quota, *array.shape[1:]), scenes)
+        return jax.tree.map(
+            lambda array: array.reshape(count, quota, *array.shape[1:]), scenes
+        )
 
 
 def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
     """[C] padded sizes for scenes of `sizes` [S], ascending; a scene takes the smallest that fits.
 
-    A batch has a `quota` of every class, and pooling costs the square of each padded size. The
-    classes minimise the sum of costs (dynamic programming over the sizes).
+    A batch has a `quota` of every class, and pooling costs the square of each padded
+    size. The classes minimise the sum of costs (dynamic programming over the sizes).
     """
     values, counts = np.unique(sizes, return_counts=True)
     below = np.concatenate([[0], np.cumsum(counts)])
     best, cut = np.zeros(len(values) + 1), np.zeros(len(values) + 1, int)
     for end in range(1, len(values) + 1):
-        # One class from each possible beginning to `end`, after the best classes before it.
+        # One class from each possible beginning to `end`, after the best classes before
+        # it.
         members = below[end] - below[:end]
         pairs = quota(members, len(sizes), batch_scenes) * float(values[end - 1]) ** 2
         costs = best[:end] + pairs + COST_OF_A_CLASS
@@ -103,11 +124,13 @@ def quota(members: np.ndarray, scenes: int, batch_scenes: int) -> np.ndarray:
     return np.maximum(1, np.rint(members * batch_scenes / scenes)).astype(int)
 
 
-def gather_cropped(windows: Windows, chosen: np.ndarray, slots: int, focus: np.ndarray) -> Scene:
+def gather_cropped(
+    windows: Windows, chosen: np.ndarray, slots: int, focus: np.ndarray
+) -> Scene:
     """The scenes `chosen` [S] as one Scene `[S, slots, ...]`, without what a network does not see.
 
-    Of more than `slots` agents one is kept with its nearest neighbours; `focus` [S] in [0, 1)
-    chooses it, as a share of the scene's agents.
+    Of more than `slots` agents one is kept with its nearest neighbours; `focus` [S] in
+    [0, 1) chooses it, as a share of the scene's agents.
     """
     if windows.sizes[chosen].max() > slots:
         windows = _cropped(windows, chosen, slots, focus)
@@ -116,7 +139,9 @@ def gather_cropped(windows: Windows, chosen: np.ndarray, slots: int, focus: np.n
     return scenes.replace(origin=None, identity=None, extras={})
 
 
-def _cropped(windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarray) -> Windows:
+def _cropped(
+    windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarray
+) -> Windows:
     rows = []
     for scene, share in zip(chosen, focus):
         member = np.arange(*windows.bounds[scene : scene + 2])
@@ -124,7 +149,9 @@ def _cropped(windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarra
             position = windows.position[member, windows.obs_len - 1]
             focal = int(share * len(member))
             distance = np.linalg.norm(position - position[focal], axis=1)
-            distance[focal] = -1.0  # Nearest of all, even where others stand on the same spot.
+            distance[
+                focal
+            ] = -1.0  # Nearest of all, even where others stand on the same spot.
             member = member[np.sort(np.argpartition(distance, agents - 1)[:agents])]
         rows.append(member)
     member_rows = np.concatenate(rows)
@@ -143,7 +170,9 @@ def merge(parts: Sequence[AnyArray]) -> Array:
     return jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts])
 
 
-def split(merged: Array, shapes: Sequence[tuple[int, ...]], axis: int = 0) -> list[Array]:
+def split(
+    merged: Array, shapes: Sequence[tuple[int, ...]], axis: int = 0
+) -> list[Array]:
     """Cut an axis of `whole [...]` into parts, each of its own shape."""
     ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))[:-1]
     before, after = merged.shape[:axis], merged.shape[axis + 1 :]
@@ -161,14 +190,18 @@ def _move(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     turned = jax.random.uniform(choose, total) < recipe.rotate
     if recipe.stretch > 1:
         bound = math.log(recipe.stretch)
-        factor = jnp.exp(jax.random.uniform(stretch, total, minval=-bound, maxval=bound))
+        factor = jnp.exp(
+            jax.random.uniform(stretch, total, minval=-bound, maxval=bound)
+        )
     else:
         scale = recipe.scale
         factor = jax.random.uniform(stretch, total, minval=1 - scale, maxval=1 + scale)
     angle = jnp.where(turned, jax.random.uniform(turn, total, maxval=2 * jnp.pi), 0.0)
     sign = jnp.where(turned, jax.random.rademacher(flip, total, angle.dtype), 1.0)
     cos, sin = factor * jnp.cos(angle), factor * jnp.sin(angle)
-    matrix = jnp.stack([cos, -sin * sign, sin, cos * sign], axis=-1).reshape(*total, 2, 2)
+    matrix = jnp.stack([cos, -sin * sign, sin, cos * sign], axis=-1).reshape(
+        *total, 2, 2
+    )
 
     def moved(vectors: AnyArray, matrix: Array) -> Array:
         return jnp.einsum("sab,sntb->snta", matrix, vectors)
@@ -204,7 +237,9 @@ def _jitter(groups: Groups, key: Array, recipe: Recipe) -> Groups:
         displacement = jnp.concatenate([first, jnp.diff(observed, axis=-2)], axis=-2)
         return scene.replace(observed=observed, displacement=displacement)
 
-    return tuple(map(jittered, groups, split(errors, shapes), split(deviations, scenes)))
+    return tuple(
+        map(jittered, groups, split(errors, shapes), split(deviations, scenes))
+    )
 
 
 def _single_agents(groups: Groups, key: Array, recipe: Recipe) -> Groups:
@@ -236,7 +271,10 @@ AUGMENTATIONS = (_move, _jitter, _single_agents)
 
 def augment(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     """Apply all augmentations that the recipe asks for to a batch; consumes `key`."""
-    # The first keys do not depend on how many there are: a new augmentation changes no old recipe.
-    for augmentation, part in zip(AUGMENTATIONS, jax.random.split(key, len(AUGMENTATIONS))):
+    # The first keys do not depend on how many there are: a new augmentation changes no
+    # old recipe.
+    for augmentation, part in zip(
+        AUGMENTATIONS, jax.random.split(key, len(AUGMENTATIONS))
+    ):
         groups = augmentation(groups, part, recipe)
     return groups

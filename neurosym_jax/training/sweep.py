@@ -1,7 +1,8 @@
 """Sweeps: many trainings, one test of all models, and a report that compares them.
 
-Each training is a `neurosym train` in a process of one thread. A finished run is never trained
-again and an interrupted one continues, so a sweep that is called again does what is left to do.
+Each training is a `neurosym train` in a process of one thread. A finished run is never
+trained again and an interrupted one continues, so a sweep that is called again does
+what is left to do.
 """
 
 import json
@@ -83,7 +84,11 @@ def unfinished(runs: Sequence[SweepRun]) -> list[SweepRun]:
 
 
 def run_sweep(
-    runs: Sequence[SweepRun], source: Source, out: Path, options: str, jobs: int | None = None
+    runs: Sequence[SweepRun],
+    source: Source,
+    out: Path,
+    options: str,
+    jobs: int | None = None,
 ) -> int:
     """Train what is left of `runs`, test all, write the table and the report.
 
@@ -123,24 +128,30 @@ def _train(run: SweepRun) -> str:
     """Train in a process with a log; why it failed, empty where it did not."""
     log = run.folder / "train.log"
     command = [sys.executable, "-m", "neurosym_jax", *run.command]
-    # One thread is as fast at these sizes, and gives the same bits wherever it runs; unbuffered,
-    # the last line of the log is the error and not what was printed before it.
+    # One thread is as fast at these sizes, and gives the same bits wherever it runs;
+    # unbuffered, the last line of the log is the error and not what was printed before
+    # it.
     environment = {**os.environ, "NPROC": "1", "PYTHONUNBUFFERED": "1"}
     with log.open("ab") as output:
-        training = subprocess.Popen(command, stdout=output, stderr=output, env=environment)
+        training = subprocess.Popen(
+            command, stdout=output, stderr=output, env=environment
+        )
         with training, when_ended(training.terminate):
             status = training.wait()
     last = ["no output", *filter(str.strip, log.read_text().splitlines())][-1]
     return f"status {status}: {last}" if status else ""
 
 
-def _test(labels: Mapping[Path, str], source: Source, out: Path) -> list[dict[str, Any]]:
+def _test(
+    labels: Mapping[Path, str], source: Source, out: Path
+) -> list[dict[str, Any]]:
     """Evaluate the models on their own test splits; rows as evaluate's, with `training_seed`.
 
     `labels` has the folder of each run, and what its model is called beside its title.
     """
     facts = {
-        str(folder / "model"): json.loads((folder / "run.json").read_text()) for folder in labels
+        str(folder / "model"): json.loads((folder / "run.json").read_text())
+        for folder in labels
     }
     models = [(path, load_model(path)) for path in facts]
     tests = plan.load_tests(source, plan.make_plan(source, models))
@@ -151,11 +162,20 @@ def _test(labels: Mapping[Path, str], source: Source, out: Path) -> list[dict[st
         row["training_seed"] = path and facts[path]["training"]["seed"]
         label = path and labels[Path(path).parent]
         row["model"] += f", {label}" if label else ""
-    files = [reading.file for test in tests for reading in test.windows.reading if reading.file]
-    report.write_report(out / "sweep.json", rows, {"provenance": provenance(files, facts)})
+    files = [
+        reading.file
+        for test in tests
+        for reading in test.windows.reading
+        if reading.file
+    ]
+    report.write_report(
+        out / "sweep.json", rows, {"provenance": provenance(files, facts)}
+    )
     write_errors(out, [result.errors for result in tested])
     for path, run_facts in facts.items():
-        sets = [result.test_set for result in tested if result.row["checkpoint"] == path]
+        sets = [
+            result.test_set for result in tested if result.row["checkpoint"] == path
+        ]
         beside = [result.row for result in tested if result.test_set in sets]
         own = [row for row in beside if row["checkpoint"] in (None, path)]
         replace_card(Path(path), model_card(run_facts, own))

@@ -9,7 +9,11 @@ import polars as pl
 
 from neurosym_jax.errors import InputError, option
 from neurosym_jax.evaluation import report
-from neurosym_jax.evaluation.intervals import ErrorsByScene, mean_difference, paired_difference
+from neurosym_jax.evaluation.intervals import (
+    ErrorsByScene,
+    mean_difference,
+    paired_difference,
+)
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.scoring import Score
@@ -40,30 +44,36 @@ def write_errors(folder: Path, errors: Sequence[ErrorsByScene]) -> None:
     """Write the errors of all rows of a sweep, scene by scene."""
     arrays: dict[str, Any] = {}
     for at, row_errors in enumerate(errors):
-        arrays |= {f"{at}/{name}": np.array([*score]) for name, score in row_errors.scores.items()}
+        arrays |= {
+            f"{at}/{name}": np.array([*score])
+            for name, score in row_errors.scores.items()
+        }
         arrays[f"{at}/"] = row_errors.identity
     with new_file(folder / ERRORS) as beside:
         np.savez_compressed(beside, **arrays)
 
 
 def compare_sweep(
-    sweep: Path, against: str | None = None, *, pred_len: int | None = None, out: Path | None = None
+    sweep: Path,
+    against: str | None = None,
+    *,
+    pred_len: int | None = None,
+    out: Path | None = None,
 ) -> str:
     """Compare a sweep's models with one of them: Markdown, and all differences as CSV beside it.
 
     Models are paired by training seed and test scene.
 
-    Args:
-        sweep: folder of the sweep.
-        against: the reference, a model by title or weighting; default: the first of two models.
-        pred_len: steps forecast, where the sweep has several.
-        out: the Markdown's file; default: report.md in the sweep's folder.
+    Args: sweep: folder of the sweep. against: the reference, a model by title or
+        weighting; default: the first of two models. pred_len: steps forecast, where the
+        sweep has several. out: the Markdown's file; default: report.md in the sweep's
+        folder.
 
     Returns:
         The Markdown, the table of errors, and a line of the files that were written.
 
-    Raises:
-        InputError: for a folder without a sweep, or one that lacks what is to be compared.
+    Raises: InputError: for a folder without a sweep, or one that lacks what is to be
+        compared.
     """
     target = out or sweep / "report.md"
     if target.suffix != ".md":
@@ -74,7 +84,9 @@ def compare_sweep(
     models = list(dict.fromkeys(model for model, _ in runs))
     reference = _reference(against, models)
     others = [model for model in models if model != reference]
-    compared = pl.DataFrame(row for model in others for row in _compare(runs, model, reference))
+    compared = pl.DataFrame(
+        row for model in others for row in _compare(runs, model, reference)
+    )
     last_rows = compared.filter(test_set=compared["test_set"][-1])
     metrics = compared["metric"].unique(maintain_order=True)
     head = [f"minus {reference}", *(known_metric(metric).label for metric in metrics)]
@@ -105,19 +117,27 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
         trained = trained.filter(pl.col("pred_len") == pred_len)
     if trained.select("obs_len", "pred_len").n_unique() != 1:
         among = ", ".join(f"{seen} + {ahead}" for seen, ahead in horizons) or "none"
-        raise InputError(f"horizons in the sweep: {among}; {option('pred_len')} chooses one")
+        raise InputError(
+            f"horizons in the sweep: {among}; {option('pred_len')} chooses one"
+        )
     runs: Runs = {}
     columns = trained.select("at", "model", "dataset", "training_seed")
     try:
         with np.load(folder / ERRORS) as arrays:
             for at, model, dataset, seed in columns.iter_rows():
                 row = f"{at}/"
-                names = (name for name in arrays if name.startswith(row) and name != row)
-                scores = {name.removeprefix(row): Score(*arrays[name]) for name in names}
+                names = (
+                    name for name in arrays if name.startswith(row) and name != row
+                )
+                scores = {
+                    name.removeprefix(row): Score(*arrays[name]) for name in names
+                }
                 errors = ErrorsByScene(scores, arrays[row], steps=sum(horizons[0]))
                 runs.setdefault((model, dataset), {})[seed] = errors
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{folder}: holds no whole sweep ({error}); run the sweep again") from None
+        raise InputError(
+            f"{folder}: holds no whole sweep ({error}); run the sweep again"
+        ) from None
     return runs
 
 
@@ -137,14 +157,20 @@ def _reference(against: str | None, models: Sequence[str]) -> str:
 def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]:
     """The model less the reference on each test set and in the mean, a row for each metric.
 
-    Seeds that either of the two has not finished on a test set are left out of it, and of the mean.
+    Seeds that either of the two has not finished on a test set are left out of it, and
+    of the mean.
     """
     parts = {}
     for dataset in [dataset for name, dataset in runs if name == model]:
-        model_runs, reference_runs = runs[model, dataset], runs.get((reference, dataset), {})
+        model_runs, reference_runs = (
+            runs[model, dataset],
+            runs.get((reference, dataset), {}),
+        )
         seeds = sorted(model_runs.keys() & reference_runs.keys())
         if not seeds:
-            raise InputError(f"{model} and {reference} have no seed in common on {dataset}")
+            raise InputError(
+                f"{model} and {reference} have no seed in common on {dataset}"
+            )
         first, second = (
             [errors[seed] for seed in seeds] for errors in (model_runs, reference_runs)
         )

@@ -44,7 +44,10 @@ def validate(run: Run, params: Any, batches: Sequence[Batch]) -> Row:
     score = sum(means[name] for name in by[run.recipe.select_by or usual])
     needed = ("ade", "fde")
     finite = {name: x for name, x in means.items() if name in needed or np.isfinite(x)}
-    return {"val_score": score, **{f"val_{name}": value for name, value in finite.items()}}
+    return {
+        "val_score": score,
+        **{f"val_{name}": value for name, value in finite.items()},
+    }
 
 
 def best_row(rows: Sequence[Row]) -> Row:

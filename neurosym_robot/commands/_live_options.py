@@ -1,7 +1,8 @@
 """Options of every command on a stream of people, and the objects that they configure.
 
-Parameters of ROS are options, too: `samples: 4` is `--samples 4`, a list is several values, and
-`links: {max_gap: 3}` is `--links.max-gap 3`. An option on the command line overrides a parameter.
+Parameters of ROS are options, too: `samples: 4` is `--samples 4`, a list is several
+values, and `links: {max_gap: 3}` is `--links.max-gap 3`. An option on the command line
+overrides a parameter.
 """
 
 import contextlib
@@ -105,9 +106,13 @@ class LiveOptions:
         if self.only and not all(self.only.partition("=")):
             raise InputError(f"--only {self.only}: PATH=VALUE, such as label=person")
         if not 0 < self.at_least <= 1:
-            raise InputError(f"--at-least is a probability in (0, 1], not {self.at_least:g}")
+            raise InputError(
+                f"--at-least is a probability in (0, 1], not {self.at_least:g}"
+            )
         fields = dataclasses.fields(self)
-        options = {field.name for field in fields if getattr(self, field.name) != field.default}
+        options = {
+            field.name for field in fields if getattr(self, field.name) != field.default
+        }
         for option, others in self.NEEDS.items():
             if options.isdisjoint(others):
                 needed = " or --".join(others).replace("_", "-")
@@ -118,7 +123,8 @@ class LiveOptions:
     def predictor(self, max_gap: float, compile: When = "meanwhile") -> Predictor:
         """Load the models and start compiling; InputError as of `load_models` and `Predictor`.
 
-        `max_gap` is the longest gap in seconds between two observations that is bridged.
+        `max_gap` is the longest gap in seconds between two observations that is
+        bridged.
         """
         return Predictor(
             load_models(self.model),
@@ -132,7 +138,9 @@ class LiveOptions:
             max_gap=max_gap,
         )
 
-    def source(self, report: Callable[[str], None], recorded: bool = False) -> PeopleSource:
+    def source(
+        self, report: Callable[[str], None], recorded: bool = False
+    ) -> PeopleSource:
         """The stream of people; `report` is called about messages that are left out."""
         form = Kind(self.people, self.position, self.id) if self.people else None
         frames = self.fixed_frame, report, self.robot_frame
@@ -144,9 +152,13 @@ class LiveOptions:
 
     def moments(self, predictor: Predictor, title: str) -> Moments:
         """The lines of JSON of this predictor's stream; InputError if the map cannot be read."""
-        return Moments(predictor, title=title, floor_map=self.map, at_least=self.at_least)
+        return Moments(
+            predictor, title=title, floor_map=self.map, at_least=self.at_least
+        )
 
-    def views(self, predictor: Predictor, title: str, source: PeopleSource) -> Iterator[View]:
+    def views(
+        self, predictor: Predictor, title: str, source: PeopleSource
+    ) -> Iterator[View]:
         """What shows the stream live, if the options ask for it; InputError if it cannot."""
         if self.dashboard:
             yield Dashboard(self.moments(predictor, title), self.host, self.port)
@@ -192,7 +204,9 @@ class NodeOptions(LiveOptions):
             chosen = self.views(node.predictor, self.name, node.source)
             views = [stack.enter_context(contextlib.closing(view)) for view in chosen]
             if views:
-                node.views.append(stack.enter_context(contextlib.closing(Newest(views))))
+                node.views.append(
+                    stack.enter_context(contextlib.closing(Newest(views)))
+                )
             for view in views:
                 node.report(f"{view.title} {view.where}")
             node.run()

@@ -13,7 +13,15 @@ from typing import Literal
 from neurosym_jax.commands._options import Positional, Reading, refuse_given
 from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_robot import Analytics, Predictor, ReplayFile, Status, View, read_frames, replay
+from neurosym_robot import (
+    Analytics,
+    Predictor,
+    ReplayFile,
+    Status,
+    View,
+    read_frames,
+    replay,
+)
 from neurosym_robot.commands._live_options import LiveOptions
 from neurosym_robot.dashboard.view import Newest
 from neurosym_robot.input.source import REACH, PeopleSource
@@ -49,11 +57,20 @@ class Options(LiveOptions):
         if not all(map(is_bag, self.recording)):
             # Bags and Foxglove tell the name of the coordinates' frame.
             named = self.out is not None or self.foxglove is not None
-            unused = {"fixed_frame": self.fixed_frame and not named, "reach": self.reach != REACH}
-            unused |= {"robot_frame": self.robot_frame, "people": self.people, "only": self.only}
+            unused = {
+                "fixed_frame": self.fixed_frame and not named,
+                "reach": self.reach != REACH,
+            }
+            unused |= {
+                "robot_frame": self.robot_frame,
+                "people": self.people,
+                "only": self.only,
+            }
             refuse_given("on a file of tracks", **unused)
 
-    def files(self, predictor: Predictor, title: str, source: PeopleSource) -> Iterator[View]:
+    def files(
+        self, predictor: Predictor, title: str, source: PeopleSource
+    ) -> Iterator[View]:
         """What writes the stream, if the options ask for it; InputError if it cannot."""
         if self.out is not None:
             yield ForecastBag(self.out, predictor, source, self.at_least)
@@ -64,9 +81,16 @@ class Options(LiveOptions):
 def run(options: Options) -> None:
     """Forecast the recording; InputError names the file or model and the reason.
 
-    When interrupted, it finishes its files, says that they are parts, and raises KeyboardInterrupt.
+    When interrupted, it finishes its files, says that they are parts, and raises
+    KeyboardInterrupt.
     """
-    rate = options.rate if options.rate is not None else 1.0 if options.dashboard else "max"
+    rate = (
+        options.rate
+        if options.rate is not None
+        else 1.0
+        if options.dashboard
+        else "max"
+    )
     first = options.recording[0]
 
     def warn(text: str) -> None:
@@ -80,10 +104,15 @@ def run(options: Options) -> None:
         stitcher = options.stitcher()
         stream = Status(predictor, analytics, warn, source=source, stitcher=stitcher)
         arguments = predictor, first.stem, source
-        written = [files.enter_context(closing(view)) for view in options.files(*arguments)]
-        live = [stack.enter_context(closing(view)) for view in options.views(*arguments)]
+        written = [
+            files.enter_context(closing(view)) for view in options.files(*arguments)
+        ]
+        live = [
+            stack.enter_context(closing(view)) for view in options.views(*arguments)
+        ]
         titles = [f"{view.title} {view.where}" for view in live]
-        # In real time a page shows what is newest; a file, or a page that waits, has every frame.
+        # In real time a page shows what is newest; a file, or a page that waits, has
+        # every frame.
         if live and rate != "max" and not isinstance(options.foxglove, Path):
             live = [stack.enter_context(closing(Newest(live)))]
         events = replay(
@@ -105,13 +134,19 @@ def run(options: Options) -> None:
                     view.show(event, stream.now())
         except KeyboardInterrupt as error:
             interruption = error
-            print("until the interruption:", *(view.where for view in written), flush=True)
+            print(
+                "until the interruption:", *(view.where for view in written), flush=True
+            )
         scored = analytics.finish()
         for view in (*written, *live):
             view.end(analytics.summary(), scored)
         files.close()
         part = ", up to the interruption only" * bool(interruption)
-        print(stream.table(), *(f"{view.title} {view.where}{part}" for view in written), sep="\n")
+        print(
+            stream.table(),
+            *(f"{view.title} {view.where}{part}" for view in written),
+            sep="\n",
+        )
         if interruption:
             raise interruption
         if options.dashboard or isinstance(options.foxglove, int):
@@ -122,4 +157,6 @@ def run(options: Options) -> None:
 def wait_for_signal() -> None:
     """Wait until a signal interrupts the command."""
     while True:
-        time.sleep(0.2)  # A signal that another thread takes does not end a longer wait.
+        time.sleep(
+            0.2
+        )  # A signal that another thread takes does not end a longer wait.

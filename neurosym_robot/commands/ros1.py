@@ -4,7 +4,13 @@ import dataclasses
 from collections.abc import Sequence
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.commands._live_options import NAME, NodeOptions, as_options, say, value_of
+from neurosym_robot.commands._live_options import (
+    NAME,
+    NodeOptions,
+    as_options,
+    say,
+    value_of,
+)
 from neurosym_robot.ros.ros1 import ForecastNode
 from neurosym_robot.ros.tcpros import CallError, Refused, call, master_uri, node_name
 
@@ -12,13 +18,17 @@ from neurosym_robot.ros.tcpros import CallError, Refused, call, master_uri, node
 def prepare_arguments(arguments: Sequence[str]) -> list[str]:
     """`a:=b` as `--remap a:=b`, `__name:=` as `--name`, and the master's parameters as options.
 
-    Raises:
-        InputError: if a node that roslaunch started cannot get its parameters from the master.
+    Raises: InputError: if a node that roslaunch started cannot get its parameters from
+        the master.
     """
     if {"-h", "--help", "--help-all"} & set(arguments):
         return list(arguments)
     assigned = [text for text in arguments if ":=" in text and not text.startswith("-")]
-    names = [text.removeprefix("__name:=") for text in assigned if text.startswith("__name:=")]
+    names = [
+        text.removeprefix("__name:=")
+        for text in assigned
+        if text.startswith("__name:=")
+    ]
     rest = [text for text in arguments if text not in assigned]
     rest += [f"--name={name}" for name in names]
     # Others that begin so, such as `__log`, are for other clients.
@@ -30,7 +40,9 @@ def prepare_arguments(arguments: Sequence[str]) -> list[str]:
     except CallError as error:
         # An answer that refuses says that the node has no parameters.
         if names and not isinstance(error, Refused):
-            raise InputError(f"the master at {master} tells no parameters: {error}") from None
+            raise InputError(
+                f"the master at {master} tells no parameters: {error}"
+            ) from None
     return [*as_options(parameters), *rest, *(["--remap", *remaps] if remaps else [])]
 
 

@@ -8,12 +8,24 @@ import shlex
 from collections.abc import Sequence
 from typing import Literal
 
-from neurosym_robot.commands._live_options import NAME, NodeOptions, as_options, value_of
+from neurosym_robot.commands._live_options import (
+    NAME,
+    NodeOptions,
+    as_options,
+    value_of,
+)
 from neurosym_robot.input.kinds import KINDS
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS
-from neurosym_robot.ros.ros2 import ForecastNode, import_rclpy, message_type, node_parameters
+from neurosym_robot.ros.ros2 import (
+    ForecastNode,
+    import_rclpy,
+    message_type,
+    node_parameters,
+)
 
-Message = Literal["People", "Humans", "TrackedPersons", "Agents", "Detection3DArray", "PoseArray"]
+Message = Literal[
+    "People", "Humans", "TrackedPersons", "Agents", "Detection3DArray", "PoseArray"
+]
 
 
 def prepare_arguments(arguments: Sequence[str]) -> list[str]:
@@ -25,7 +37,9 @@ def prepare_arguments(arguments: Sequence[str]) -> list[str]:
         ros_arguments += rest[begin + 1 : end]
         del rest[begin : end + 1]
     parameters = (
-        node_parameters(ros_arguments, value_of(rest, "--name", NAME)) if ros_arguments else {}
+        node_parameters(ros_arguments, value_of(rest, "--name", NAME))
+        if ros_arguments
+        else {}
     )
     return [
         *as_options(parameters),

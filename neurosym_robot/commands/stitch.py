@@ -44,11 +44,19 @@ def run(options: Options) -> None:
     refuse(Positive, {"period": options.period}, optional=True)
     recordings = read_any(options.tracks, options.read, options.period)
     if len(recordings) != 1:
-        raise InputError(f"{options.tracks}: holds {len(recordings)} recordings: one is stitched")
-    mended = stitch(recordings[0], options.links, period=options.period, fill=options.fill)
+        raise InputError(
+            f"{options.tracks}: holds {len(recordings)} recordings: one is stitched"
+        )
+    mended = stitch(
+        recordings[0], options.links, period=options.period, fill=options.fill
+    )
     write_text(options.out, mended.tracks, options.period)
-    print(f"{mended.before} ids became {len(np.unique(mended.tracks.id))}: {mended.joined} joins")
-    print(f"{mended.ghosts} points dropped, of people who were seen for less than a second")
+    print(
+        f"{mended.before} ids became {len(np.unique(mended.tracks.id))}: {mended.joined} joins"
+    )
+    print(
+        f"{mended.ghosts} points dropped, of people who were seen for less than a second"
+    )
 
 
 def write_text(path: Path, tracks: Tracks, period: float) -> None:

@@ -1,9 +1,9 @@
 """The page of a stream of forecasts: served live, or as one file to share.
 
-It is one document that needs nothing else, with a place for the lines of `Moments` in it. Slow or
-vanished readers and malformed requests cost its server a thread for some seconds and delay no other
-reader. Requests for a host name that is not ours are refused, because another site can point its
-name at this address ("DNS rebinding").
+It is one document that needs nothing else, with a place for the lines of `Moments` in
+it. Slow or vanished readers and malformed requests cost its server a thread for some
+seconds and delay no other reader. Requests for a host name that is not ours are
+refused, because another site can point its name at this address ("DNS rebinding").
 """
 
 import base64
@@ -43,7 +43,9 @@ POLICY = (
 ASKING = 3.0  # seconds that a request may take to arrive
 PATIENCE = 10.0  # seconds that an event may take to be taken
 HEARTBEAT = 1.0  # seconds between two statements of how old and how frequent people are
-BUFFER = 2**18  # bytes on the way to a reader; by itself the system would let megabytes pile up
+BUFFER = (
+    2**18
+)  # bytes on the way to a reader; by itself the system would let megabytes pile up
 BATCH = 64  # events that a reader takes at once, and so what it may hold that the stream has let go
 KEPT = 32 * 2**20  # bytes of the newest events
 TABS = 16  # connections of one address at once
@@ -60,7 +62,8 @@ HEADERS = {
 def page_parts() -> list[str]:
     """What stands before and after the data, which is empty live.
 
-    The document lets a browser run its own script alone, told by hash, and load nothing.
+    The document lets a browser run its own script alone, told by hash, and load
+    nothing.
     """
     folder = resources.files("neurosym_robot.dashboard")
     page, style = ((folder / name).read_text() for name in ("page.html", "page.css"))
@@ -85,7 +88,11 @@ class PageServer(BoundedServer):
         """Bind to an address, whose port may be 0 for any free one; OSError if it cannot be."""
         family, *_, place = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0]
         self.address_family = family
-        self.page, self.introduction, self.stream = page.encode(), introduction.encode(), Ring(KEPT)
+        self.page, self.introduction, self.stream = (
+            page.encode(),
+            introduction.encode(),
+            Ring(KEPT),
+        )
         self.session = secrets.token_hex(8)
         """Tells this stream from those of other runs."""
         self.fresh: tuple[Mapping[str, Any], float] | None = None
@@ -105,12 +112,18 @@ class PageServer(BoundedServer):
         now, shown_at = self.fresh
         silence, rate = time.monotonic() - shown_at, now["rate"]
         rate = 1 / silence if silence * rate > 2 else rate
-        return json.dumps({"age": round((now["lag"] or 0) + silence, 3), "rate": round(rate, 2)})
+        return json.dumps(
+            {"age": round((now["lag"] or 0) + silence, 3), "rate": round(rate, 2)}
+        )
 
     def knows(self, host: str) -> bool:
         """Whether a Host header names us: by address, or by a name that is ours."""
         name = host.strip().lower()
-        name = name[1:].partition("]")[0] if name.startswith("[") else name.partition(":")[0]
+        name = (
+            name[1:].partition("]")[0]
+            if name.startswith("[")
+            else name.partition(":")[0]
+        )
         try:
             return bool(ipaddress.ip_address(name))
         except ValueError:
@@ -137,7 +150,9 @@ class _Handler(BaseHTTPRequestHandler):
         self._arriving.close()
         path = self.path.partition("?")[0]
         if not self.server.knows(self.headers.get("Host", "")):
-            self.send_error(HTTPStatus.FORBIDDEN, "Ask for this computer by its own name")
+            self.send_error(
+                HTTPStatus.FORBIDDEN, "Ask for this computer by its own name"
+            )
         elif path == "/":
             self._begin("text/html; charset=utf-8")
             self.wfile.write(self.server.page)
@@ -159,7 +174,9 @@ class _Handler(BaseHTTPRequestHandler):
         stream, session = self.server.stream, self.server.session
         last_session, _, number = self.headers.get("Last-Event-ID", "").partition("-")
         newest = int(number) if last_session == session and number.isdecimal() else 0
-        self.wfile.write(b"event: introduction\ndata: %b\n\n" % self.server.introduction)
+        self.wfile.write(
+            b"event: introduction\ndata: %b\n\n" % self.server.introduction
+        )
         if not newest:
             self.wfile.write(b"event: anew\ndata:\n\n")
         beaten_at = -math.inf
@@ -167,11 +184,18 @@ class _Handler(BaseHTTPRequestHandler):
             ended = stream.ended
             first, events = stream.after(newest, HEARTBEAT, BATCH)
             for newest, event in enumerate(events, first):
-                self.wfile.write(b"id: %b-%d\ndata: %b\n\n" % (session.encode(), newest, event))
+                self.wfile.write(
+                    b"id: %b-%d\ndata: %b\n\n" % (session.encode(), newest, event)
+                )
             # What was kept is history: freshness is stated once a reader has all of it.
-            if newest >= stream.newest and time.monotonic() - beaten_at >= HEARTBEAT / 2:
+            if (
+                newest >= stream.newest
+                and time.monotonic() - beaten_at >= HEARTBEAT / 2
+            ):
                 beaten_at = time.monotonic()
-                self.wfile.write(b"event: beat\ndata: %b\n\n" % self.server.beat().encode())
+                self.wfile.write(
+                    b"event: beat\ndata: %b\n\n" % self.server.beat().encode()
+                )
             if ended and not events:
                 break
         self.wfile.write(b"event: end\ndata:\n\n")
@@ -208,16 +232,24 @@ class Dashboard(Page):
         InputError if it cannot be used.
         """
         try:
-            self._server = PageServer((host, port), "".join(page_parts()), moments.introduction)
+            self._server = PageServer(
+                (host, port), "".join(page_parts()), moments.introduction
+            )
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot serve at {host}, port {port} ({reason})") from None
-        super().__init__(moments, lambda line: self._server.stream.append(line.encode()))
+            raise InputError(
+                f"cannot serve at {host}, port {port} ({reason})"
+            ) from None
+        super().__init__(
+            moments, lambda line: self._server.stream.append(line.encode())
+        )
         self._server.start()
         address, free = map(str, self._server.server_address[:2])
         address = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(address, address)
         self.where = (
-            f"http://[{address}]:{free}/" if ":" in address else f"http://{address}:{free}/"
+            f"http://[{address}]:{free}/"
+            if ":" in address
+            else f"http://{address}:{free}/"
         )
 
     def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:

@@ -1,8 +1,8 @@
 """A stream for Foxglove: over its websocket, or into an MCAP file.
 
-`/forecasts` is a SceneUpdate of people, samples and most probable paths, `/stream` has the numbers
-of `Status.now()` as JSON, and `/events` the probable events in words. foxglove-sdk is imported when
-a view is made.
+`/forecasts` is a SceneUpdate of people, samples and most probable paths, `/stream` has
+the numbers of `Status.now()` as JSON, and `/events` the probable events in words.
+foxglove-sdk is imported when a view is made.
 """
 
 import importlib
@@ -40,11 +40,14 @@ class FoxgloveView(View):
     ):
         """Begin to serve at port `to`, 0 for any free one, or to write the file `to`.
 
-        `frame_id` returns the frame of the stream's coordinates, "map" while it is not known.
-        InputError without foxglove-sdk, or if the port or the file cannot be used.
+        `frame_id` returns the frame of the stream's coordinates, "map" while it is not
+        known. InputError without foxglove-sdk, or if the port or the file cannot be
+        used.
         """
         if isinstance(to, Path) and to.suffix != ".mcap":
-            raise InputError(f"{to}: for Foxglove, a port or a new .mcap file is needed")
+            raise InputError(
+                f"{to}: for Foxglove, a port or a new .mcap file is needed"
+            )
         try:
             foxglove = importlib.import_module("foxglove")
             self._kinds = importlib.import_module("foxglove.messages")
@@ -55,16 +58,23 @@ class FoxgloveView(View):
         self._period = predictor.window.period
         # Channels are closed with their context, and log nothing then.
         self._context = context = foxglove.Context()
-        self._scene = foxglove.channels.SceneUpdateChannel("/forecasts", context=context)
+        self._scene = foxglove.channels.SceneUpdateChannel(
+            "/forecasts", context=context
+        )
         self._events = foxglove.channels.LogChannel("/events", context=context)
-        self._numbers = foxglove.Channel("/stream", message_encoding="json", context=context)
+        self._numbers = foxglove.Channel(
+            "/stream", message_encoding="json", context=context
+        )
         try:
             if isinstance(to, Path):
                 self.title, self.where = "Foxglove can open", str(to)
                 self._stop = foxglove.open_mcap(to, context=context).close
             else:
                 server = foxglove.start_server(host=host, port=to, context=context)
-                self.title, self.where = "Foxglove can connect to", f"ws://{host}:{server.port}"
+                self.title, self.where = (
+                    "Foxglove can connect to",
+                    f"ws://{host}:{server.port}",
+                )
                 self._stop = server.stop
         except (OSError, RuntimeError, OverflowError) as error:
             raise InputError(f"{to}: cannot be used for Foxglove ({error})") from None
@@ -89,9 +99,13 @@ class FoxgloveView(View):
             for colour, name in zip(itertools.cycle(COLOURS), forecast.models):
                 entities += [
                     kinds.SceneEntity(id=f"{name} {id}", **common, lines=lines)
-                    for id, lines in zip(forecast.ids.tolist(), self._lines(forecast, name, colour))
+                    for id, lines in zip(
+                        forecast.ids.tolist(), self._lines(forecast, name, colour)
+                    )
                 ]
-                for likely in likely_events(forecast, name, self._period, self._at_least):
+                for likely in likely_events(
+                    forecast, name, self._period, self._at_least
+                ):
                     log = kinds.Log(
                         timestamp=common["timestamp"],
                         name=name,
@@ -101,7 +115,10 @@ class FoxgloveView(View):
                     self._events.log(log, log_time=at)
         self._scene.log(kinds.SceneUpdate(entities=entities), log_time=at)
         self._numbers.log(
-            {**now, "missing": {str(id): reason for id, reason in now["missing"].items()}},
+            {
+                **now,
+                "missing": {str(id): reason for id, reason in now["missing"].items()},
+            },
             log_time=at,
         )
 
@@ -113,10 +130,16 @@ class FoxgloveView(View):
         """A ball and the id above it."""
         kinds = self._kinds
         ball, label = (
-            kinds.Pose(position=kinds.Vector3(x=x, y=y, z=z), orientation=kinds.Quaternion(w=1.0))
+            kinds.Pose(
+                position=kinds.Vector3(x=x, y=y, z=z),
+                orientation=kinds.Quaternion(w=1.0),
+            )
             for z in (0.2, 0.8)
         )
-        size, grey = kinds.Vector3(x=0.4, y=0.4, z=0.4), kinds.Color(r=0.5, g=0.5, b=0.5, a=0.9)
+        size, grey = (
+            kinds.Vector3(x=0.4, y=0.4, z=0.4),
+            kinds.Color(r=0.5, g=0.5, b=0.5, a=0.9),
+        )
         return {
             "spheres": [kinds.SpherePrimitive(pose=ball, size=size, color=grey)],
             "texts": [
@@ -126,7 +149,9 @@ class FoxgloveView(View):
             ],
         }
 
-    def _lines(self, forecast: Forecast, model: str, colour: tuple[float, ...]) -> Iterator[list]:
+    def _lines(
+        self, forecast: Forecast, model: str, colour: tuple[float, ...]
+    ) -> Iterator[list]:
         """Lines of each person: the samples, and last the most probable path."""
         kinds, result = self._kinds, forecast.models[model]
         looks = [(sample, FAINT, 0.02) for sample in result.samples]

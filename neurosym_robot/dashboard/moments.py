@@ -1,20 +1,24 @@
 """The stream as lines of JSON for the page: an introduction, then a moment for every frame.
 
-The introduction has `title`, `period` [s], `observed` [s] that a window lasts, `models`,
-`weighting` (the model whose symbols and weights are shown, and their name), `map` and `likely`.
+The introduction has `title`, `period` [s], `observed` [s] that a window lasts,
+`models`, `weighting` (the model whose symbols and weights are shown, and their name),
+`map` and `likely`.
 
 A moment has
 
-- `t`: seconds since the first frame; it increases even if the stream's clock is set back;
-- `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in metres;
+- `t`: seconds since the first frame; it increases even if the stream's clock is set
+back;
+- `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in
+metres;
 - `more`: how many others were seen; `robot`: its x, y [m] and heading [rad];
 - `now`: `Status.now()` without its score;
-- `step`, once a period if there is a forecast: its `t` and the `ids` [N] of its people; `seen`
-  [N][obs_len * 2] metres, and `extrapolated` [N], how many of its last steps nobody saw; `models`,
-  each with `samples` [N][k][pred_len * 2] whole centimetres from the last observed position, their
-  probabilities `weights` [k] and the index `central` of the central forecast; `codes`, the states
-  of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; `likely` events as (name, k,
-  l, probability, seconds), and `score`.
+- `step`, once a period if there is a forecast: its `t` and the `ids` [N] of its people;
+  `seen` [N][obs_len * 2] metres, and `extrapolated` [N], how many of its last steps
+  nobody saw; `models`, each with `samples` [N][k][pred_len * 2] whole centimetres from
+  the last observed position, their probabilities `weights` [k] and the index `central`
+  of the central forecast; `codes`, the states of the pairs (0, 1), (0, 2), ... (N-2,
+  N-1); `alpha` [N * N] or null; `likely` events as (name, k, l, probability, seconds),
+  and `score`.
 
 The last line has the final `score` alone.
 """
@@ -46,7 +50,8 @@ from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import FAR
 
 MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
-# Seconds on the page between what was before the clock was set back and what comes after.
+# Seconds on the page between what was before the clock was set back and what comes
+# after.
 BREAK = 60.0
 CELLS = 2**26  # of a map; larger ones are refused
 LARGEST = 4096  # pixels along a side; larger maps are shown coarser
@@ -63,8 +68,8 @@ def newest_symbols(
 ) -> tuple[jax.Array, jax.Array]:
     """The newest state of every pair of people, and its weight, from `positions` [N, T, 2].
 
-    [N, N] codes as of `states.encode_state`, (i, j) with i as k and j as l; and [N, N] alpha. Where
-    `valid` [N] is False there is nobody.
+    [N, N] codes as of `states.encode_state`, (i, j) with i as k and j as l; and [N, N]
+    alpha. Where `valid` [N] is False there is nobody.
     """
     codes = weighting.codes(parameters, positions[:, -2:], period=period)
     alpha = weighting.alpha(parameters, positions, valid, period=period)
@@ -86,7 +91,9 @@ class Moments:
         window, self._period = predictor.window, predictor.window.period
         # Symbols are by the convention of the first NeuroSyM; else the papers'.
         models = predictor.models
-        self._weighted = weighted = next((name for name in models if models[name].weighting), None)
+        self._weighted = weighted = next(
+            (name for name in models if models[name].weighting), None
+        )
         self._of_events = weighted or next(iter(models))
         self._weighting = models[self._of_events].weighting or Cnd()
         self._parameters = models[self._of_events].params.get("weighting", {})
@@ -99,12 +106,15 @@ class Moments:
                 "period": window.period,
                 "observed": (window.steps - 1) * window.period,
                 "models": list(models),
-                "weighting": weighted and {"model": weighted, "name": self._weighting.name},
+                "weighting": weighted
+                and {"model": weighted, "name": self._weighting.name},
                 "map": None if floor_map is None else read_floor_map(floor_map),
                 "likely": {
                     "model": self._of_events,
                     "at_least": at_least,
-                    "words": {name: event.in_short(name) for name, event in EVENTS.items()},
+                    "words": {
+                        name: event.in_short(name) for name, event in EVENTS.items()
+                    },
                 },
             }
         )
@@ -134,7 +144,9 @@ class Moments:
                 "ids": [str(id) for id in frame.ids[near].tolist()],
                 "xy": np.round(frame.xy[near], 3).ravel().tolist(),
                 "more": len(rows) - len(near),
-                "robot": None if event.robot is None else np.round(event.robot, 3).tolist(),
+                "robot": None
+                if event.robot is None
+                else np.round(event.robot, 3).tolist(),
                 "now": status,
                 "step": step,
             }
@@ -150,7 +162,9 @@ class Moments:
         people = len(observed)
         scene = pad_scene(make_scene(observed), int(bucket_of(people)))
         arrays = scene.observed, scene.valid
-        newest = newest_symbols(self._weighting, self._parameters, *arrays, self._period)
+        newest = newest_symbols(
+            self._weighting, self._parameters, *arrays, self._period
+        )
         codes, alpha = (np.asarray(values)[:people, :people] for values in newest)
         return codes, alpha if self._weighted else None
 
@@ -158,7 +172,8 @@ class Moments:
         codes, alpha = self.symbols(forecast.observed)
         last, people = forecast.observed[:, -1:], len(codes)
         events = likely_events(forecast, self._of_events, self._period, self._at_least)
-        # The most probable of each pair; then of every kind, so that frequent kinds hide no other.
+        # The most probable of each pair; then of every kind, so that frequent kinds
+        # hide no other.
         pairs = {frozenset((event.k, event.l)): event for event in reversed(events)}
         turns, counts = [], collections.Counter()
         events = [event for event in events if event in pairs.values()]
@@ -183,7 +198,9 @@ class Moments:
             "models": models,
             "codes": codes[np.triu_indices(people, 1)].tolist(),
             "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
-            "likely": [(*event[:3], *np.round(event[3:], 3).tolist()) for event in likely],
+            "likely": [
+                (*event[:3], *np.round(event[3:], 3).tolist()) for event in likely
+            ],
         }
 
 
@@ -196,9 +213,9 @@ def _json(value: Any) -> str:
 def read_floor_map(path: Path) -> dict[str, Any]:
     """A map as ROS's map_server saves it: a `.yaml` file that names an image.
 
-    Returns:
-        `image`, a PNG as data URL whose opacity is how occupied a cell is; `width` and `height`
-        [m]; and `origin` [x, y, yaw] of the lower left corner in metres and radians.
+    Returns: `image`, a PNG as data URL whose opacity is how occupied a cell is; `width`
+        and `height` [m]; and `origin` [x, y, yaw] of the lower left corner in metres
+        and radians.
 
     Raises:
         InputError: naming the file and what is wrong with it.

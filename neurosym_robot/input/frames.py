@@ -42,10 +42,18 @@ class FrameCheck:
             return "", ""
         first = self.rest.setdefault(anchor, matrix)
         moved = np.linalg.norm(matrix[:3, 3] - first[:3, 3])
-        turned = np.arccos(np.clip((np.trace(matrix[:3, :3].T @ first[:3, :3]) - 1) / 2, -1, 1))
+        turned = np.arccos(
+            np.clip((np.trace(matrix[:3, :3].T @ first[:3, :3]) - 1) / 2, -1, 1)
+        )
         if matrix[2, 2] < LEVEL:
-            return "tilted frame", f"{begin}, whose z axis is not that of {anchor!r}; {meant}"
+            return (
+                "tilted frame",
+                f"{begin}, whose z axis is not that of {anchor!r}; {meant}",
+            )
         if not is_fixed(frame) and (moved > MOVED or turned > TURNED):
             walk = "standing people would seem to walk"
-            return "moving frame", f"{begin}, which moves against {anchor!r}: {walk}; {meant}"
+            return (
+                "moving frame",
+                f"{begin}, which moves against {anchor!r}: {walk}; {meant}",
+            )
         return "", ""

@@ -22,11 +22,15 @@ class Kind:
     """Paths of fields, with dots between their names; a number is a place in a list."""
 
     people: str  # field with one entry per person
-    position: str = "position"  # from an entry to x, y, z; empty: entries name frames of /tf
+    position: str = (
+        "position"  # from an entry to x, y, z; empty: entries name frames of /tf
+    )
     id: str = ""
     """From an entry to a number or name, `|` between alternatives; or a field of the message with
     as many entries as people. Empty: people have no ids."""
-    occluded: str = ""  # from an entry to whether the tracker guesses the position, unseen
+    occluded: str = (
+        ""  # from an entry to whether the tracker guesses the position, unseen
+    )
     only: str = ""  # PATH=VALUE[,VALUE] of the entries that are people; empty: all are
 
 
@@ -63,14 +67,17 @@ class Seen(NamedTuple):
     ids: np.ndarray  # [N] int64, `UNNAMED` without an id
     xyz: np.ndarray  # [N, 3] metres; zeros where `frames` are
     occluded: np.ndarray  # [N] bool: the tracker guesses the position
-    frames: Sequence[str] = ()  # [N] frame of /tf at whose origin each person is, for ROS4HRI
+    frames: Sequence[
+        str
+    ] = ()  # [N] frame of /tf at whose origin each person is, for ROS4HRI
     others: int = 0  # entries that are no people
 
 
 def id_of_name(name: str) -> int:
     """The id of a person's name: the number it is, or else a hash of it; `UNNAMED` if empty.
 
-    Hashes lie between 2**52 and 2**53, where floats and JavaScript still represent every integer.
+    Hashes lie between 2**52 and 2**53, where floats and JavaScript still represent
+    every integer.
     """
     if re.fullmatch("0|-?[1-9][0-9]{0,17}", name):  # "007" is another name than "7".
         return int(name)
@@ -80,7 +87,11 @@ def id_of_name(name: str) -> int:
 
 def _id_of(value: Any) -> int:
     # A uint64 becomes the int64 with the same bits, as which negative ids are written.
-    return id_of_name(value) if isinstance(value, str) else (int(value) + 2**63) % 2**64 - 2**63
+    return (
+        id_of_name(value)
+        if isinstance(value, str)
+        else (int(value) + 2**63) % 2**64 - 2**63
+    )
 
 
 def _follow(entry: Any, path: str) -> Any:
@@ -106,24 +117,38 @@ def see(kind: str | Kind, message: Any, only: str = "") -> Seen:
 
     `only` says which entries are people, instead of the kind.
 
-    Raises:
-        AttributeError, LookupError, TypeError, ValueError: if the message has no such fields.
+    Raises: AttributeError, LookupError, TypeError, ValueError: if the message has no
+        such fields.
     """
     form = KINDS[kind] if isinstance(kind, str) else kind
     entries = list(_follow(message, form.people))
-    ids = _ids(message, entries, form.id) if form.position else [id_of_name(e) for e in entries]
+    ids = (
+        _ids(message, entries, form.id)
+        if form.position
+        else [id_of_name(e) for e in entries]
+    )
     count = len(entries)
     if only := only or form.only:
         path, _, values = only.partition("=")
-        is_person = [str(_follow(entry, path)) in values.split(",") for entry in entries]
-        ids, entries = (list(itertools.compress(part, is_person)) for part in (ids, entries))
-    points = [_follow(entry, form.position) for entry in entries] if form.position else []
-    occluded = [bool(form.occluded) and _follow(entry, form.occluded) for entry in entries]
+        is_person = [
+            str(_follow(entry, path)) in values.split(",") for entry in entries
+        ]
+        ids, entries = (
+            list(itertools.compress(part, is_person)) for part in (ids, entries)
+        )
+    points = (
+        [_follow(entry, form.position) for entry in entries] if form.position else []
+    )
+    occluded = [
+        bool(form.occluded) and _follow(entry, form.occluded) for entry in entries
+    ]
     return Seen(
         seconds_of(message.header.stamp),
         message.header.frame_id.strip("/"),
         np.array(ids, np.int64),
-        np.array([(p.x, p.y, p.z) for p in points] or np.zeros((len(ids), 3)), np.float64),
+        np.array(
+            [(p.x, p.y, p.z) for p in points] or np.zeros((len(ids), 3)), np.float64
+        ),
         np.array(occluded, bool),
         [] if form.position else [f"body_{entry}" for entry in entries],
         count - len(entries),

@@ -1,8 +1,8 @@
 """A stream of people from messages, as tf2's message filter makes it: one publisher, one frame.
 
-Messages wait, for a bounded time, until /tf brackets their stamps; messages of one moment are
-joined. What would be misread, such as two trackers on a topic or coordinates in a frame that moves,
-is refused, counted by cause, and reported once in words.
+Messages wait, for a bounded time, until /tf brackets their stamps; messages of one
+moment are joined. What would be misread, such as two trackers on a topic or coordinates
+in a frame that moves, is refused, counted by cause, and reported once in words.
 """
 
 import collections
@@ -51,12 +51,22 @@ class PeopleSource:
     ):
         """Configure the stream as the options of these names say, see `LiveOptions`.
 
-        `report` is called with one line when something begins to be left out; `form` says where
-        messages hold people, by default their type, and `only` which entries are people. Parts of a
-        recording's moment are joined from the first on; a frame that moves there is an InputError.
+        `report` is called with one line when something begins to be left out; `form`
+        says where messages hold people, by default their type, and `only` which entries
+        are people. Parts of a recording's moment are joined from the first on; a frame
+        that moves there is an InputError.
         """
-        self.fixed_frame, self.robot_frame, self.reach = fixed_frame.strip("/"), robot_frame, reach
-        self._report, self.form, self._only, self._recorded = report, form, only, recorded
+        self.fixed_frame, self.robot_frame, self.reach = (
+            fixed_frame.strip("/"),
+            robot_frame,
+            reach,
+        )
+        self._report, self.form, self._only, self._recorded = (
+            report,
+            form,
+            only,
+            recorded,
+        )
         self.frame_id: str | None = self.fixed_frame or None
         """Frame of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
@@ -69,9 +79,17 @@ class PeopleSource:
         self._publisher: str | None = None
         self._heard = -math.inf
         self._nearest = NearestIds()
-        self._named = self._stamped = False  # whether anybody had an id, and a message a time
-        self._newest, self._behind = -math.inf, math.inf  # stamp; arrival of an older one
-        self._joins, self._span = recorded, JOIN / 2  # whether and how long moments come in parts
+        self._named = self._stamped = (
+            False  # whether anybody had an id, and a message a time
+        )
+        self._newest, self._behind = (
+            -math.inf,
+            math.inf,
+        )  # stamp; arrival of an older one
+        self._joins, self._span = (
+            recorded,
+            JOIN / 2,
+        )  # whether and how long moments come in parts
         self._open: Moment | None = None  # to which parts may come
         self._previous: Seen | None = None
         self._queue: collections.deque[Moment] = collections.deque()
@@ -87,9 +105,13 @@ class PeopleSource:
         if not (self.robot_frame and self.frame_id):
             return None
         try:
-            matrix = self.transforms.matrix(self.robot_frame, self.frame_id, stamp, HOLD)
+            matrix = self.transforms.matrix(
+                self.robot_frame, self.frame_id, stamp, HOLD
+            )
         except LookupError as error:
-            self._refuse("robot's place unknown", "the robot's place is unknown", str(error))
+            self._refuse(
+                "robot's place unknown", "the robot's place is unknown", str(error)
+            )
             return None
         return np.array([*matrix[:2, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
@@ -103,8 +125,8 @@ class PeopleSource:
     ) -> list[Frame]:
         """Take in a message of type `kind`; return the frames that are ready now, see `release`.
 
-        `received` is the time of arrival in seconds of any monotonic clock, `clock` that of ROS's,
-        by default the same.
+        `received` is the time of arrival in seconds of any monotonic clock, `clock`
+        that of ROS's, by default the same.
 
         Raises:
             InputError: in a recording, for coordinates that would be misread.
@@ -115,15 +137,24 @@ class PeopleSource:
             self._refuse("malformed", f"{kind}: people cannot be read", str(error))
             return self.release(received)
         if seen.others:
-            self._refuse("other classes", "entries of other classes are left out", "", seen.others)
+            self._refuse(
+                "other classes",
+                "entries of other classes are left out",
+                "",
+                seen.others,
+            )
         if not self._is_ours(publisher, received):
             return self.release(received)
         self._stamped |= seen.stamp != 0
         if not self._stamped:  # Simulated time begins at 0, too, and goes on.
-            self._refuse("stamped on arrival", "stamps are 0: the time of arrival is taken")
+            self._refuse(
+                "stamped on arrival", "stamps are 0: the time of arrival is taken"
+            )
             seen = seen._replace(stamp=received if clock is None else clock)
         previous = self._previous
-        joins = self._open is not None and previous is not None and _is_part(previous, seen)
+        joins = (
+            self._open is not None and previous is not None and _is_part(previous, seen)
+        )
         if not (joins or self._is_in_order(seen.stamp, received)):
             return self.release(received)
         if seen.frames and self.frame_id is None:
@@ -138,7 +169,9 @@ class PeopleSource:
 
         What has waited too long is counted, and left out; infinity ends all waiting.
         """
-        if self._open and received - self._open.received > (JOIN if self._recorded else self._span):
+        if self._open and received - self._open.received > (
+            JOIN if self._recorded else self._span
+        ):
             self._close()
         frames = []
         while self._queue:
@@ -146,7 +179,9 @@ class PeopleSource:
             try:
                 frame = self._frame(moment)
             except LookupError as error:
-                timely = received - moment.received <= WAIT and len(self._queue) <= WAITING
+                timely = (
+                    received - moment.received <= WAIT and len(self._queue) <= WAITING
+                )
                 if isinstance(error, NotYet) and timely:
                     break
                 text = f"people cannot be taken to {self.frame_id!r}"
@@ -164,7 +199,9 @@ class PeopleSource:
             self._say("a moment comes in several messages: they are joined")
         if self._open and joins:
             self._open.parts.append(seen)
-            self._span = min(JOIN, max(self._span, 2 * (received - self._open.received) + 5e-3))
+            self._span = min(
+                JOIN, max(self._span, 2 * (received - self._open.received) + 5e-3)
+            )
             ids = np.concatenate([previous.ids, seen.ids])
             self._previous = seen._replace(ids=ids)
             return
@@ -190,12 +227,17 @@ class PeopleSource:
                 xyz, sensor = part.xyz, self.robot(part.stamp)
             elif not self.fixed_frame:
                 text = f"coordinates in {part.frame_id!r} are left out, the stream's are in"
-                advice = f"--fixed-frame {self.frame_id or part.frame_id} transforms them"
-                return self._refuse("other frame", f"{text} {self.frame_id!r}; {advice}")
+                advice = (
+                    f"--fixed-frame {self.frame_id or part.frame_id} transforms them"
+                )
+                return self._refuse(
+                    "other frame", f"{text} {self.frame_id!r}; {advice}"
+                )
             else:
                 matrix = self._to_ours(part.frame_id, part.stamp)
                 xyz, sensor = part.xyz @ matrix[:3, :3].T + matrix[:3, 3], matrix[:2, 3]
-            # NaN is left to the window, which counts it; a tracker's "nowhere" is in its own frame.
+            # NaN is left to the window, which counts it; a tracker's "nowhere" is in
+            # its own frame.
             far = (np.abs(part.xyz[:, :2]) >= FAR).any(axis=1)
             if sensor is not None:
                 far |= np.linalg.norm(xyz[:, :2] - sensor[:2], axis=1) > self.reach
@@ -208,7 +250,9 @@ class PeopleSource:
         occluded = np.concatenate([part.occluded for part in moment.parts])
         if far.any():
             text = f"people more than {self.reach:g} m from the sensor or robot are left out"
-            self._refuse("far people", f"{text}; --reach sets the limit", count=int(far.sum()))
+            self._refuse(
+                "far people", f"{text}; --reach sets the limit", count=int(far.sum())
+            )
         if occluded.any():
             text = "positions that the tracker guesses (is_occluded) are left out"
             self._refuse("occluded people", text, count=int(occluded.sum()))
@@ -246,7 +290,8 @@ class PeopleSource:
     def _is_in_order(self, stamp: float, received: float) -> bool:
         """Whether a message is not older than the one before.
 
-        When two in a row are older, the clock was set back, and what was known is forgotten.
+        When two in a row are older, the clock was set back, and what was known is
+        forgotten.
         """
         if math.isinf(self._behind) and 0 < self._newest - stamp < RESET:
             self._behind = received
@@ -258,14 +303,20 @@ class PeopleSource:
             self._queue.clear()
             self._check.rest.clear()
             self._open = None
-            self._refuse("clock set back", "the clock was set back: what was known is forgotten")
+            self._refuse(
+                "clock set back", "the clock was set back: what was known is forgotten"
+            )
         self._newest, self._behind = stamp, math.inf
         return True
 
     def _is_ours(self, publisher: str, received: float) -> bool:
         current = self._publisher
         silent = received - self._heard > SILENCE
-        if current is None or silent or (current != publisher and not self.is_there(current)):
+        if (
+            current is None
+            or silent
+            or (current != publisher and not self.is_there(current))
+        ):
             if current not in (None, publisher):
                 self._report(f"people come from {publisher} now, not from {current}")
             self._publisher = current = publisher

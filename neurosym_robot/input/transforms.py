@@ -1,7 +1,8 @@
 """Where coordinate frames lie in each other over time, as ROS's tf2 knows it from /tf.
 
-A pose is interpolated between two known ones and never extrapolated: until the second has come,
-the answer is `NotYet`. When the clock is set back, what was known before is forgotten.
+A pose is interpolated between two known ones and never extrapolated: until the second
+has come, the answer is `NotYet`. When the clock is set back, what was known before is
+forgotten.
 """
 
 import bisect
@@ -19,7 +20,9 @@ from neurosym_robot.ros.definitions import seconds_of
 
 KEPT = 10.0  # seconds of each frame's past
 GAP = 1.0  # seconds between two poses that differ, over which nothing is interpolated
-REORDERED = 0.15  # seconds for which older poses after newer ones are taken for late ones
+REORDERED = (
+    0.15  # seconds for which older poses after newer ones are taken for late ones
+)
 LATE = 1.0  # seconds by which /tf may come later than people
 FIXED = re.compile("map|odom|world|earth")
 """In the names of frames that do not move with a robot, after ROS's REP 105."""
@@ -55,19 +58,24 @@ class _Edge:
             self.doubted, self.poses, self.since = self.poses, [], received
         back = bool(self.doubted) and received - self.since > REORDERED
         if self.doubted and stamp > self.doubted[-1][0]:
-            # One that was overtaken has a delay as others had before; after a clock was set back,
-            # all have a longer one.
+            # One that was overtaken has a delay as others had before; after a clock was
+            # set back, all have a longer one.
             delays, before = _delays([*self.poses, pose]), _delays(self.doubted)
             shift = 0.6 * (self.doubted[-1][0] - self.poses[0][0])
             back |= min(delays) - min(before) > shift > max(before) - min(before)
             if not back:
-                self.poses, self.doubted = sorted(self.doubted + self.poses, key=itemgetter(0)), []
+                self.poses, self.doubted = (
+                    sorted(self.doubted + self.poses, key=itemgetter(0)),
+                    [],
+                )
         if back:
             self.doubted = []
         place = bisect.bisect_left(self.poses, stamp, key=itemgetter(0))
         same = self.poses[place : place + 1] and self.poses[place][0] == stamp
         self.poses[place : place + bool(same)] = [pose]
-        oldest = bisect.bisect_left(self.poses, self.poses[-1][0] - KEPT, key=itemgetter(0))
+        oldest = bisect.bisect_left(
+            self.poses, self.poses[-1][0] - KEPT, key=itemgetter(0)
+        )
         del self.poses[:oldest]
         return back
 
@@ -77,18 +85,22 @@ class _Edge:
             return self.poses[0][1]
         begin, end = (self.poses[n][0] if self.poses else math.nan for n in (0, -1))
         if not begin <= stamp <= end + hold:
-            text = f"where {frame} lies is known from {begin:.2f} to {end:.2f} s, not at"
+            text = (
+                f"where {frame} lies is known from {begin:.2f} to {end:.2f} s, not at"
+            )
             error = LookupError if stamp < begin and not self.doubted else NotYet
             raise error(f"{text} {stamp:.2f}")
         after = bisect.bisect_right(self.poses, stamp, key=itemgetter(0))
         before, first, _ = self.poses[after - 1]
         then, last, _ = self.poses[min(after, len(self.poses) - 1)]
-        # q and -q are the same rotation. Between messages a robot turns so little that linear and
-        # spherical interpolation agree.
+        # q and -q are the same rotation. Between messages a robot turns so little that
+        # linear and spherical interpolation agree.
         if first[3:] @ last[3:] < 0:
             last = np.concatenate([last[:3], -last[3:]])
         if then - before > GAP and np.abs(last - first).max() > 0.01:
-            raise LookupError(f"{frame} moved while /tf was silent from {before:.2f} to {then:.2f}")
+            raise LookupError(
+                f"{frame} moved while /tf was silent from {before:.2f} to {then:.2f}"
+            )
         share = (stamp - before) / (then - before) if then > before else 0.0
         return (1 - share) * first + share * last
 
@@ -112,10 +124,15 @@ class Transforms:
         """
         for row in message.transforms:
             move, turn = row.transform.translation, row.transform.rotation
-            pose = np.array([move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w], np.float64)
+            pose = np.array(
+                [move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w], np.float64
+            )
             if not (np.isfinite(pose).all() and np.linalg.norm(pose[3:]) > 1e-6):
                 continue
-            child, parent = row.child_frame_id.strip("/"), row.header.frame_id.strip("/")
+            child, parent = (
+                row.child_frame_id.strip("/"),
+                row.header.frame_id.strip("/"),
+            )
             with self._lock:
                 edge = self._edges.get(child)
                 if edge is None or edge.parent != parent or static or edge.static:
@@ -126,7 +143,8 @@ class Transforms:
     def forget(self, before: float) -> None:
         """Forget all poses that arrived before: the clock of people was set back.
 
-        Those that go on as before are of the former clock for a while, as /tf may come late.
+        Those that go on as before are of the former clock for a while, as /tf may come
+        late.
         """
         with self._lock:
             for edge in self._edges.values():
@@ -145,7 +163,8 @@ class Transforms:
     ) -> np.ndarray:
         """[4, 4] from coordinates in `source` to those in `target` at `stamp` seconds.
 
-        The newest pose holds for `hold` seconds; a stamp of None asks for the newest poses.
+        The newest pose holds for `hold` seconds; a stamp of None asks for the newest
+        poses.
 
         Raises:
             NotYet: with the reason, if it is not known, but may become known.
@@ -155,37 +174,50 @@ class Transforms:
             up, down = self._to_root(source), self._to_root(target)
             common = next((frame for frame in up if frame in down), None)
             if common is None:
-                raise NotYet(f"no transform between {source or 'unnamed coordinates'} and {target}")
-            up_part, down_part = (frames[: frames.index(common)] for frames in (up, down))
+                raise NotYet(
+                    f"no transform between {source or 'unnamed coordinates'} and {target}"
+                )
+            up_part, down_part = (
+                frames[: frames.index(common)] for frames in (up, down)
+            )
             outward = self._along(down_part, stamp, hold)
             return np.linalg.inv(outward) @ self._along(up_part, stamp, hold)
 
     def anchor(self, frame: str) -> str | None:
         """The frame that `frame` is to be at rest in; None if /tf does not know it.
 
-        The first on the way to its root whose name REP 105 calls fixed, or else another one of its
-        tree, or else the root.
+        The first on the way to its root whose name REP 105 calls fixed, or else another
+        one of its tree, or else the root.
         """
         with self._lock:
             way = self._to_root(frame)
-            tree = [child for child in self._edges if self._to_root(child)[-1] == way[-1]]
+            tree = [
+                child for child in self._edges if self._to_root(child)[-1] == way[-1]
+            ]
         return next(filter(is_fixed, [*way[1:], *tree]), way[-1]) if tree else None
 
     def _to_root(self, frame: str) -> list[str]:
         """The frame, its parent, and so on; each once, should they form a circle."""
         frames = [frame]
-        while (edge := self._edges.get(frames[-1])) is not None and edge.parent not in frames:
+        while (
+            edge := self._edges.get(frames[-1])
+        ) is not None and edge.parent not in frames:
             frames.append(edge.parent)
         return frames
 
-    def _along(self, frames: Iterable[str], stamp: float | None, hold: float) -> np.ndarray:
+    def _along(
+        self, frames: Iterable[str], stamp: float | None, hold: float
+    ) -> np.ndarray:
         matrix, step = np.eye(4), np.eye(4)
         for frame in frames:
             edge = self._edges[frame]
             if stamp is None and not edge.poses:
                 raise NotYet(f"where {frame} lies is not known yet")
             pose = edge.poses[-1][1] if stamp is None else edge.at(frame, stamp, hold)
-            step[:3, :3], step[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
+            step[:3, :3], step[:3, 3] = (
+                Rotation.from_quat(pose[3:]).as_matrix(),
+                pose[:3],
+            )
             matrix = step @ matrix
         return matrix
 

@@ -1,7 +1,8 @@
 """Probable events of the pairs of a forecast that come nearest to each other.
 
 They are computed only when asked for: by the page, a topic with subscribers, a bag.
-`symbolic.events` defines the events, `symbolic.forecast` turns samples into probabilities.
+`symbolic.events` defines the events, `symbolic.forecast` turns samples into
+probabilities.
 """
 
 from typing import NamedTuple
@@ -13,7 +14,9 @@ from neurosym_jax.symbolic.forecast import symbolic_events
 from neurosym_robot.online.predictor import Forecast
 
 AT_LEAST = 0.5  # least probability of an event that is listed
-PAIRS = 16  # pairs that are looked at: those whose mean paths come nearest to each other
+PAIRS = (
+    16  # pairs that are looked at: those whose mean paths come nearest to each other
+)
 
 
 class LikelyEvent(NamedTuple):
@@ -27,7 +30,9 @@ class LikelyEvent(NamedTuple):
 
     def words(self, ids: np.ndarray) -> str:
         """Such as `3 follows 5: 80 %, in 1.2 s`; `ids` [N] of the people."""
-        sentence = EVENTS[self.name].in_short(self.name).format(k=ids[self.k], l=ids[self.l])
+        sentence = (
+            EVENTS[self.name].in_short(self.name).format(k=ids[self.k], l=ids[self.l])
+        )
         return f"{sentence}: {100 * self.probability:.0f} %, in {self.seconds:.1f} s"
 
 
@@ -55,10 +60,14 @@ def likely_events(
         pairs=np.arange(len(ends)).reshape(2, -1).T,
         period=period,
     )
-    share, seconds = np.asarray(outcomes.probability), np.asarray(outcomes.seconds)[..., 1]
+    share, seconds = (
+        np.asarray(outcomes.probability),
+        np.asarray(outcomes.seconds)[..., 1],
+    )
     names, listed = tuple(EVENTS), []
     for event, row in np.argwhere(share[:, : 2 * len(near)] >= at_least).tolist():
-        # A mutual event has the same probability in both directions, and is listed once.
+        # A mutual event has the same probability in both directions, and is listed
+        # once.
         once = row < len(near) or not EVENTS[names[event]].mutual
         if once and np.isfinite(seconds[event, row]):
             subject, other = pairs[row].tolist()

@@ -25,10 +25,16 @@ class Programs:
     ):
         """Compile at the start, or begin to.
 
-        `sizes` are the numbers of people that have a program each, ascending; `forecast` forecasts
-        such a number; `report` is called with one line before it is compiled.
+        `sizes` are the numbers of people that have a program each, ascending;
+        `forecast` forecasts such a number; `report` is called with one line before it
+        is compiled.
         """
-        self.sizes, self._when, self._report, self._forecast = sizes, when, report, forecast
+        self.sizes, self._when, self._report, self._forecast = (
+            sizes,
+            when,
+            report,
+            forecast,
+        )
         self._ready: set[int] = set()
         self._tasks: list[tuple[int, Use]] = []
         self._wanted = sizes[0]
@@ -51,13 +57,17 @@ class Programs:
 
     def fit(self, people: int) -> int:
         """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""
-        size_wanted = next((size for size in self.sizes if size >= people), self.sizes[-1])
+        size_wanted = next(
+            (size for size in self.sizes if size >= people), self.sizes[-1]
+        )
         if self._when == "needed" and self._compile_now(size_wanted):
             _settle()
         with self._lock:
             self._wanted = size_wanted
             largest = max(self._ready, default=0)
-            return min((size for size in self._ready if size >= size_wanted), default=largest)
+            return min(
+                (size for size in self._ready if size >= size_wanted), default=largest
+            )
 
     def _compile_now(self, size: int) -> bool:
         """Compile what is not compiled yet for so many people; whether there was anything."""
@@ -70,7 +80,9 @@ class Programs:
     def _compile(self, size: int, use: Use) -> None:
         if size not in self._ready:
             n = self.sizes.index(size) + 1
-            self._report(f"compiling for up to {size} people ({n} of {len(self.sizes)})")
+            self._report(
+                f"compiling for up to {size} people ({n} of {len(self.sizes)})"
+            )
         use(self._forecast(size))
 
     def _note(self, forecast: Any) -> None:
@@ -86,7 +98,9 @@ class Programs:
                     self._report("everything is compiled")
                     return
                 first = self._wanted, self._note
-                task = min(self._tasks, key=lambda pair: (pair != first, pair[1] != first[1]))
+                task = min(
+                    self._tasks, key=lambda pair: (pair != first, pair[1] != first[1])
+                )
                 self._tasks.remove(task)
             self._compile(*task)
 

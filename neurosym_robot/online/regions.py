@@ -1,11 +1,12 @@
 """Regions that hold what they say, whatever the place: online recalibration of a distribution.
 
-A region of a level is where a person is forecast to be at a step: the positions whose mean distance
-to the draws is below a bound. The bound that the draws give is right where the model is. Elsewhere
-it is scaled by a factor that grows when a truth lies outside and shrinks when it lies inside, so
-that in the long run the region holds its level at any place (adaptive conformal inference: Gibbs
-and Candès, NeurIPS 2021; as quantile tracking: Angelopoulos et al., NeurIPS 2023). Factors are
-bounded: beyond `WIDEST` a forecast is worth nothing, and coverage is no longer kept.
+A region of a level is where a person is forecast to be at a step: the positions whose
+mean distance to the draws is below a bound. The bound that the draws give is right
+where the model is. Elsewhere it is scaled by a factor that grows when a truth lies
+outside and shrinks when it lies inside, so that in the long run the region holds its
+level at any place (adaptive conformal inference: Gibbs and Candès, NeurIPS 2021; as
+quantile tracking: Angelopoulos et al., NeurIPS 2023). Factors are bounded: beyond
+`WIDEST` a forecast is worth nothing, and coverage is no longer kept.
 """
 
 import collections
@@ -38,7 +39,9 @@ class Regions:
 
     draws: np.ndarray  # [n, N, T, 2] metres, equally probable
     centre: np.ndarray  # [N, T] least mean distance of a draw to all, metres
-    size: np.ndarray  # [L, N, T] metres by which the mean distance may exceed it in a region
+    size: (
+        np.ndarray
+    )  # [L, N, T] metres by which the mean distance may exceed it in a region
 
     @classmethod
     def around(cls, draws: np.ndarray) -> "Regions":
@@ -61,7 +64,9 @@ def _mean_distance(draws: np.ndarray, place: np.ndarray) -> np.ndarray:
 class _Watch:
     """A forecast whose truth is still to come."""
 
-    def __init__(self, stamp: float, ids: np.ndarray, regions: Regions, scale: np.ndarray):
+    def __init__(
+        self, stamp: float, ids: np.ndarray, regions: Regions, scale: np.ndarray
+    ):
         """Of the people `ids [N]`, with the `scale [L, T]` as it is at the `stamp` [s]."""
         self.stamp, self.ids, self.regions, self.scale = stamp, ids, regions, scale
         self.steps = 0
@@ -77,16 +82,24 @@ class Recalibration:
         self.scale: Any = np.zeros((len(LEVELS), 1))
         """[L, T] logarithms of the factors of the regions' size."""
         self._watched: collections.deque[_Watch] = collections.deque()
-        self._held: collections.deque[tuple[float, int, np.ndarray]] = collections.deque()
+        self._held: collections.deque[tuple[float, int, np.ndarray]] = (
+            collections.deque()
+        )
 
     def add(self, stamp: float, ids: np.ndarray, draws: np.ndarray) -> None:
         """Follow a forecast for the people `ids [N]` by `draws [n, N, T, 2]`."""
         self.scale = np.broadcast_to(self.scale, (len(LEVELS), draws.shape[2])).copy()
-        self._watched.append(_Watch(stamp, ids, Regions.around(draws), self.scale.copy()))
+        self._watched.append(
+            _Watch(stamp, ids, Regions.around(draws), self.scale.copy())
+        )
 
     def learn(self) -> None:
         """Take in the truth that has come to the window."""
-        now, period, steps = self._window.stamp, self._window.period, self.scale.shape[1]
+        now, period, steps = (
+            self._window.stamp,
+            self._window.period,
+            self.scale.shape[1],
+        )
         change, seen = np.zeros_like(self.scale), np.zeros(steps, bool)
         for watch in self._watched:
             while watch.steps < steps:
@@ -96,13 +109,16 @@ class Recalibration:
                 truth = self._window.resampled(watch.ids, [stamp])[:, 0]
                 is_known = np.isfinite(truth).all(axis=1)
                 if is_known.any():
-                    change[:, watch.steps] += self._compare(watch, truth, np.asarray(is_known))
+                    change[:, watch.steps] += self._compare(
+                        watch, truth, np.asarray(is_known)
+                    )
                     seen[watch.steps] = True
                 watch.steps += 1
         while self._watched and self._watched[0].steps == steps:
             self._watched.popleft()
         if seen.any():
-            # What is wrong with one step is mostly wrong with all, and the first come first.
+            # What is wrong with one step is mostly wrong with all, and the first come
+            # first.
             change += change[:, seen].mean(axis=1, keepdims=True)
             bound = math.log(WIDEST)
             self.scale = np.clip(self.scale + RATE * change, -bound, bound)
@@ -117,7 +133,9 @@ class Recalibration:
         held = sum((held for _, _, held in self._held), np.zeros(len(LEVELS)))
         return dict(zip(LEVELS, (held / people).tolist())) if people else {}
 
-    def _compare(self, watch: _Watch, truth: np.ndarray, is_known: np.ndarray) -> np.ndarray:
+    def _compare(
+        self, watch: _Watch, truth: np.ndarray, is_known: np.ndarray
+    ) -> np.ndarray:
         """[L] people outside their region beyond those expected, of those `is_known [N]`."""
         step, count = watch.steps, int(is_known.sum())
         factors = watch.regions.factors(step, truth)[:, is_known]

@@ -1,8 +1,9 @@
 """A stream of frames through stitching, prediction and scores, in real time or faster.
 
-Scores are running errors of forecasts as the future arrives, the same live and in a replay: one
-forecast a period is scored, against what the predictor's window has seen since. Only people whose
-whole future was observed are scored; the others are counted with the reason.
+Scores are running errors of forecasts as the future arrives, the same live and in a
+replay: one forecast a period is scored, against what the predictor's window has seen
+since. Only people whose whole future was observed are scored; the others are counted
+with the reason.
 """
 
 import collections
@@ -37,10 +38,13 @@ class Analytics:
         self.dropped: collections.Counter[str] = collections.Counter()
         """People without a forecast by reason, once for each forecast that they are missing in;
         and people with a forecast that cannot be scored: "future unknown"."""
-        # By model: forecasts and people scored, and [2, ...] total and count of the metrics so far.
+        # By model: forecasts and people scored, and [2, ...] total and count of the
+        # metrics so far.
         self._scored, self._people = collections.Counter(), collections.Counter()
         self._sums: dict[str, dict[str, Any]] = {}
-        self._runtime: dict[str, tuple[float, int]] = {}  # milliseconds and forecasts so far
+        self._runtime: dict[
+            str, tuple[float, int]
+        ] = {}  # milliseconds and forecasts so far
         self._window = predictor.window
         self._wait = predictor.seconds_ahead + GRACE
         self._pending: collections.deque[Forecast] = collections.deque()
@@ -58,7 +62,9 @@ class Analytics:
             done = self.finish()  # The clock was set back: their future never comes.
         for regions in self.regions.values():
             regions.learn()
-        while self._pending and self._window.stamp >= self._pending[0].stamp + self._wait:
+        while (
+            self._pending and self._window.stamp >= self._pending[0].stamp + self._wait
+        ):
             done.append(self._score(self._pending.popleft()))
         if forecast is not None:
             self.forecasts += 1
@@ -71,7 +77,9 @@ class Analytics:
                 self._pending.append(forecast)
                 for name, result in forecast.models.items():
                     if len(result.draws) > 1:
-                        regions = self.regions.setdefault(name, Recalibration(self._window))
+                        regions = self.regions.setdefault(
+                            name, Recalibration(self._window)
+                        )
                         regions.add(forecast.stamp, forecast.ids, result.draws)
         return done
 
@@ -86,10 +94,11 @@ class Analytics:
     def summary(self) -> dict[str, Any]:
         """JSON-able counts, and means in metres or None before the first.
 
-        Of each model `published_ade` and `published_fde` are errors of the central forecast, which
-        is published; other metrics take the best of its samples by hindsight. `runtime` is the mean
-        of milliseconds that a forecast takes, `coverage` the share of the true positions of the
-        last five minutes that recalibrated regions held, by their level in per cent.
+        Of each model `published_ade` and `published_fde` are errors of the central
+        forecast, which is published; other metrics take the best of its samples by
+        hindsight. `runtime` is the mean of milliseconds that a forecast takes,
+        `coverage` the share of the true positions of the last five minutes that
+        recalibrated regions held, by their level in per cent.
         """
 
         def mean(total: Any, count: Any) -> Any:
@@ -104,7 +113,10 @@ class Analytics:
                 name: {"forecasts": self._scored[name], "people": self._people[name]}
                 | {"runtime": mean(*np.array(self._runtime.get(name, nothing)))}
                 | {"coverage": self._coverage(name)}
-                | {key: mean(*sums.get(key, nothing)) for key in (*PUBLISHED, *metric_names())}
+                | {
+                    key: mean(*sums.get(key, nothing))
+                    for key in (*PUBLISHED, *metric_names())
+                }
                 for name, sums in self._sums.items()
             },
         }
@@ -117,7 +129,9 @@ class Analytics:
         """Compare a forecast with what happened: here truth meets what was forecast."""
         samples = _with_straight(forecast)
         steps = np.arange(1, samples[STRAIGHT].shape[2] + 1)
-        future = self._window.resampled(forecast.ids, forecast.stamp + self._window.period * steps)
+        future = self._window.resampled(
+            forecast.ids, forecast.stamp + self._window.period * steps
+        )
         is_known: Any = np.isfinite(future).all(axis=2)
         for name, futures in samples.items():
             sums, length = self._sums.setdefault(name, {}), futures.shape[2]
@@ -128,11 +142,17 @@ class Analytics:
             self._scored[name] += 1
             self._people[name] += count
             central = forecast.models[name].central if name in forecast.models else 0
-            off = np.linalg.norm(futures[central] - future[:, :length], axis=-1)[is_whole]
-            for metric, total in zip(PUBLISHED, (off.mean(axis=1).sum(), off[:, -1].sum())):
+            off = np.linalg.norm(futures[central] - future[:, :length], axis=-1)[
+                is_whole
+            ]
+            for metric, total in zip(
+                PUBLISHED, (off.mean(axis=1).sum(), off[:, -1].sum())
+            ):
                 sums[metric] = sums.get(metric, 0) + np.array([total, count])
             for metric, value in score(futures, future[:, :length], is_whole).items():
-                sum_and_count = np.stack(np.broadcast_arrays(value.total[0], value.count[0]))
+                sum_and_count = np.stack(
+                    np.broadcast_arrays(value.total[0], value.count[0])
+                )
                 sums[metric] = sums.get(metric, 0) + sum_and_count
         self.dropped["future unknown"] += int((~is_known.all(axis=1)).sum())
         return dataclasses.replace(forecast, future=future)
@@ -149,7 +169,10 @@ def _rehearse(forecast: Forecast) -> None:
 def _with_straight(forecast: Forecast) -> dict[str, np.ndarray]:
     """Samples by model, and of `STRAIGHT` as many as a model's, for the same program."""
     samples = {name: result.samples for name, result in forecast.models.items()}
-    first, steps = len(next(iter(samples.values()))), max(s.shape[2] for s in samples.values())
+    first, steps = (
+        len(next(iter(samples.values()))),
+        max(s.shape[2] for s in samples.values()),
+    )
     going_on = straight(forecast.observed, steps)
     return samples | {STRAIGHT: np.repeat(going_on[None], first, axis=0)}
 
@@ -169,7 +192,9 @@ class ReplayEvent(NamedTuple):
     skipped: int = 0  # older frames that were observed, but not forecast
     age: float = math.nan  # seconds from stamp to forecast, by the recording's clock
     robot: np.ndarray | None = None  # [3] its pose in metres, metres, radians, if known
-    accepted: bool = True  # whether the window took the frame in; else its stamp was refused
+    accepted: bool = (
+        True  # whether the window took the frame in; else its stamp was refused
+    )
 
 
 def advance(
@@ -195,8 +220,9 @@ def replay(
 ) -> Iterator[ReplayEvent]:
     """Push frames one by one; an event for each.
 
-    At the end, `analytics.finish()` scores the forecasts that still wait. `rate` 1 is the speed of
-    the stamps, infinite does not wait; `robot` returns the robot's pose [3] at a stamp, if known.
+    At the end, `analytics.finish()` scores the forecasts that still wait. `rate` 1 is
+    the speed of the stamps, infinite does not wait; `robot` returns the robot's pose
+    [3] at a stamp, if known.
 
     Raises:
         InputError: for a rate that is not positive.

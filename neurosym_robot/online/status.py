@@ -1,7 +1,7 @@
 """How fresh a stream is: age of information, input rate, skipped frames; a line, an alarm, a table.
 
-The age of information is one number: from a frame's header stamp to the moment its forecast is
-published, by ROS's clock.
+The age of information is one number: from a frame's header stamp to the moment its
+forecast is published, by ROS's clock.
 """
 
 import collections
@@ -20,8 +20,12 @@ from neurosym_robot.online.regions import SPAN
 from neurosym_robot.online.replay import PUBLISHED, Analytics
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
-STALE_AFTER = 2.0  # seconds of age from which on forecasts no longer describe the present
-OFFSET = 0.5  # seconds: a least age beyond it is an offset between two clocks, and reported
+STALE_AFTER = (
+    2.0  # seconds of age from which on forecasts no longer describe the present
+)
+OFFSET = (
+    0.5  # seconds: a least age beyond it is an offset between two clocks, and reported
+)
 AGES = 4096  # newest ages kept for the percentiles
 ARRIVALS = 30  # newest frames whose rate is told
 EXPLAINED = "published: the central forecast; joint, marginal: the best of the samples by hindsight"
@@ -44,9 +48,9 @@ class Status:
     ):
         """Before the first frame.
 
-        `report` is called with one line at a time, the status every `interval` seconds (0: never);
-        `clock` returns the time [s] that stamps are compared with; what `source` left out and
-        `stitcher` joined is told with the rest.
+        `report` is called with one line at a time, the status every `interval` seconds
+        (0: never); `clock` returns the time [s] that stamps are compared with; what
+        `source` left out and `stitcher` joined is told with the rest.
         """
         self._predictor, self._analytics = predictor, analytics
         self._report, self._every, self.stale_after = report, interval, stale_after
@@ -54,7 +58,9 @@ class Status:
         self._stitcher = stitcher or OnlineStitcher()
         self._said = time.monotonic()
         self._newest = math.nan  # stamp of the newest frame
-        self._lag: tuple[float, float] | None = None  # age of the newest frame, and when it had it
+        self._lag: tuple[float, float] | None = (
+            None  # age of the newest frame, and when it had it
+        )
         self._least = math.inf  # least age of a frame that arrived
         self._offset_said = self._alarmed = False
         self._ages: collections.deque[float] = collections.deque(maxlen=AGES)
@@ -78,7 +84,9 @@ class Status:
         if len(arrivals) < 2:
             return 0.0
         step = (arrivals[-1] - arrivals[0]) / (len(arrivals) - 1)
-        return 1 / max(step, now - arrivals[-1] if now - arrivals[-1] > 2 * step else 0.0, 1e-6)
+        return 1 / max(
+            step, now - arrivals[-1] if now - arrivals[-1] > 2 * step else 0.0, 1e-6
+        )
 
     @property
     def offset(self) -> float:
@@ -125,19 +133,28 @@ class Status:
 
     def wrong(self) -> dict[str, int]:
         """Counts of problems so far, by name in words, without zeros."""
-        counts = {"skipped": self.skipped, **self._predictor.health, **self._source.refused}
+        counts = {
+            "skipped": self.skipped,
+            **self._predictor.health,
+            **self._source.refused,
+        }
         counts |= {"tracks joined": self._stitcher.joined, "frames": 0}
-        return {name.replace("_", " "): count for name, count in counts.items() if count}
+        return {
+            name.replace("_", " "): count for name, count in counts.items() if count
+        }
 
     def now(self) -> dict[str, Any]:
-        """JSON-able: ages [ms], their constant `offset` [s], `rate` [Hz], counts, `missing` people
-        with reasons by id, what was reported, and the `score`.
+        """JSON-able: ages [ms], their constant `offset` [s], `rate` [Hz], counts,
+        `missing` people with reasons by id, what was reported, and the `score`.
 
-        `age` is that of the newest forecast, `lag` that of the newest people [s], without offset.
+        `age` is that of the newest forecast, `lag` that of the newest people [s],
+        without offset.
         """
         ages, lag = [None] * 3, self.age - self.offset
         if self._ages:
-            newest = 1e3 * np.append(self._ages[-1], np.percentile(self._ages, (50, 99)))
+            newest = 1e3 * np.append(
+                self._ages[-1], np.percentile(self._ages, (50, 99))
+            )
             ages = np.round(newest, 1).tolist()
         return {
             **dict(zip(("age", "p50", "p99"), ages)),
@@ -154,7 +171,10 @@ class Status:
 
     def line(self) -> str:
         """The status line."""
-        now, late = self.now(), f"stale for {self.age - self.offset:.0f} s" if self.stale else ""
+        now, late = (
+            self.now(),
+            f"stale for {self.age - self.offset:.0f} s" if self.stale else "",
+        )
         errors = (
             f"{name} ADE {means['published_ade']:.2f} m, FDE {means['published_fde']:.2f} m "
             f"(best of the samples {means['joint_ade']:.2f}, {means['joint_fde']:.2f})"
@@ -201,15 +221,26 @@ class Status:
         return f"frames come every {step:.1f} s: {advice}"
 
     def _ages_in_words(self, now: Mapping[str, Any]) -> str:
-        offset = f", of which {self.offset:.1f} s are a constant offset" if self.offset else ""
-        most = f"{now['p50']} ms, p99 {now['p99']} ms, at most {1e3 * self._oldest:.1f} ms"
+        offset = (
+            f", of which {self.offset:.1f} s are a constant offset"
+            if self.offset
+            else ""
+        )
+        most = (
+            f"{now['p50']} ms, p99 {now['p99']} ms, at most {1e3 * self._oldest:.1f} ms"
+        )
         return f"age of information p50 {most}{offset}" if self._ages else ""
 
 
 def _coverage_in_words(coverage: Mapping[str, float]) -> str:
     """Such as `, 50 % regions held 48 %, 90 % regions 91 % in the last 5 minutes`; else empty."""
-    shares = [f"{level} % regions held {100 * share:.0f} %" for level, share in coverage.items()]
-    return f", {', '.join(shares)} in the last {SPAN / 60:.0f} minutes" if shares else ""
+    shares = [
+        f"{level} % regions held {100 * share:.0f} %"
+        for level, share in coverage.items()
+    ]
+    return (
+        f", {', '.join(shares)} in the last {SPAN / 60:.0f} minutes" if shares else ""
+    )
 
 
 def _listed(counts: Mapping[str, int], title: str = "") -> str:
@@ -221,7 +252,12 @@ def _listed(counts: Mapping[str, int], title: str = "") -> str:
 def _table(models: dict[str, dict[str, Any]]) -> str:
     """Models in rows, metrics with a single number in columns; empty where nobody was scored."""
     scored = {model: means for model, means in models.items() if means["people"]}
-    lists = {name for row in scored.values() for name, value in row.items() if type(value) is list}
+    lists = {
+        name
+        for row in scored.values()
+        for name, value in row.items()
+        if type(value) is list
+    }
     names = [name for name in metric_names() if name not in lists]
     rows = [
         [
@@ -233,6 +269,11 @@ def _table(models: dict[str, dict[str, Any]]) -> str:
         ]
         for model, row in scored.items()
     ]
-    head = ["", "published ADE", "published FDE", *(METRICS[name].title for name in names)]
+    head = [
+        "",
+        "published ADE",
+        "published FDE",
+        *(METRICS[name].title for name in names),
+    ]
     table = aligned_table([[*head, "runtime", "people scored"], *rows]) if rows else ""
     return table and f"{table}\n{EXPLAINED}"

@@ -1,8 +1,9 @@
 """The newest observations of everybody, resampled backwards from the newest frame.
 
-The online counterpart of `data.clock.resample` with a grid that ends at the newest stamp: a step
-lies linearly between a person's two neighbouring observations, at most `max_gap` apart. Nothing
-later than the newest frame exists here. Time is that of the messages' headers.
+The online counterpart of `data.clock.resample` with a grid that ends at the newest
+stamp: a step lies linearly between a person's two neighbouring observations, at most
+`max_gap` apart. Nothing later than the newest frame exists here. Time is that of the
+messages' headers.
 """
 
 import collections
@@ -48,10 +49,11 @@ class Window:
     ):
         """An empty window of `steps`, `period` seconds apart; the last is the newest frame.
 
-        In seconds, `max_gap` is the longest gap between two observations that is bridged, `timeout`
-        the absence after which a track is forgotten, `hold` the absence for which a person is
-        extrapolated, and `memory` the past kept at least, beside the window. Beyond `max_tracks`,
-        those newcomers nearest to the focus are followed. InputError for a number out of range.
+        In seconds, `max_gap` is the longest gap between two observations that is
+        bridged, `timeout` the absence after which a track is forgotten, `hold` the
+        absence for which a person is extrapolated, and `memory` the past kept at least,
+        beside the window. Beyond `max_tracks`, those newcomers nearest to the focus are
+        followed. InputError for a number out of range.
         """
         if not 2 * SNAP < period < math.inf:
             raise InputError(f"period must be more than {2 * SNAP} s, not {period}")
@@ -81,16 +83,22 @@ class Window:
         return round(self.stamp / self.period)
 
     def push(
-        self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
+        self,
+        stamp: float,
+        ids: ArrayLike,
+        xy: ArrayLike,
+        focus: ArrayLike | None = None,
     ) -> bool:
         """Take in one frame, see `Predictor.push`; return whether it was accepted.
 
-        Raises:
-            InputError: for other shapes or ids; whatever else is wrong is counted in `health`.
+        Raises: InputError: for other shapes or ids; whatever else is wrong is counted
+            in `health`.
         """
         ids, xy = np.asarray(ids), np.asarray(xy, np.float64)
         if ids.ndim != 1 or (len(ids) and xy.shape != (len(ids), 2)):
-            raise InputError(f"a frame is ids [N] and xy [N, 2], not {ids.shape} and {xy.shape}")
+            raise InputError(
+                f"a frame is ids [N] and xy [N, 2], not {ids.shape} and {xy.shape}"
+            )
         if len(ids) and ids.dtype.kind not in "iu":
             raise InputError(f"ids must be whole numbers, not {ids.dtype}")
         self.health["frames"] += 1
@@ -109,9 +117,9 @@ class Window:
     def complete(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All people with a whole window that ends at the newest frame.
 
-        Returns:
-            Ids [N], ascending; positions [N, steps, 2]; and the number [N] of final steps that were
-            not seen but extrapolated, at the velocity of the last `period` seen.
+        Returns: Ids [N], ascending; positions [N, steps, 2]; and the number [N] of
+            final steps that were not seen but extrapolated, at the velocity of the last
+            `period` seen.
         """
         people = np.flatnonzero(self.stamp - self._last <= self.hold + SNAP)
         last = self._last[people, None]
@@ -126,7 +134,11 @@ class Window:
                 unseen[..., None], now[:, None] + ahead[..., None] * speed, positions
             )
         complete = np.isfinite(positions).all(axis=(1, 2))
-        return self._ids[people[complete]], positions[complete], unseen[complete].sum(axis=1)
+        return (
+            self._ids[people[complete]],
+            positions[complete],
+            unseen[complete].sum(axis=1),
+        )
 
     def incomplete(self, ids: np.ndarray) -> dict[int, str]:
         """Why others than `ids` are missing: "unseen" in the newest frame, or "short" windows."""
@@ -140,7 +152,9 @@ class Window:
         is_known = np.isin(ids, self._ids)
         people = np.searchsorted(self._ids, ids[is_known])
         positions = np.full((len(ids), len(times), 2), np.nan)
-        positions[is_known] = self._at(people, np.broadcast_to(times, (len(people), len(times))))
+        positions[is_known] = self._at(
+            people, np.broadcast_to(times, (len(people), len(times)))
+        )
         return positions
 
     def _at(self, people: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -152,21 +166,28 @@ class Window:
         count = len(stamps)
         frames = np.arange(count)[:, None]
         seen = np.isfinite(places[..., 0])
-        # For each frame, the last before it or itself in which a person was seen, and the next.
+        # For each frame, the last before it or itself in which a person was seen, and
+        # the next.
         last = np.maximum.accumulate(np.where(seen, frames, -1))
         coming = np.minimum.accumulate(np.where(seen, frames, count)[::-1])[::-1]
         column = np.arange(len(people))[:, None]
         count_before = np.searchsorted(stamps, times + SNAP, side="right")
         before = np.where(count_before > 0, last[count_before - 1, column], -1)
         after = np.where(
-            count_before < count, coming[np.minimum(count_before, count - 1), column], count
+            count_before < count,
+            coming[np.minimum(count_before, count - 1), column],
+            count,
         )
         after = np.where(after < count, after, before)
         since = times - stamps[before]
         exact = np.abs(since) <= SNAP
         gap = stamps[after] - stamps[before]
-        is_known = (before >= 0) & (exact | ((gap > 0) & (gap <= self.max_gap + 2 * SNAP)))
-        weight = np.divide(since, gap, out=np.zeros_like(since), where=is_known & ~exact)[..., None]
+        is_known = (before >= 0) & (
+            exact | ((gap > 0) & (gap <= self.max_gap + 2 * SNAP))
+        )
+        weight = np.divide(
+            since, gap, out=np.zeros_like(since), where=is_known & ~exact
+        )[..., None]
         first = places[before, column]
         # In this form a person who stands still stays exactly still, as in `resample`.
         position = first + weight * (places[after, column] - first)
@@ -175,7 +196,11 @@ class Window:
     def _accept(self, stamp: float) -> bool:
         """Whether this frame is the next; clears everything if the clock was set back."""
         back = self.stamp - stamp
-        if not abs(stamp) < LATE or back == 0 or (0 < back < RESET and not self._behind):
+        if (
+            not abs(stamp) < LATE
+            or back == 0
+            or (0 < back < RESET and not self._behind)
+        ):
             self._behind |= back > 0
             twice = "backward_stamps" if back else "duplicate_stamps"
             self.health[twice if abs(stamp) < LATE else "bad_stamps"] += 1
@@ -200,7 +225,9 @@ class Window:
         )
         return unique, xy[near][first]
 
-    def _followed(self, ids: np.ndarray, xy: np.ndarray, focus: ArrayLike | None) -> np.ndarray:
+    def _followed(
+        self, ids: np.ndarray, xy: np.ndarray, focus: ArrayLike | None
+    ) -> np.ndarray:
         """[N] bool: who of a frame is followed: all who were, and as many newcomers as fit."""
         followed = np.isin(ids, self._ids)
         new, room = np.flatnonzero(~followed), self.max_tracks - len(self._ids)

@@ -1,7 +1,8 @@
 """Limits of memory and time for bags with compressed content.
 
-rosbags decompresses whole chunks, whatever their size: a bag of 24 kB can take gigabytes. So such
-a bag is read once beforehand by a process with limits, `python -m neurosym_robot.ros.bag_limits`.
+rosbags decompresses whole chunks, whatever their size: a bag of 24 kB can take
+gigabytes. So such a bag is read once beforehand by a process with limits, `python -m
+neurosym_robot.ros.bag_limits`.
 """
 
 import errno
@@ -26,7 +27,9 @@ WORDS = (b"compression=lz4", b"compression=bz2", b"zstd", b"lz4")
 
 def refuse_bombs(bag: Path, paths: Sequence[Path]) -> None:
     """InputError for a bag of `paths` that would take too much memory or time, with the limit."""
-    inside = [file for path in paths for file in (path, *path.glob("*")) if file.is_file()]
+    inside = [
+        file for path in paths for file in (path, *path.glob("*")) if file.is_file()
+    ]
     if not any(map(_compressed, inside)):
         return
     size = sum(file.stat().st_size for file in inside)
@@ -34,14 +37,21 @@ def refuse_bombs(bag: Path, paths: Sequence[Path]) -> None:
     command = [sys.executable, "-m", __name__, str(limit), str(math.ceil(seconds))]
     command += map(str, paths)
     try:
-        # The process counts its own time; on a busy computer that is less than what passes.
-        status = subprocess.run(command, capture_output=True, timeout=10 * seconds).returncode
+        # The process counts its own time; on a busy computer that is less than what
+        # passes.
+        status = subprocess.run(
+            command, capture_output=True, timeout=10 * seconds
+        ).returncode
         if status == -signal.SIGXCPU:
             raise subprocess.TimeoutExpired(command, seconds)
     except subprocess.TimeoutExpired:
-        raise InputError(f"{bag}: takes more than {seconds:.0f} s to decompress") from None
+        raise InputError(
+            f"{bag}: takes more than {seconds:.0f} s to decompress"
+        ) from None
     if status == TOO_LARGE or status < 0:  # Killed, it took too much, too.
-        raise InputError(f"{bag}: takes more than {limit / 1e6:.0f} MB of memory to decompress")
+        raise InputError(
+            f"{bag}: takes more than {limit / 1e6:.0f} MB of memory to decompress"
+        )
 
 
 def _compressed(file: Path) -> bool:
@@ -61,11 +71,15 @@ def _read_all(limit: int, seconds: int, paths: Sequence[Path]) -> int:
     store = shared_typestore(2)
     from rosbags.highlevel import AnyReader
 
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf(
+        "SC_PAGE_SIZE"
+    )
     resource.setrlimit(resource.RLIMIT_AS, (used + limit, used + limit))
     spent = math.ceil(sum(os.times()[:2]))
     resource.setrlimit(resource.RLIMIT_CPU, (spent + seconds, spent + seconds + 5))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))  # of what is unpacked on the disk
+    resource.setrlimit(
+        resource.RLIMIT_FSIZE, (limit, limit)
+    )  # of what is unpacked on the disk
     try:
         with AnyReader(paths, default_typestore=store) as reader:
             for _ in reader.messages():

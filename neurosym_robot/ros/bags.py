@@ -1,7 +1,7 @@
 """Bags read and written without ROS: ROS 1 `.bag`, ROS 2 sqlite3 and mcap.
 
-rosbags is imported when a bag is opened. A bag that was cut short is refused by an error that names
-the tool that mends it.
+rosbags is imported when a bag is opened. A bag that was cut short is refused by an
+error that names the tool that mends it.
 """
 
 import contextlib
@@ -31,7 +31,12 @@ from neurosym_robot.ros.definitions import (
     is_bag,
     shared_typestore,
 )
-from neurosym_robot.tracking.following import FAR, Frame, frames_of_tracks, tracks_of_frames
+from neurosym_robot.tracking.following import (
+    FAR,
+    Frame,
+    frames_of_tracks,
+    tracks_of_frames,
+)
 
 
 def read_frames(
@@ -41,36 +46,50 @@ def read_frames(
 ) -> Iterator[Frame]:
     """Frames of a bag, of one split into several, or of a file of tracks, in their order.
 
-    `options` say what the file does not say itself, such as `format="bag,topic=/people"`; `source`
-    says which messages of a bag belong to the stream.
+    `options` say what the file does not say itself, such as
+    `format="bag,topic=/people"`; `source` says which messages of a bag belong to the
+    stream.
 
-    Raises:
-        InputError: naming the file and the reason, possibly after some frames of a damaged bag.
+    Raises: InputError: naming the file and the reason, possibly after some frames of a
+        damaged bag.
     """
     path, *others = paths = [paths] if isinstance(paths, Path) else list(paths)
     if all(map(is_bag, paths)):
         form = format_of(path, options)
         if not form.owns(path):
-            raise InputError(f"{path}: is a bag, not {option('format', options.format)}")
+            raise InputError(
+                f"{path}: is a bag, not {option('format', options.format)}"
+            )
         refuse_useless(path, form, options)
         if frame := getattr(form, "fixed_frame", ""):
-            raise InputError(f"{path}: the frame of a stream is {option('fixed_frame', frame)}")
+            raise InputError(
+                f"{path}: the frame of a stream is {option('fixed_frame', frame)}"
+            )
         return read_people(paths, getattr(form, "topic", None), source)
     if others:
-        raise InputError(f"{path}: with {others[0]}; several files must be parts of one bag")
+        raise InputError(
+            f"{path}: with {others[0]}; several files must be parts of one bag"
+        )
     if not os.path.isfile(path):
-        raise InputError(f"{path}: " + ("not a bag" if os.path.exists(path) else "no such file"))
+        raise InputError(
+            f"{path}: " + ("not a bag" if os.path.exists(path) else "no such file")
+        )
     recordings = read_any(path, options)
     if len(recordings) != 1:
-        raise InputError(f"{path}: holds {len(recordings)} recordings, and a stream is one")
+        raise InputError(
+            f"{path}: holds {len(recordings)} recordings, and a stream is one"
+        )
     return frames_of_tracks(recordings[0])
 
 
-def read_bag(path: Path, topic: str | None = None, fixed_frame: str = "") -> list[Tracks]:
+def read_bag(
+    path: Path, topic: str | None = None, fixed_frame: str = ""
+) -> list[Tracks]:
     """Tracks of the people on one topic of a bag; default: the only one there is.
 
-    Messages older than the one before, repeated ids in a message, and positions that are not finite
-    or beyond `FAR` are left out, and counted in the warnings of `reading`.
+    Messages older than the one before, repeated ids in a message, and positions that
+    are not finite or beyond `FAR` are left out, and counted in the warnings of
+    `reading`.
 
     Raises:
         InputError: as `read_people`, or if no position is left.
@@ -88,30 +107,40 @@ def read_bag(path: Path, topic: str | None = None, fixed_frame: str = "") -> lis
             near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
             first = near[np.unique(ids[near], return_index=True)[1]]
             ordered.append(Frame(stamp, ids[first], xy[first]))
-    lost = sum(len(frame.ids) for frame in frames) - sum(len(frame.ids) for frame in ordered)
+    lost = sum(len(frame.ids) for frame in frames) - sum(
+        len(frame.ids) for frame in ordered
+    )
     if lost:
-        reports.append(f"{lost} positions are left out: nowhere, far away, twice, or out of order")
+        reports.append(
+            f"{lost} positions are left out: nowhere, far away, twice, or out of order"
+        )
     tracks = tracks_of_frames(iter(ordered), printable(path.stem))
     reading = Reading(
-        tracks.recording, printable(str(path)), rows=len(tracks.id), warnings=tuple(reports)
+        tracks.recording,
+        printable(str(path)),
+        rows=len(tracks.id),
+        warnings=tuple(reports),
     )
     return [dataclasses.replace(tracks, reading=reading)]
 
 
 def read_people(
-    paths: Path | Sequence[Path], topic: str | None = None, source: PeopleSource | None = None
+    paths: Path | Sequence[Path],
+    topic: str | None = None,
+    source: PeopleSource | None = None,
 ) -> Iterator[Frame]:
     """Frames of people in a bag, or in the parts of a split one, in the order of recording.
 
-    Without `topic`, one of `PEOPLE_TOPICS`, else the only one with people. Without `source`,
-    messages of one publisher in one frame, with warnings about others.
+    Without `topic`, one of `PEOPLE_TOPICS`, else the only one with people. Without
+    `source`, messages of one publisher in one frame, with warnings about others.
 
     Raises:
         InputError: naming the file and the reason, for a topic or a damaged bag.
     """
     path = paths if isinstance(paths, Path) else paths[0]
     source = source or PeopleSource(
-        report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3), recorded=True
+        report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3),
+        recorded=True,
     )
     kinds = KINDS if source.form is None else None
 
@@ -122,7 +151,9 @@ def read_people(
         if name in TF_TOPICS:
             source.transforms.hear(message, name == TF_TOPICS[1], received)
             frames = source.release(received) if source.waiting else []
-        elif kinds is None or message.__msgtype__ in kinds:  # Publishers may disagree about it.
+        elif (
+            kinds is None or message.__msgtype__ in kinds
+        ):  # Publishers may disagree about it.
             try:
                 frames = source.take(message.__msgtype__, message, publisher, received)
             except InputError as error:
@@ -149,7 +180,10 @@ def _read(
             raise InputError(f"{path}: no such file or folder")
         inside = [path] if path.is_file() else sorted(path.iterdir())
         files += [file for file in inside if file.suffix in TOOLS]
-    path, store = paths[0], shared_typestore(2)  # Recorders before ROS 2 Iron stored no types.
+    path, store = (
+        paths[0],
+        shared_typestore(2),
+    )  # Recorders before ROS 2 Iron stored no types.
     try:
         from rosbags.highlevel import AnyReader
 
@@ -160,14 +194,20 @@ def _read(
                     (state,) = base.execute("PRAGMA quick_check(1)").fetchone()
                 if state != "ok":
                     raise ValueError(f"its database is damaged: {state}")
-        is_whole = all(path.is_file() or (path / "metadata.yaml").is_file() for path in paths)
+        is_whole = all(
+            path.is_file() or (path / "metadata.yaml").is_file() for path in paths
+        )
         parts = list(paths) if is_whole else files
         refuse_bombs(path, parts)
         with AnyReader(parts, default_typestore=store) as reader:
             chosen = choose({row.topic: row.msgtype for row in reader.connections})
             connections = [row for row in reader.connections if row.topic in chosen]
             # In ROS 1 another index finds the messages than counts them.
-            chunks = [info for row in reader.readers for info in getattr(row, "chunk_infos", ())]
+            chunks = [
+                info
+                for row in reader.readers
+                for info in getattr(row, "chunk_infos", ())
+            ]
             counted = sum(sum(info.connection_counts.values()) for info in chunks)
             missing = sum(row.msgcount for row in connections)
             missing += counted - reader.message_count if chunks else 0
@@ -181,21 +221,31 @@ def _read(
     except InputError:
         raise
     except Exception as error:
-        # A damaged file makes rosbags, its databases and its decompressors raise anything at all.
+        # A damaged file makes rosbags, its databases and its decompressors raise
+        # anything at all.
         reason = " ".join(str(error).split()) or type(error).__name__
-        advice = f"; if it was cut short, `{TOOLS[files[0].suffix]}` may mend it" if files else ""
+        advice = (
+            f"; if it was cut short, `{TOOLS[files[0].suffix]}` may mend it"
+            if files
+            else ""
+        )
         raise InputError(f"{path}: cannot be read as a bag: {reason}{advice}") from None
 
 
 def _choose(
-    path: Path, topics: dict[str, str], name_wanted: str | None, kinds: Collection[str] | None
+    path: Path,
+    topics: dict[str, str],
+    name_wanted: str | None,
+    kinds: Collection[str] | None,
 ) -> str:
     """The topic of the people, whose type is one of `kinds`; None is any."""
     usable = [name for name, kind in topics.items() if kinds is None or kind in kinds]
     usable = [name for name in usable if name not in TF_TOPICS]
-    listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
-    # Poses may be of anything, such as a robot's hypotheses of its own pose; ids of ROS4HRI also of
-    # faces and voices.
+    listed = (
+        ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
+    )
+    # Poses may be of anything, such as a robot's hypotheses of its own pose; ids of
+    # ROS4HRI also of faces and voices.
     people = [
         name
         for name in usable
@@ -206,10 +256,16 @@ def _choose(
     if not candidates and name_wanted is None:
         candidates = people or usable
     if not candidates:
-        subject = "none" if name_wanted is None else f"{name_wanted} is not there, or none that"
+        subject = (
+            "none"
+            if name_wanted is None
+            else f"{name_wanted} is not there, or none that"
+        )
         types = "people" if kinds is None else " or ".join(kinds)
         advice = "--people, --position and --id say where messages of another type hold people"
-        raise InputError(f"{path}: {subject} carries {types}; there are: {listed}; {advice}")
+        raise InputError(
+            f"{path}: {subject} carries {types}; there are: {listed}; {advice}"
+        )
     if len(candidates) > 1:
         raise InputError(
             f"{path}: which topic has the people? There are: {listed}; choose one with "
@@ -224,7 +280,8 @@ class BagWriter(contextlib.AbstractContextManager):
     def __init__(self, path: Path, compress: bool = False):
         """Open `NAME.bag` of ROS 1, or for `NAME.db3` or `NAME.mcap` a folder `NAME` of ROS 2.
 
-        InputError for another ending, a bag that exists, or a folder that cannot be written.
+        InputError for another ending, a bag that exists, or a folder that cannot be
+        written.
         """
         path = Path(path)
         if path.suffix not in TOOLS:
@@ -240,9 +297,15 @@ class BagWriter(contextlib.AbstractContextManager):
             self._writer: Any = rosbag1.Writer(self.path)
             compression: Any = (rosbag1.Writer.CompressionFormat.LZ4,)
         else:
-            storage, mode = rosbag2.StoragePlugin.SQLITE3, rosbag2.CompressionMode.MESSAGE
+            storage, mode = (
+                rosbag2.StoragePlugin.SQLITE3,
+                rosbag2.CompressionMode.MESSAGE,
+            )
             if path.suffix == ".mcap":
-                storage, mode = rosbag2.StoragePlugin.MCAP, rosbag2.CompressionMode.STORAGE
+                storage, mode = (
+                    rosbag2.StoragePlugin.MCAP,
+                    rosbag2.CompressionMode.STORAGE,
+                )
             self._writer = rosbag2.Writer(self.path, version=8, storage_plugin=storage)
             compression = mode, rosbag2.CompressionFormat.ZSTD
         if compress:
@@ -252,7 +315,9 @@ class BagWriter(contextlib.AbstractContextManager):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._writer.open()
         except OSError as error:
-            raise InputError(f"{self.path}: cannot be written ({error.strerror})") from None
+            raise InputError(
+                f"{self.path}: cannot be written ({error.strerror})"
+            ) from None
 
     def new(self, kind: str) -> Any:
         """An empty message, by its type."""
@@ -261,16 +326,20 @@ class BagWriter(contextlib.AbstractContextManager):
     def write(self, topic: str, stamp: float, message: Any) -> None:
         """Append a message, received at `stamp` seconds.
 
-        Raises:
-            InputError: for a time that ROS has no numbers for, before 1970 or after 2038.
+        Raises: InputError: for a time that ROS has no numbers for, before 1970 or after
+            2038.
         """
         if not 0 <= stamp < 2**31:
             raise InputError(f"{self.path}: the time {stamp} s does not fit into a bag")
         kind, store = message.__msgtype__, self._store
         if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=store)
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=store
+            )
         serialise = store.serialize_ros1 if self.ros == 1 else store.serialize_cdr
-        self._writer.write(self._connections[topic], round(stamp * 1e9), serialise(message, kind))
+        self._writer.write(
+            self._connections[topic], round(stamp * 1e9), serialise(message, kind)
+        )
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -1,7 +1,7 @@
 """Endings of bags; topics, types and definitions of messages.
 
-Those that ROS's own types lack are in `msg/`. Two folders in it are links to the packages in `ros/`
-that catkin and colcon build.
+Those that ROS's own types lack are in `msg/`. Two folders in it are links to the
+packages in `ros/` that catkin and colcon build.
 """
 
 import collections
@@ -28,21 +28,25 @@ MARKERS = f"{MARKER}Array"
 PEOPLE_TOPICS = ("/people_tracker/people_filtered", "/people_tracker/people")
 TRUTH_TOPIC = "/hri/human_poses_gt"
 TF_TOPICS = ("/tf", "/tf_static")
-# Endings of a ROS 1 bag and of the files in the folder of a ROS 2 bag, and what mends them.
+# Endings of a ROS 1 bag and of the files in the folder of a ROS 2 bag, and what mends
+# them.
 TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
 
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a bag: by its name, or a folder with the parts of one.
 
-    Those are files of ROS 2, or of ROS 1 with the names that `rosbag record --split` gives them.
+    Those are files of ROS 2, or of ROS 1 with the names that `rosbag record --split`
+    gives them.
     """
     if path.suffix in TOOLS or os.path.isfile(path / "metadata.yaml"):
         return True
     if not os.path.isdir(path):
         return False
     files = [file.name for file in path.iterdir() if os.path.isfile(file)]
-    numbered = [re.fullmatch(r"(.*)_[0-9]+(\.bag|\.mcap|\.db3)", name) for name in files]
+    numbered = [
+        re.fullmatch(r"(.*)_[0-9]+(\.bag|\.mcap|\.db3)", name) for name in files
+    ]
     split = all(numbered) and len({part.groups() for part in numbered if part}) == 1
     return split or (len(files) == 1 and files[0].endswith((".mcap", ".db3")))
 
@@ -67,7 +71,9 @@ def typestore(ros: Literal[1, 2]) -> Any:
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
-        raise InputError("this needs rosbags: pip install 'neurosym-jax[robot]'") from None
+        raise InputError(
+            "this needs rosbags: pip install 'neurosym-jax[robot]'"
+        ) from None
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_JAZZY)
     types = (get_types_from_msg(text, name) for name, text in definitions().items())
     store.register(dict(collections.ChainMap(*types)))
@@ -86,8 +92,9 @@ def ros1_name(kind: str) -> str:
 def blank(store: Any, kind: str, points: int | None = None) -> Any:
     """A message of a typestore with zeros, empty texts and empty lists in it.
 
-    In a Marker or MarkerArray with a number of `points` those of a marker are an array, `xyz` with
-    their `count` before it: the same bytes as those of a list of points, without its objects.
+    In a Marker or MarkerArray with a number of `points` those of a marker are an array,
+    `xyz` with their `count` before it: the same bytes as those of a list of points,
+    without its objects.
     """
     if points is not None:
         kind = f"{kind}{points}"

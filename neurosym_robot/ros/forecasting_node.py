@@ -1,7 +1,7 @@
 """From a forecast to its topics: in a bag, and what the nodes of ROS 1 and ROS 2 share.
 
-Of the messages that wait all are observed, but the newest alone is forecast: under load frames are
-skipped and counted, and nothing queues.
+Of the messages that wait all are observed, but the newest alone is forecast: under load
+frames are skipped and counted, and nothing queues.
 """
 
 import abc
@@ -32,12 +32,20 @@ from neurosym_robot.ros.definitions import (
     TRUTH_TOPIC,
     blank,
 )
-from neurosym_robot.ros.messages import diagnostics_message, make_people, outputs, truth_message
+from neurosym_robot.ros.messages import (
+    diagnostics_message,
+    make_people,
+    outputs,
+    truth_message,
+)
 from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
 DIAGNOSE = 1.0  # seconds between messages on /diagnostics
-IDLE, PATIENCE = 0.2, 0.02  # seconds between looks, and while people wait for a transform
+IDLE, PATIENCE = (
+    0.2,
+    0.02,
+)  # seconds between looks, and while people wait for a transform
 WAITING = 32  # messages of people that wait; of more the oldest are left out
 SPARSE = 0.1  # seconds between messages that wait once there are half as many
 LAST = 2.0**31 - 1000  # seconds: ROS counts in 32 bits, and forecasts lie ahead
@@ -48,7 +56,9 @@ class ForecastBag(View):
 
     title = "forecasts are in"
 
-    def __init__(self, path: Path, predictor: Predictor, source: PeopleSource, at_least: float):
+    def __init__(
+        self, path: Path, predictor: Predictor, source: PeopleSource, at_least: float
+    ):
         """Open the bag, as `BagWriter`; `source` knows the frame of the coordinates."""
         self._bag = BagWriter(path, compress=True)
         self._source, self._period = source, predictor.window.period
@@ -59,11 +69,15 @@ class ForecastBag(View):
         """Write a frame with its forecast and the futures that it completed."""
         self._stamp, forecast, new = event.frame.stamp, event.forecast, self._bag.new
         common = self._period, self._source.frame_id or "map"
-        self._bag.write(PEOPLE_TOPICS[0], self._stamp, make_people(new, event.frame, common[1]))
+        self._bag.write(
+            PEOPLE_TOPICS[0], self._stamp, make_people(new, event.frame, common[1])
+        )
         for model in () if forecast is None else forecast.models:
             for topic, (kind, make) in self._outputs[model].items():
                 if kind != MARKERS:
-                    self._bag.write(topic, self._stamp, make(new, forecast, model, *common))
+                    self._bag.write(
+                        topic, self._stamp, make(new, forecast, model, *common)
+                    )
         self.end({}, event.scored)
 
     def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
@@ -129,24 +143,37 @@ class ForecastingNode(abc.ABC):
     ):
         """Advertise all topics whose types there are: for each of the models topics of its own.
 
-        Messages are of the types of `store`, a `typestore`; `report` is called with one line at a
-        time; `at_least` is the least probability of an event that is published; `status` is in
-        seconds between status lines.
+        Messages are of the types of `store`, a `typestore`; `report` is called with one
+        line at a time; `at_least` is the least probability of an event that is
+        published; `status` is in seconds between status lines.
         """
-        self.name, self.predictor, self.stitcher, self.report = name, predictor, stitcher, report
+        self.name, self.predictor, self.stitcher, self.report = (
+            name,
+            predictor,
+            stitcher,
+            report,
+        )
         self._store, self._new = store, functools.partial(blank, store)
         self.source = source or PeopleSource(report=report)
         self.analytics = Analytics(predictor)
         predictor.programs.add(
             lambda forecast: [
-                likely_events(forecast, model, predictor.window.period) for model in forecast.models
+                likely_events(forecast, model, predictor.window.period)
+                for model in forecast.models
             ]
         )
         self.stopped = threading.Event()
         self.views: list[View] = []
         """Show every forecast before the next; slow ones through `Newest`."""
         self.status = Status(
-            predictor, self.analytics, report, status, stale_after, self._now, self.source, stitcher
+            predictor,
+            self.analytics,
+            report,
+            status,
+            stale_after,
+            self._now,
+            self.source,
+            stitcher,
         )
         self._waiting: collections.deque[Any] = collections.deque(maxlen=WAITING)
         self._changed, self._moved = threading.Condition(), False
@@ -192,7 +219,10 @@ class ForecastingNode(abc.ABC):
             self.work()
             self.status.look()
             if time.monotonic() - self._diagnosed >= DIAGNOSE:
-                self._diagnosed, arguments = time.monotonic(), (self.status, self.name, self._now())
+                self._diagnosed, arguments = (
+                    time.monotonic(),
+                    (self.status, self.name, self._now()),
+                )
                 self._diagnostics.publish(diagnostics_message, self._new, *arguments)
 
     def work(self) -> None:

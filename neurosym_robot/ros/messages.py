@@ -1,7 +1,7 @@
 """The messages that we publish: people, forecasts by type of message, the status.
 
-They come from `new(type)`, which returns empty ones, as `definitions.blank`. The way from a message
-to people is `people.py`.
+They come from `new(type)`, which returns empty ones, as `definitions.blank`. The way
+from a message to people is `people.py`.
 """
 
 import copy
@@ -36,19 +36,26 @@ UNITS = {"age": "ms", "p50": "ms", "p99": "ms", "offset": "s", "rate": "Hz"}
 UNITS |= {"lag": "s", "skipped": "frames"}
 
 
-def outputs(model: str, at_least: float = AT_LEAST) -> dict[str, tuple[str, Callable[..., Any]]]:
+def outputs(
+    model: str, at_least: float = AT_LEAST
+) -> dict[str, tuple[str, Callable[..., Any]]]:
     """By topic of a model's forecasts: type, and maker (new, forecast, model, period, frame_id).
 
-    "NeuroSyM" and "SGAN" have the topics of the robot experiment; events have a probability of
-    `at_least` or more.
+    "NeuroSyM" and "SGAN" have the topics of the robot experiment; events have a
+    probability of `at_least` or more.
     """
-    name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in model)
+    name = "".join(
+        letter if letter.isascii() and letter.isalnum() else "_" for letter in model
+    )
     name = {"sgan": "baseline"}.get(name.lower(), name.lower())
     base = f"/hri/human_poses_prediction_{name}"
     return {
         base: (HUMANS_TRAJS, forecast_message),
         f"{base}/samples": (FORECAST, samples_message),
-        f"{base}/events": (EVENTS, functools.partial(events_message, at_least=at_least)),
+        f"{base}/events": (
+            EVENTS,
+            functools.partial(events_message, at_least=at_least),
+        ),
         f"{base}/markers": (MARKERS, markers_message),
     }
 
@@ -85,7 +92,9 @@ def make_people(
             position={"x": x, "y": y},
             velocity={"x": vx, "y": vy},
         )
-        for id, (x, y), (vx, vy) in zip(frame.ids.tolist(), frame.xy.tolist(), speeds.tolist())
+        for id, (x, y), (vx, vy) in zip(
+            frame.ids.tolist(), frame.xy.tolist(), speeds.tolist()
+        )
     ]
     return filled(new(PEOPLE), header=_header(frame.stamp, frame_id), people=people)
 
@@ -102,10 +111,13 @@ def make_trajectories(
 ) -> Any:
     """The HumansTrajs message of positions `xy` [N, T, 2] in metres at `steps` [T] in seconds.
 
-    `ids` are [N], `covariance` [N, T, 2, 2] square metres, `confidence` [N]; the stamp is that of
-    the step `now`, the last one observed.
+    `ids` are [N], `covariance` [N, T, 2, 2] square metres, `confidence` [N]; the stamp
+    is that of the step `now`, the last one observed.
     """
-    positions, times = np.asarray(xy, np.float64), np.asarray(steps, np.float64).tolist()
+    positions, times = (
+        np.asarray(xy, np.float64),
+        np.asarray(steps, np.float64).tolist(),
+    )
     people, length = positions.shape[:2]
     spread = np.zeros((people, length, 6, 6))
     spread[..., :2, :2] = covariance
@@ -117,7 +129,9 @@ def make_trajectories(
     place, pose, point = map(type, (centroid, centroid.pose, centroid.pose.position))
 
     def human(n: int, step: int) -> Any:
-        centre = place(pose(point(*positions[n, step].tolist(), 0.0), turn), spread[n, step])
+        centre = place(
+            pose(point(*positions[n, step].tolist(), 0.0), turn), spread[n, step]
+        )
         id = int(ids[n]) % 2**64
         return filled(copy.copy(empty), id=id, confidence=sure[n], centroid=centre)
 
@@ -140,23 +154,29 @@ def forecast_message(
 ) -> Any:
     """The HumansTrajs of one model: observed steps, then those of its central forecast.
 
-    The covariance of a position is that of the draws around their mean; the confidence of a
-    person is the share of observed steps that were seen, not extrapolated.
+    The covariance of a position is that of the draws around their mean; the confidence
+    of a person is the share of observed steps that were seen, not extrapolated.
     """
     result, seen = forecast.models[model], forecast.observed.shape[1]
     xy = np.concatenate([forecast.observed, result.samples[result.central]], axis=1)
     deviation = result.draws - result.draws.mean(axis=0)
     spread = np.zeros((*xy.shape, 2))
-    spread[:, seen:] = np.einsum("knti,kntj->ntij", deviation, deviation) / len(deviation)
+    spread[:, seen:] = np.einsum("knti,kntj->ntij", deviation, deviation) / len(
+        deviation
+    )
     steps, sure = _steps(forecast, xy, period), 1 - forecast.extrapolated / seen
-    return make_trajectories(new, steps, forecast.ids, xy, spread, frame_id, sure, seen - 1)
+    return make_trajectories(
+        new, steps, forecast.ids, xy, spread, frame_id, sure, seen - 1
+    )
 
 
-def truth_message(new: New, forecast: Forecast, period: float, frame_id: str = "map") -> Any:
+def truth_message(
+    new: New, forecast: Forecast, period: float, frame_id: str = "map"
+) -> Any:
     """The HumansTrajs of the observed future of those seen to the end; None without any.
 
-    It has the stamp of the forecast, so that the two can be matched; `Analytics` must have
-    completed it.
+    It has the stamp of the forecast, so that the two can be matched; `Analytics` must
+    have completed it.
     """
     assert forecast.future is not None
     xy = np.concatenate([forecast.observed, forecast.future], axis=1)
@@ -175,7 +195,9 @@ def _steps(forecast: Forecast, xy: np.ndarray, period: float) -> np.ndarray:
     return forecast.stamp + period * np.arange(-now, xy.shape[1] - now)
 
 
-def samples_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
+def samples_message(
+    new: New, forecast: Forecast, model: str, period: float, frame_id: str
+) -> Any:
     """The neurosym_msgs/Forecast of one model."""
     last = forecast.observed[:, -1]
     futures, weights, central = forecast.models[model].weighted
@@ -197,7 +219,9 @@ def samples_message(new: New, forecast: Forecast, model: str, period: float, fra
     )
 
 
-def markers_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
+def markers_message(
+    new: New, forecast: Forecast, model: str, period: float, frame_id: str
+) -> Any:
     """A line for each person, from the last position observed; `ns` is model and id.
 
     Lines of people who are not seen at the moment are faint.
@@ -217,10 +241,19 @@ def markers_message(new: New, forecast: Forecast, model: str, period: float, fra
         lifetime=_time(2 * period),
     )
     colour, line = type(empty.color), type(empty.points)
-    opacity, colours = np.where(forecast.extrapolated, FAINT, 1.0), np.divide(COLOURS, 255).tolist()
-    looks = map(colour, *zip(*itertools.islice(itertools.cycle(colours), people)), opacity.tolist())
+    opacity, colours = (
+        np.where(forecast.extrapolated, FAINT, 1.0),
+        np.divide(COLOURS, 255).tolist(),
+    )
+    looks = map(
+        colour,
+        *zip(*itertools.islice(itertools.cycle(colours), people)),
+        opacity.tolist(),
+    )
     markers = [
-        filled(copy.copy(empty), ns=f"{model}/{id}", color=look, points=line(points, path))
+        filled(
+            copy.copy(empty), ns=f"{model}/{id}", color=look, points=line(points, path)
+        )
         for id, look, path in zip(forecast.ids.tolist(), looks, xyz)
     ]
     return filled(new(MARKERS, points), markers=markers)
@@ -247,13 +280,20 @@ def events_message(
         )
         for event in likely_events(forecast, model, period, at_least)
     ]
-    return filled(new(EVENTS), header=_header(forecast.stamp, frame_id), model=model, events=events)
+    return filled(
+        new(EVENTS),
+        header=_header(forecast.stamp, frame_id),
+        model=model,
+        events=events,
+    )
 
 
 def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:
     """Status of the stream, for /diagnostics at `now` [s]: 0 is well, 3 is stale."""
     state = status.now()
-    values = {f"{key} [{unit}]": state[key] for key, unit in UNITS.items()} | state["wrong"]
+    values = {f"{key} [{unit}]": state[key] for key, unit in UNITS.items()} | state[
+        "wrong"
+    ]
     values |= {f"report {n}": text for n, text in enumerate(state["reports"], 1)}
     row = new("diagnostic_msgs/msg/DiagnosticStatus")
     filled(

@@ -28,8 +28,8 @@ from neurosym_robot.tracking.stitching import OnlineStitcher
 class Decoder:
     """Reads messages of people of ROS 1, of the `KINDS`, each defined as its publisher defines it.
 
-    A type that we define is refused if its publisher's definition differs. Raises InputError if
-    rosbags is not installed.
+    A type that we define is refused if its publisher's definition differs. Raises
+    InputError if rosbags is not installed.
     """
 
     def __init__(self, any_kind: bool = False):
@@ -42,20 +42,29 @@ class Decoder:
 
     def refuse(self, header: Mapping[str, str]) -> str | None:
         """Why messages of a publisher with this header cannot be read, or None."""
-        kind, md5 = header.get("type", "").replace("/", "/msg/"), header.get("md5sum", "")
+        kind, md5 = (
+            header.get("type", "").replace("/", "/msg/"),
+            header.get("md5sum", ""),
+        )
         if kind not in KINDS and not self._any_kind:
             return f"none of {', '.join(map(ros1_name, KINDS))}"
         if kind in definitions():
             own_md5 = self.store.generate_msgdef(kind, ros_version=1)[1]
-            return None if md5 == own_md5 else f"not {ros1_name(kind)} with md5 {own_md5}"
+            return (
+                None if md5 == own_md5 else f"not {ros1_name(kind)} with md5 {own_md5}"
+            )
         from rosbags.typesys import get_types_from_msg
 
         store = typestore(1)
         try:
             types = get_types_from_msg(header.get("message_definition", ""), kind)
-            store.register({name: form for name, form in types.items() if name not in store.types})
+            store.register(
+                {name: form for name, form in types.items() if name not in store.types}
+            )
             true_md5 = store.generate_msgdef(kind, ros_version=1)[1]
-        except Exception as error:  # The text is not ours and can make the parser raise anything.
+        except (
+            Exception
+        ) as error:  # The text is not ours and can make the parser raise anything.
             return f"whose definition cannot be read ({type(error).__name__})"
         if true_md5 != md5:
             return f"whose definition has the md5 {true_md5}"
@@ -86,13 +95,15 @@ class ForecastNode(ForecastingNode):
     ):
         """Join the graph of the `master`, a URI; further arguments as of `ForecastingNode`.
 
-        People come on `topic`; None is the first of `PEOPLE_TOPICS`, or the second with a
-        `stitcher`, as the mended people are published on the first. InputError for an invalid
-        topic, name or URI, or if rosbags is not installed.
+        People come on `topic`; None is the first of `PEOPLE_TOPICS`, or the second with
+        a `stitcher`, as the mended people are published on the first. InputError for an
+        invalid topic, name or URI, or if rosbags is not installed.
         """
         filtered, raw = PEOPLE_TOPICS
         if stitcher is not None and topic == filtered:
-            raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
+            raise InputError(
+                f"--stitch publishes {filtered}, so --topic must be another"
+            )
         source = options.get("source")
         self._decoder = Decoder(source is not None and source.form is not None)
         self._clock: float | None = None  # seconds of simulated time
@@ -143,6 +154,8 @@ class ForecastNode(ForecastingNode):
         publisher = self.node.advertise(self._topic(topic, kind))
 
         def send(message: Any) -> None:
-            publisher.publish(bytes(self._store.serialize_ros1(message, message.__msgtype__)))
+            publisher.publish(
+                bytes(self._store.serialize_ros1(message, message.__msgtype__))
+            )
 
         return Outlet(send, lambda: bool(publisher.subscribers))

@@ -12,7 +12,12 @@ from typing import Any
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.ros.definitions import PEOPLE, PEOPLE_TOPICS, TF_TOPICS, typestore
-from neurosym_robot.ros.forecasting_node import UNHEARD, WAITING, ForecastingNode, Outlet
+from neurosym_robot.ros.forecasting_node import (
+    UNHEARD,
+    WAITING,
+    ForecastingNode,
+    Outlet,
+)
 
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -40,7 +45,8 @@ def message_type(kind: str) -> Any:
 def node_parameters(arguments: Sequence[str], name: str) -> dict[str, Any]:
     """Parameters by name, from files and `-p` in the `arguments` after `--ros-args`.
 
-    `name` is the node's, unless the arguments name it. InputError for arguments that ROS 2 refuses.
+    `name` is the node's, unless the arguments name it. InputError for arguments that
+    ROS 2 refuses.
     """
     rclpy = import_rclpy()
     context = rclpy.context.Context()
@@ -49,19 +55,28 @@ def node_parameters(arguments: Sequence[str], name: str) -> dict[str, Any]:
         node = rclpy.create_node(
             name, context=context, automatically_declare_parameters_from_overrides=True
         )
-        values = {key: value.value for key, value in node.get_parameters_by_prefix("").items()}
+        values = {
+            key: value.value for key, value in node.get_parameters_by_prefix("").items()
+        }
         node.destroy_node()
-    except Exception as error:  # rclpy passes on several kinds of errors of its C library.
+    except (
+        Exception
+    ) as error:  # rclpy passes on several kinds of errors of its C library.
         raise InputError(f"--ros-args: {' '.join(str(error).split())}") from None
     finally:
         rclpy.try_shutdown(context=context)
-    return {key: value for key, value in values.items() if key.split(".")[0] not in OF_EVERY_NODE}
+    return {
+        key: value
+        for key, value in values.items()
+        if key.split(".")[0] not in OF_EVERY_NODE
+    }
 
 
 class ForecastNode(ForecastingNode):
     """A predictor in a ROS 2 graph; rclpy must have been initialised. `run` it.
 
-    A lifecycle node: its models are loaded when it is made, and it hears people while it is active.
+    A lifecycle node: its models are loaded when it is made, and it hears people while
+    it is active.
     """
 
     def __init__(
@@ -76,14 +91,19 @@ class ForecastNode(ForecastingNode):
     ):
         """Join the graph; further arguments as of `ForecastingNode`.
 
-        People come on `topic` in messages of the type `kind`, a key of `people.KINDS`; InputError
-        if ROS 2 has no such message. Without `autostart`, a lifecycle manager activates the node.
+        People come on `topic` in messages of the type `kind`, a key of `people.KINDS`;
+        InputError if ROS 2 has no such message. Without `autostart`, a lifecycle
+        manager activates the node.
         """
         people = message_type(kind)
         from rclpy.lifecycle import LifecycleNode, ManagedEntity
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-        self.kind, self.node, self._active = kind, LifecycleNode(name), threading.Event()
+        self.kind, self.node, self._active = (
+            kind,
+            LifecycleNode(name),
+            threading.Event(),
+        )
         report, name = self.node.get_logger().info, self.node.get_fully_qualified_name()
         super().__init__(predictor, typestore(2), report, name=name, **options)
         # A best-effort subscription receives from reliable publishers, too.
@@ -146,9 +166,13 @@ class ForecastNode(ForecastingNode):
         try:
             form = message_type(kind)
         except InputError as missing:
-            return self.report(f"{missing}: {topic} is not heard, and no frame is checked by it")
+            return self.report(
+                f"{missing}: {topic} is not heard, and no frame is checked by it"
+            )
         latched = topic == TF_TOPICS[1]
-        durable = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        durable = (
+            DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        )
         quality = QoSProfile(depth=100, durability=durable)
         self.node.create_subscription(form, topic, hear, quality)
 
@@ -162,7 +186,9 @@ class ForecastNode(ForecastingNode):
 
         def send(message: Any) -> None:
             # Its bytes: rclpy makes a message of many objects ten times slower.
-            publisher.publish(bytes(self._store.serialize_cdr(message, message.__msgtype__)))
+            publisher.publish(
+                bytes(self._store.serialize_cdr(message, message.__msgtype__))
+            )
 
         return Outlet(send, lambda: publisher.get_subscription_count() > 0)
 

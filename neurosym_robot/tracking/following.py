@@ -12,13 +12,17 @@ from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.errors import InputError
 
 FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, -3000)
-RESET = 5.0  # seconds: a stamp older by more means a clock set back, also if it comes alone
+RESET = (
+    5.0  # seconds: a stamp older by more means a clock set back, also if it comes alone
+)
 MAX_SPEED = 5.0  # metres per second of a person between two observations
 SLACK = 1.0  # metres of error of a tracker, both observations together
 SMOOTH = 0.7  # share of the old velocity kept from frame to frame: noise is as large as a step
 REACH = 0.75  # maximum metres from the expected position
 FORGET = 1.0  # seconds after which a person without id who was not seen gets a new id
-CROWD = 512  # people without ids followed at once; the others get new ids in every frame
+CROWD = (
+    512  # people without ids followed at once; the others get new ids in every frame
+)
 
 
 class Frame(NamedTuple):
@@ -47,7 +51,9 @@ def frames_of_tracks(tracks: Tracks) -> Iterator[Frame]:
     order = np.lexsort((tracks.id, tracks.stamp))
     starts = np.flatnonzero(np.diff(tracks.stamp[order])) + 1
     for rows in np.split(order, starts) if len(order) else ():
-        yield Frame(float(tracks.stamp[rows[0]]), tracks.id[rows], tracks.position[rows])
+        yield Frame(
+            float(tracks.stamp[rows[0]]), tracks.id[rows], tracks.position[rows]
+        )
 
 
 def tracks_of_frames(frames: Iterator[Frame], recording: str = "") -> Tracks:
@@ -61,7 +67,10 @@ def tracks_of_frames(frames: Iterator[Frame], recording: str = "") -> Tracks:
         raise InputError(f"{recording}: nobody in it")
     return make_tracks(
         recording,
-        np.repeat([frame.stamp for frame in populated], [len(frame.ids) for frame in populated]),
+        np.repeat(
+            [frame.stamp for frame in populated],
+            [len(frame.ids) for frame in populated],
+        ),
         np.concatenate([frame.ids for frame in populated]),
         np.concatenate([frame.xy for frame in populated]),
     )
@@ -78,7 +87,8 @@ class NearestIds:
     def __init__(self):
         self._next, self._stamp = 0, -np.inf
         self._ids = np.zeros(0, np.int64)
-        # [P, 5] of each: seconds of the newest point, metres; metres per second, NaN at first.
+        # [P, 5] of each: seconds of the newest point, metres; metres per second, NaN at
+        # first.
         self._newest = np.zeros((0, 5))
 
     def push(self, stamp: float, xy: ArrayLike) -> np.ndarray:
@@ -106,10 +116,14 @@ class NearestIds:
         old = self._newest[row, 3:]
         speed = np.where(np.isnan(old), moved, SMOOTH * old + (1 - SMOOTH) * moved)
         ids[near[person]] = self._ids[row]
-        self._newest[row] = np.column_stack([self._stamp + 0 * gap[row], xy[near[person]], speed])
+        self._newest[row] = np.column_stack(
+            [self._stamp + 0 * gap[row], xy[near[person]], speed]
+        )
         new = near[ids[near] < 0][: max(CROWD - len(self._ids), 0)]
         ids[new] = self._next + np.arange(len(new))
         fresh = np.column_stack([xy[new], np.full((len(new), 2), np.nan)])
-        self._newest = np.append(self._newest, np.insert(fresh, 0, self._stamp, axis=1), axis=0)
+        self._newest = np.append(
+            self._newest, np.insert(fresh, 0, self._stamp, axis=1), axis=0
+        )
         self._ids = np.append(self._ids, ids[new])
         self._next += len(new)

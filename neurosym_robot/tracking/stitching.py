@@ -1,7 +1,7 @@
 """Stitching: tracks that occlusions broke are linked greedily, frame by frame, live or recorded.
 
-A newcomer goes on with the lost person who is expected nearest at constant velocity, at once or
-never; nobody is withheld, and nothing is taken back.
+A newcomer goes on with the lost person who is expected nearest at constant velocity, at
+once or never; nobody is withheld, and nothing is taken back.
 """
 
 import collections
@@ -15,7 +15,13 @@ from neurosym_jax.configuration import Checked, NotNegative
 from neurosym_jax.data.clock import resample
 from neurosym_jax.data.tracks import SNAP, Tracks
 from neurosym_jax.errors import InputError
-from neurosym_robot.tracking.following import FAR, Frame, frames_of_tracks, is_jump, synchronous
+from neurosym_robot.tracking.following import (
+    FAR,
+    Frame,
+    frames_of_tracks,
+    is_jump,
+    synchronous,
+)
 
 POINTS = 20  # newest points kept of a track: at 10 Hz twice what its velocity needs
 FORGET = 60.0  # seconds after which the id of a person not seen means a new person
@@ -42,7 +48,9 @@ class _Person:
 
     def __init__(self, name: int):
         self.name = name
-        self.points: collections.deque[tuple[float, ...]] = collections.deque(maxlen=POINTS)
+        self.points: collections.deque[tuple[float, ...]] = collections.deque(
+            maxlen=POINTS
+        )
 
     def expected(self, stamp: float, memory: float) -> np.ndarray:
         """[2] metres, where the person is at `stamp` at constant velocity."""
@@ -73,7 +81,8 @@ class OnlineStitcher:
     def push(self, stamp: float, ids: ArrayLike, xy: ArrayLike) -> np.ndarray:
         """[N] int64, mended ids of the people of a frame [s, N whole numbers, m].
 
-        A clock set back begins anew; a frame of the same moment as the one before changes nothing.
+        A clock set back begins anew; a frame of the same moment as the one before
+        changes nothing.
         """
         numbers = np.asarray(ids).astype(np.int64).tolist()
         places = np.asarray(xy, np.float64).reshape(-1, 2)
@@ -89,7 +98,9 @@ class OnlineStitcher:
         """Add a frame to the people it shows; newcomers are linked or new."""
         now, people = self._stamp, self._people
         for id, person in list(people.items()):
-            if now - person.points[-1][0] > FORGET or (id in seen and self._left(person, seen[id])):
+            if now - person.points[-1][0] > FORGET or (
+                id in seen and self._left(person, seen[id])
+            ):
                 del people[id]
         seen = {id: place for id, place in seen.items() if (np.abs(place) < FAR).all()}
         new = [id for id in seen if id not in people]
@@ -111,7 +122,9 @@ class OnlineStitcher:
         stamp, *last = person.points[-1]
         return bool(is_jump(np.linalg.norm(place - last), self._stamp - stamp))
 
-    def _links(self, new: dict[int, np.ndarray], seen: set[int]) -> list[tuple[int, int]]:
+    def _links(
+        self, new: dict[int, np.ndarray], seen: set[int]
+    ) -> list[tuple[int, int]]:
         """Ids of newcomers, and of the lost people whom they continue, the nearest pairs first."""
         options, pairs = self.options, []
         for old, person in self._people.items() if new else ():
@@ -140,12 +153,16 @@ class Stitched(NamedTuple):
 
 
 def stitch(
-    tracks: Tracks, options: LinkOptions | None = None, *, period: float = 0.1, fill: float = 2.0
+    tracks: Tracks,
+    options: LinkOptions | None = None,
+    *,
+    period: float = 0.1,
+    fill: float = 2.0,
 ) -> Stitched:
     """Mend a recording; its points are then `period` seconds apart.
 
-    Agents with clocks of their own are resampled to one first; gaps of up to `fill` seconds are
-    filled linearly.
+    Agents with clocks of their own are resampled to one first; gaps of up to `fill`
+    seconds are filled linearly.
 
     Raises:
         InputError: if nobody is seen for a second.
@@ -156,15 +173,21 @@ def stitch(
     begin, end = np.full((2, len(names)), [[np.inf], [-np.inf]])
     np.minimum.at(begin, row, tracks.stamp)
     np.maximum.at(end, row, tracks.stamp)
-    is_person = (end - begin >= BRIEF - SNAP)[row] & (np.abs(tracks.position) < FAR).all(axis=1)
+    is_person = (end - begin >= BRIEF - SNAP)[row] & (
+        np.abs(tracks.position) < FAR
+    ).all(axis=1)
     if not is_person.any():
         raise InputError(f"{tracks.recording}: nobody is seen for {BRIEF:g} s")
     mended = tracks.take(is_person).with_ids(ids[is_person])
-    mended = resample(mended, period, fill, period * np.floor(mended.stamp.min() / period))
+    mended = resample(
+        mended, period, fill, period * np.floor(mended.stamp.min() / period)
+    )
     return Stitched(mended, len(np.unique(tracks.id)), joined, int((~is_person).sum()))
 
 
-def stitched_ids(tracks: Tracks, options: LinkOptions | None = None) -> tuple[np.ndarray, int]:
+def stitched_ids(
+    tracks: Tracks, options: LinkOptions | None = None
+) -> tuple[np.ndarray, int]:
     """Mended ids [R] of the rows of `synchronous` tracks, and the number of links."""
     stitcher = OnlineStitcher(options, len(tracks.id))
     ids = [stitcher.push(*frame) for frame in frames_of_tracks(tracks)]

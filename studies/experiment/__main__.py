@@ -1,15 +1,17 @@
 r"""The robot paper's experiment, on simulated recordings.
 
-Mghames et al., "neuROSym: Deployment and Evaluation of a ROS-based Neuro-Symbolic Model for Human
-Motion Prediction" (2024): two scenarios, two recordings of two minutes each, SGAN beside NeuroSyM.
-Here a simulation walks, a tracker with faults sees it, and a bag keeps what the tracker says; the
-bag is read back, tracks are stitched, forecast and scored as they would be on the robot. What is
-made of the results is in `report`. `python -m studies.experiment --help` lists the options.
+Mghames et al., "neuROSym: Deployment and Evaluation of a ROS-based Neuro-Symbolic Model
+for Human Motion Prediction" (2024): two scenarios, two recordings of two minutes each,
+SGAN beside NeuroSyM. Here a simulation walks, a tracker with faults sees it, and a bag
+keeps what the tracker says; the bag is read back, tracks are stitched, forecast and
+scored as they would be on the robot. What is made of the results is in `report`.
+`python -m studies.experiment --help` lists the options.
 
-Networks that learned from THÖR and MAGNI, THOR being a folder with their three recordings:
+Networks that learned from THÖR and MAGNI, THOR being a folder with their three
+recordings:
 
-for M in sgan neurosym; do
-    neurosym train --model $M --obs-len 8 --pred-len 8 --data THOR --out RUNS/$M --train-on \
+for M in sgan neurosym; do neurosym train --model $M --obs-len 8 --pred-len 8 --data
+    THOR --out RUNS/$M --train-on \
         CLiFF-LHMP_thor1_exp-1-run-2 CLiFF-LHMP_thor3_exp-3-run-2 THOR-MAGNI_Scenario_5
 done
 python -m studies.experiment --out OUT --models RUNS/sgan RUNS/neurosym
@@ -63,12 +65,18 @@ def experiment(
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: already there, and nothing is overwritten")
-    networks, recordings, latencies = load_models([Path(name) for name in models]), [], {}
+    networks, recordings, latencies = (
+        load_models([Path(name) for name in models]),
+        [],
+        {},
+    )
     storages = iter(STORAGES)
     for scenario, seeds in SEEDS.items():
         for number, seed in enumerate(seeds, 1):
             bag, people = _record(scenario, number, seed, next(storages), seconds, out)
-            recordings.append(_forecast(scenario, number, bag, people, networks, samples))
+            recordings.append(
+                _forecast(scenario, number, bag, people, networks, samples)
+            )
             done = len(recordings[-1].forecasts)
             print(f"{scenario} {number}: {done} forecasts of {bag.name}")
         latencies[scenario] = _latency(networks, recordings[-2], samples)
@@ -107,7 +115,9 @@ def _forecast(
         predictor = Predictor(models, samples=samples, max_people=MAX_PEOPLE)
         analytics = Analytics(predictor)
         events = list(replay(frames, predictor, analytics, stitcher=stitcher))
-        done = [forecast for event in events for forecast in event.scored] + analytics.finish()
+        done = [
+            forecast for event in events for forecast in event.scored
+        ] + analytics.finish()
         summaries.append(analytics.summary())
     scores = {name: score(done, name) for name in models}
     scores[STRAIGHT] = score(done, None)
@@ -117,14 +127,20 @@ def _forecast(
     )
 
 
-def _latency(models: dict[str, Model], recording: Recording, samples: int) -> dict[str, float]:
+def _latency(
+    models: dict[str, Model], recording: Recording, samples: int
+) -> dict[str, float]:
     """Median milliseconds from a frame's arrival to its forecast, of each model alone."""
     latencies = {}
     for name, model in models.items():
         predictor = Predictor({name: model}, samples=samples, max_people=MAX_PEOPLE)
         analytics, stitcher = Analytics(predictor), OnlineStitcher()
         events = replay(recording.frames, predictor, analytics, stitcher=stitcher)
-        took = [1e3 * event.forecast.latency for event in events if event.forecast is not None]
+        took = [
+            1e3 * event.forecast.latency
+            for event in events
+            if event.forecast is not None
+        ]
         latencies[name] = float(np.median(took))
     return latencies
 

@@ -63,8 +63,12 @@ def _plot_ids(recording: Recording) -> Figure:
     figure, (panels,) = style.new_figure(style.WIDTH, 2.2, 1, 2, sharey=True)
     tracked = [frame.ids for frame in recording.frames]
     began, people = recording.frames[0].stamp, np.concatenate(recording.people)
-    seconds = np.concatenate([np.full(len(frame.ids), frame.stamp) for frame in recording.frames])
-    for axes, ids, title in zip(panels, (tracked, recording.mended), ("the tracker's", "stitched")):
+    seconds = np.concatenate(
+        [np.full(len(frame.ids), frame.stamp) for frame in recording.frames]
+    )
+    for axes, ids, title in zip(
+        panels, (tracked, recording.mended), ("the tracker's", "stitched")
+    ):
         ids = np.concatenate(ids)
         names, first = np.unique(ids[ids >= 0], return_index=True)
         rows = {name: row for row, name in enumerate(names[np.argsort(first)], 1)}
@@ -83,7 +87,8 @@ def _median(recording: Recording, model: str) -> Forecast:
     forecasts = complete(recording.forecasts)
     futures = np.array([forecast.future for forecast in forecasts])
     distance = np.linalg.norm(
-        np.stack([published(forecast, model) for forecast in forecasts]) - futures, axis=-1
+        np.stack([published(forecast, model) for forecast in forecasts]) - futures,
+        axis=-1,
     )
     order = np.argsort(distance.mean(axis=(1, 2)), kind="stable")
     return forecasts[int(order[len(order) // 2])]

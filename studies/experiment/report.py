@@ -17,13 +17,19 @@ from studies.experiment.results import FAULTS, MODELS, Recording
 
 __all__ = ["write_report"]
 
-NAMES: dict[Scenario, str] = {"all-forward": "A, all-forward", "cross-path": "B, cross-path"}
+NAMES: dict[Scenario, str] = {
+    "all-forward": "A, all-forward",
+    "cross-path": "B, cross-path",
+}
 PAPER: dict[Scenario, dict[str, tuple[tuple[float, float], ...]]] = {
     "all-forward": {
         "SGAN": ((12.4, 2.28), (16.32, 3.24)),
         "NeuroSyM": ((7.06, 1.31), (2.52, 0.68)),
     },
-    "cross-path": {"SGAN": ((10.88, 2.67), (24.27, 5.0)), "NeuroSyM": ((5.7, 1.4), (9.87, 1.8))},
+    "cross-path": {
+        "SGAN": ((10.88, 2.67), (24.27, 5.0)),
+        "NeuroSyM": ((5.7, 1.4), (9.87, 1.8)),
+    },
 }
 """What the robot paper printed of real people: "Avg. ADE" and FDE of each recording."""
 RUNTIMES = "A 4.17 and 5.37 s, B 5.19 and 7.36 s"
@@ -79,8 +85,8 @@ def write_report(
 ) -> Path:
     """Write `experiment.md` and `.json`, and the figures, to `out`; the page's path.
 
-    `latencies` are medians in milliseconds from a frame's arrival to its forecast, `seconds` the
-    length of a recording, `models` the names or folders of the networks.
+    `latencies` are medians in milliseconds from a frame's arrival to its forecast,
+    `seconds` the length of a recording, `models` the names or folders of the networks.
     """
     raw, mended = np.mean([recording.identity for recording in recordings], axis=0)
     noise, environment = 100 * FAULTS.noise, run_environment()
@@ -95,24 +101,33 @@ def write_report(
     )
     blocks = [head]
     for scenario, title in NAMES.items():
-        members = [recording for recording in recordings if recording.scenario == scenario]
+        members = [
+            recording for recording in recordings if recording.scenario == scenario
+        ]
         blocks += [f"## Scenario {title}", _errors(members, latencies[scenario])]
         blocks += [NOTE.format(paper=RUNTIMES)] if len(blocks) == 3 else []
     blocks += ["## Stitching", _chain(recordings), "## Figures", FIGURES]
     for scenario in NAMES:
-        members = [recording for recording in recordings if recording.scenario == scenario]
+        members = [
+            recording for recording in recordings if recording.scenario == scenario
+        ]
         blocks += write_figures(out, members)
     blocks.append(TAIL.format(seconds=seconds, load=os.getloadavg()[1], **environment))
     data = [
         {
             "bag": recording.bag.name,
             "idf1": recording.identity,
-            "scores": {name: dataclasses.asdict(score) for name, score in recording.scores.items()},
+            "scores": {
+                name: dataclasses.asdict(score)
+                for name, score in recording.scores.items()
+            },
             "analytics": recording.summary,
         }
         for recording in recordings
     ]
-    write_json(out / "experiment.json", {"environment": environment, "recordings": data})
+    write_json(
+        out / "experiment.json", {"environment": environment, "recordings": data}
+    )
     write_text(out / "experiment.md", "\n\n".join(blocks) + "\n")
     return out / "experiment.md"
 
@@ -124,7 +139,11 @@ def _ahead(recordings: Sequence[Recording]) -> str:
         for recording in recordings
     ]
     number = sum(percent > 0 for percent in behind)
-    claim = "the reverse of the paper's claim" if number > len(behind) / 2 else "as in the paper"
+    claim = (
+        "the reverse of the paper's claim"
+        if number > len(behind) / 2
+        else "as in the paper"
+    )
     return (
         f"NeuroSyM is behind SGAN in {number} of {len(behind)} recordings (ADE "
         f"{min(behind):+.0f} to {max(behind):+.0f} %), {claim}."
@@ -137,7 +156,11 @@ def _errors(recordings: Sequence[Recording], latencies: Mapping[str, float]) -> 
     for recording in recordings:
         for name, score in recording.scores.items():
             cells = PAPER[recording.scenario].get(name)
-            paper = [f"{value:.2f}" for value in cells[recording.number - 1]] if cells else ["", ""]
+            paper = (
+                [f"{value:.2f}" for value in cells[recording.number - 1]]
+                if cells
+                else ["", ""]
+            )
             latency, best = "", ""
             if name != STRAIGHT:
                 latency = f"{latencies[name]:.1f} ms"
@@ -154,7 +177,15 @@ def _errors(recordings: Sequence[Recording], latencies: Mapping[str, float]) -> 
                     best,
                 ]
             )
-    head = ["recording", "model", "Avg. ADE", "FDE", "paper's Avg. ADE", "paper's FDE", "runtime"]
+    head = [
+        "recording",
+        "model",
+        "Avg. ADE",
+        "FDE",
+        "paper's Avg. ADE",
+        "paper's FDE",
+        "runtime",
+    ]
     return markdown_table([*head, "mean ADE / FDE", "best of k"], rows, right=7)
 
 

@@ -14,7 +14,16 @@ from neurosym_robot.online.replay import straight
 from neurosym_robot.tracking.following import Frame
 from studies.stitching.scoring import idf1
 
-__all__ = ["FAULTS", "MODELS", "PEOPLE", "SEEDS", "Recording", "Score", "complete", "published"]
+__all__ = [
+    "FAULTS",
+    "MODELS",
+    "PEOPLE",
+    "SEEDS",
+    "Recording",
+    "Score",
+    "complete",
+    "published",
+]
 __all__ += ["score"]
 
 PEOPLE = 2
@@ -102,10 +111,13 @@ def score(forecasts: list[Forecast], model: str | None) -> Score:
     """
     known_forecasts = complete(forecasts)
     if not known_forecasts:
-        raise InputError("no sequence in which both people are known: the recording is too short")
+        raise InputError(
+            "no sequence in which both people are known: the recording is too short"
+        )
     future = np.array([forecast.future for forecast in known_forecasts])
     distance = np.linalg.norm(
-        np.stack([published(forecast, model) for forecast in known_forecasts]) - future, axis=-1
+        np.stack([published(forecast, model) for forecast in known_forecasts]) - future,
+        axis=-1,
     )
     samples = [
         published(f, None)[None] if model is None else f.models[model].samples

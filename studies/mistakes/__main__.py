@@ -48,7 +48,9 @@ def _truth(folder: Path) -> Path:
 
 def _shapes(windows: Any) -> Counter[bytes]:
     """How often each sequence of moves occurs."""
-    return Counter(way.round(2).tobytes() for way in np.diff(windows.position, axis=1) + 0.0)
+    return Counter(
+        way.round(2).tobytes() for way in np.diff(windows.position, axis=1) + 0.0
+    )
 
 
 def main() -> None:
@@ -57,7 +59,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for mistake in MISTAKES:
             outcome, message = tell(mistake, Path(folder))
-            print(f"| {mistake.name} | {mistake.outcome} | {outcome} | {message[:120]} |")
+            print(
+                f"| {mistake.name} | {mistake.outcome} | {outcome} | {message[:120]} |"
+            )
 
 
 if __name__ == "__main__":

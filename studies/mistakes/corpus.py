@@ -45,14 +45,19 @@ def read(name: str, content: str | bytes, **options: Any) -> Mistake:
 
 def two_runs(column: str, crowd: Crowd = CROWD, other: Crowd = OTHER) -> str:
     """Two runs on one clock, with the same ids, told apart by a column."""
-    columns = (np.concatenate(pair) for pair in zip(*(vars(c).values() for c in (crowd, other))))
+    columns = (
+        np.concatenate(pair)
+        for pair in zip(*(vars(c).values() for c in (crowd, other)))
+    )
     run = ["a"] * len(crowd.id) + ["b"] * len(other.id)
     return table(Crowd(*columns), **{column: run})
 
 
 def own_clocks() -> np.ndarray:
     """Seconds since each person came."""
-    return np.concatenate([CROWD.t[CROWD.id == id] - CROWD.t[CROWD.id == id][0] for id in IDS])
+    return np.concatenate(
+        [CROWD.t[CROWD.id == id] - CROWD.t[CROWD.id == id][0] for id in IDS]
+    )
 
 
 def frozen(share: float) -> Crowd:
@@ -94,10 +99,15 @@ TRACKER = make_crowd(rate=10)
 ROBOT = np.where(CROWD.id == 5, "robot", "person")
 DETECTIONS = CROWD.rows(np.lexsort((RNG.random(SIZE), CROWD.step)))
 BY_FRAME = DETECTIONS.but(
-    id=np.concatenate([np.arange(n) for n in np.unique(DETECTIONS.step, return_counts=True)[1]])
+    id=np.concatenate(
+        [np.arange(n) for n in np.unique(DETECTIONS.step, return_counts=True)[1]]
+    )
 )
 FRAMES = {"frame": 10 * CROWD.step}
-LINES = [dict(zip("tixy", map(float, row))) for row in zip(CROWD.t, CROWD.id, CROWD.x, CROWD.y)]
+LINES = [
+    dict(zip("tixy", map(float, row)))
+    for row in zip(CROWD.t, CROWD.id, CROWD.x, CROWD.y)
+]
 NDJSON = "\n".join(json.dumps({**row, "id": int(row.pop("i"))}) for row in LINES)
 SPREAD = float(np.std([CROWD.x, CROWD.y]))
 
@@ -105,20 +115,28 @@ MISTAKES = [
     refused("t counts steps", "whole numbers", table(t=CROWD.step)),
     refused("t counts video frames", "whole numbers", table(t=10 * CROWD.step)),
     refused("t is milliseconds", "whole numbers", table(t=400 * CROWD.step)),
-    refused("t counts steps, said seconds", "clock", table(t=CROWD.step), time_unit="s"),
+    refused(
+        "t counts steps, said seconds", "clock", table(t=CROWD.step), time_unit="s"
+    ),
     refused("t is milliseconds with fractions", "clock", table(t=1000.5 * CROWD.t)),
     refused("t is minutes", "clock", table(t=CROWD.t / 60)),
     refused("t is hours", "clock", table(t=CROWD.t / 3600)),
-    refused("t is nanoseconds since 1970", "time_unit", table(t=CROWD.t * 1e9 + 1.7e18)),
+    refused(
+        "t is nanoseconds since 1970", "time_unit", table(t=CROWD.t * 1e9 + 1.7e18)
+    ),
     read("t is called t_ms", table(t=None, t_ms=400 * CROWD.step)),
     refused("t rounded to whole seconds", "whole numbers", table(t=np.floor(CROWD.t))),
     refused(
-        "t with decimal commas", "columns", table(t=[str(t).replace(".", ",") for t in CROWD.t])
+        "t with decimal commas",
+        "columns",
+        table(t=[str(t).replace(".", ",") for t in CROWD.t]),
     ),
     warned("t at twice its pace", "too fast", table(t=CROWD.t / 2)),
     refused("t at half its pace", "too slow", table(t=CROWD.t * 2)),
     *(
-        refused(f"every {n}th frame of a video", f"frames are {n} apart", text(stride=n))
+        refused(
+            f"every {n}th frame of a video", f"frames are {n} apart", text(stride=n)
+        )
         for n in (2, 3, 4, 5, 8, 9, 15, 20, 25)
     ),
     refused("every frame of a video at 25 fps", "too slow", text(FAST, 1)),
@@ -127,7 +145,11 @@ MISTAKES = [
     warned("--fps 60 of a video at 25", "too fast", text(), fps=60.0),
     refused("--fps beside times", "is a time", table(), fps=25.0),
     read("frame and time agree", table(**FRAMES)),
-    refused("frame and time, of another rate", "too slow", table(t=CROWD.step * 1.001, **FRAMES)),
+    refused(
+        "frame and time, of another rate",
+        "too slow",
+        table(t=CROWD.step * 1.001, **FRAMES),
+    ),
     refused(
         "frame goes on where time begins again",
         "disagree",
@@ -139,8 +161,14 @@ MISTAKES = [
         "disagree",
         table(frame=10 * CROWD.step + 100 * (CROWD.id == 9)),
     ),
-    refused("everybody's clock begins at 0", "begin at one moment", table(t=own_clocks())),
-    warned("rows in another order", "runs backward", table(CROWD.rows(RNG.permutation(SIZE)))),
+    refused(
+        "everybody's clock begins at 0", "begin at one moment", table(t=own_clocks())
+    ),
+    warned(
+        "rows in another order",
+        "runs backward",
+        table(CROWD.rows(RNG.permutation(SIZE))),
+    ),
     read("a stamp moved by 1 ms", table(t=CROWD.t + 0.001 * (np.arange(SIZE) == 99))),
     *(
         read(f"two runs, column {name}", two_runs(name))
@@ -167,7 +195,9 @@ MISTAKES = [
         columns=("note=note",),
     ),
     warned("label robot", "left out", table(label=ROBOT)),
-    warned("type car", "left out", table(type=np.where(CROWD.id % 7, "Pedestrian", "Car"))),
+    warned(
+        "type car", "left out", table(type=np.where(CROWD.id % 7, "Pedestrian", "Car"))
+    ),
     warned("Object Class robot", "left out", table(**{"Object Class": ROBOT})),
     warned(
         "robot in the second of two columns",
@@ -175,10 +205,15 @@ MISTAKES = [
         table(label=["person"] * SIZE, agent_type=ROBOT),
     ),
     warned(
-        "label robot, named as an extra", "left out", table(kind=ROBOT), columns=("group=kind",)
+        "label robot, named as an extra",
+        "left out",
+        table(kind=ROBOT),
+        columns=("group=kind",),
     ),
     warned(
-        "tracks held where they end, lost 1", "lost True are left out", table(HELD, lost=WAITED > 0)
+        "tracks held where they end, lost 1",
+        "lost True are left out",
+        table(HELD, lost=WAITED > 0),
     ),
     warned("a column that somewhere says robot", "left out", table(role=ROBOT)),
     refused("class in numbers", "keep", table(**{"class": CROWD.id % 2})),
@@ -215,10 +250,14 @@ MISTAKES = [
     refused("--unit px", "0.032", text(), unit="px"),
     read("x is called x [cm]", changed("x,y", "x [cm],y [cm]", part=CENTIMETRES)),
     refused(
-        "y is called y [mm]", "which is right", changed("x,y", "x [cm],y [mm]", part=CENTIMETRES)
+        "y is called y [mm]",
+        "which is right",
+        changed("x,y", "x [cm],y [mm]", part=CENTIMETRES),
     ),
     read("pixels of 3.2 cm, said", text(CROWD.scaled(0.032, 9)), unit="0.032"),
-    read("metres in map coordinates", text(CROWD.but(x=CROWD.x + 5e5, y=CROWD.y + 5e6))),
+    read(
+        "metres in map coordinates", text(CROWD.but(x=CROWD.x + 5e5, y=CROWD.y + 5e6))
+    ),
     refused("ids are places in a list", "", text(BY_FRAME)),
     refused("one id for everybody", "repeats", text(CROWD.but(id=0 * CROWD.id))),
     warned(
@@ -237,12 +276,15 @@ MISTAKES = [
     refused("an id missing", "missing", changed(",7,", ",,", part=table())),
     refused("an id with a fraction", "not a whole", changed("\t7\t", "\t7.5\t")),
     refused(
-        "everybody twice, under other ids", "twice", text() + text(CROWD.but(id=CROWD.id + 500))
+        "everybody twice, under other ids",
+        "twice",
+        text() + text(CROWD.but(id=CROWD.id + 500)),
     ),
     refused(
         "everybody twice, by trackers 13 ms apart",
         "everybody there twice",
-        table() + table(CROWD.but(id=CROWD.id + 500), t=CROWD.t + 0.013).split("\n", 1)[1],
+        table()
+        + table(CROWD.but(id=CROWD.id + 500), t=CROWD.t + 0.013).split("\n", 1)[1],
     ),
     refused("tracks held where they end", "positions held", text(HELD)),
     refused(
@@ -250,7 +292,9 @@ MISTAKES = [
         "begin at one place",
         text(CROWD.but(x=CROWD.x - CROWD.x[FIRST], y=CROWD.y - CROWD.y[FIRST])),
     ),
-    warned("y is a height", "of a line", text(CROWD.but(y=1.7 + 0.1 * np.sin(CROWD.step)))),
+    warned(
+        "y is a height", "of a line", text(CROWD.but(y=1.7 + 0.1 * np.sin(CROWD.step)))
+    ),
     refused("a fifth of positions frozen", "held", text(frozen(0.2))),
     warned("a twentieth of positions frozen", "held", text(frozen(0.05))),
     refused("nobody moves", "too slow", text(STILL)),
@@ -261,20 +305,35 @@ MISTAKES = [
         text(where(np.arange(SIZE) == 510, -1, -1)),
     ),
     refused("missing positions are -3000", "", text(where(FEW, -3000, -3000))),
-    warned("noise of half a metre", "", text(CROWD.but(x=CROWD.x + RNG.normal(0, 0.5, SIZE)))),
+    warned(
+        "noise of half a metre",
+        "",
+        text(CROWD.but(x=CROWD.x + RNG.normal(0, 0.5, SIZE))),
+    ),
     refused("positions in whole metres", "", text(CROWD.scaled(1, 0))),
     refused(
         "moves instead of positions",
         "",
         text(CROWD.but(x=np.diff(CROWD.x, prepend=0), y=np.diff(CROWD.y, prepend=0))),
     ),
-    refused("x twice", "must be 4 columns", table(), columns=("time=t", "id=id", "x=x", "y=x")),
+    refused(
+        "x twice",
+        "must be 4 columns",
+        table(),
+        columns=("time=t", "id=id", "x=x", "y=x"),
+    ),
     refused("a position not known", "not a number", changed("\n10\t1\t", "\n10\t1\t?")),
-    warned("a position nan", "no position", table(x=np.where(CROWD.step == 9, np.nan, CROWD.x))),
+    warned(
+        "a position nan",
+        "no position",
+        table(x=np.where(CROWD.step == 9, np.nan, CROWD.x)),
+    ),
     read("a tenth of the rows missing", text(CROWD.rows(TENTH))),
     read(
         "a tenth missing, a stamp moved",
-        table(CROWD.rows(TENTH), t=CROWD.t[TENTH] + 0.001 * (np.arange(TENTH.sum()) == 99)),
+        table(
+            CROWD.rows(TENTH), t=CROWD.t[TENTH] + 0.001 * (np.arange(TENTH.sum()) == 99)
+        ),
     ),
     read("a step missing for everybody", text(CROWD.rows(CROWD.step != 80))),
     refused("a row cut short", "columns, not 4", text()[:-9].rsplit("\t", 1)[0]),
@@ -284,14 +343,23 @@ MISTAKES = [
     read("a byte-order mark, Windows lines", "\ufeff" + table().replace("\n", "\r\n")),
     refused("UTF-16", "not text", text().encode("utf-16")),
     refused("a head without rows", "no rows", "t,id,x,y\n"),
-    refused("two columns x", "column is x", changed("label", "x", part=table(label=CROWD.id))),
+    refused(
+        "two columns x",
+        "column is x",
+        changed("label", "x", part=table(label=CROWD.id)),
+    ),
     refused("no ids", "which column is id", table(id=None)),
-    refused("velocities without names", "columns", text(mark=" ").replace("\n", " 1.3 0.0\n")),
+    refused(
+        "velocities without names",
+        "columns",
+        text(mark=" ").replace("\n", " 1.3 0.0\n"),
+    ),
     refused(
         "TrajNet++ of two rates",
         "differ in fps",
         "".join(
-            f'{{"scene": {{"fps": {n}}}}}\n{{"track": {{"f": 1, "p": {n}}}}}\n' for n in (2, 3)
+            f'{{"scene": {{"fps": {n}}}}}\n{{"track": {{"f": 1, "p": {n}}}}}\n'
+            for n in (2, 3)
         ),
     ),
     read("objects a line", NDJSON),

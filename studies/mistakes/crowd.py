@@ -26,7 +26,9 @@ class Crowd:
 
     def scaled(self, metres: float, decimals: int = 4) -> "Crowd":
         """The crowd in units of so many metres."""
-        return self.but(x=(self.x / metres).round(decimals), y=(self.y / metres).round(decimals))
+        return self.but(
+            x=(self.x / metres).round(decimals), y=(self.y / metres).round(decimals)
+        )
 
     def rows(self, chosen: np.ndarray) -> "Crowd":
         """A part of the rows, or all in another order."""
@@ -39,11 +41,19 @@ def make_crowd(people: int = 48, seed: int = 0, rate: float = 2.5) -> Crowd:
     rows = []
     for person in range(people):
         way, pace = rng.choice([-1, 1]), rng.normal(1.3, 0.12)
-        begin, lane, drift = int(person * 3 * rate / 2.5), rng.uniform(1, 11), rng.normal(0, 0.06)
+        begin, lane, drift = (
+            int(person * 3 * rate / 2.5),
+            rng.uniform(1, 11),
+            rng.normal(0, 0.06),
+        )
         steps = np.arange(int(15 / pace * rate))
         sway = 0.08 * np.sin(steps / rate + rng.uniform(0, 6))
         along = 8 + way * (pace * steps / rate - 7.5) + 0.05 * np.cos(steps / rate)
-        rows.append(np.stack([begin + steps, 0 * steps + person + 1, along, lane + sway], axis=1))
+        rows.append(
+            np.stack(
+                [begin + steps, 0 * steps + person + 1, along, lane + sway], axis=1
+            )
+        )
         rows[-1][:, 3] += drift * steps / rate
     step, id, x, y = np.concatenate(rows).T
     return Crowd(step.astype(int), id.astype(int), x.round(4), y.round(4))

@@ -1,7 +1,8 @@
 """HOTA and IDF1 of stitching by TrackEval, on real tracks seen from a robot.
 
-`python -m studies.stitching DATA` prints the table of docs/predictor.md; DATA holds SGAN's files of
-ETH/UCY. Seeds 0 to 9 are reported. trackeval and norfair come with `pip install trackeval norfair`.
+`python -m studies.stitching DATA` prints the table of docs/predictor.md; DATA holds
+SGAN's files of ETH/UCY. Seeds 0 to 9 are reported. trackeval and norfair come with `pip
+install trackeval norfair`.
 """
 
 import sys
@@ -39,7 +40,9 @@ def norfair(recording: Labelled) -> list[np.ndarray]:
     from norfair import Detection, Tracker
 
     patience = round(10 * LinkOptions().max_gap)
-    model = Tracker("mean_euclidean", 0.6, hit_counter_max=patience, initialization_delay=0)
+    model = Tracker(
+        "mean_euclidean", 0.6, hit_counter_max=patience, initialization_delay=0
+    )
     ids = []
     for xy in recording.xy:
         detections = [Detection(point[None]) for point in xy]
@@ -61,9 +64,13 @@ def hota_and_idf1(recording: Labelled, ids: list[np.ndarray]) -> tuple[float, fl
     from trackeval.metrics import HOTA, Identity
 
     data: dict[str, Any] = {"gt_ids": [], "tracker_ids": [], "similarity_scores": []}
-    for people, places, xy, names in zip(recording.people, recording.places, recording.xy, ids):
+    for people, places, xy, names in zip(
+        recording.people, recording.places, recording.xy, ids
+    ):
         xy, names = xy[names >= 0], names[names >= 0]
-        off = np.linalg.norm(places[:, None] - xy, axis=-1).reshape(len(places), len(xy))
+        off = np.linalg.norm(places[:, None] - xy, axis=-1).reshape(
+            len(places), len(xy)
+        )
         data["gt_ids"].append(people)
         data["tracker_ids"].append(names)
         data["similarity_scores"].append(np.clip(1 - off / MATCH, 0, 1))
@@ -71,7 +78,10 @@ def hota_and_idf1(recording: Labelled, ids: list[np.ndarray]) -> tuple[float, fl
         rows = data[f"{kind}_ids"]
         numbers = np.unique(np.concatenate(rows))
         data[f"{kind}_ids"] = [np.searchsorted(numbers, row) for row in rows]
-        data[f"num_{kind}_ids"], data[f"num_{kind}_dets"] = len(numbers), sum(map(len, rows))
+        data[f"num_{kind}_ids"], data[f"num_{kind}_dets"] = (
+            len(numbers),
+            sum(map(len, rows)),
+        )
     hota = HOTA().eval_sequence(data)["HOTA"].mean()
     identity = Identity({"PRINT_CONFIG": False}).eval_sequence(data)["IDF1"]
     return float(hota), float(identity)
@@ -80,7 +90,9 @@ def hota_and_idf1(recording: Labelled, ids: list[np.ndarray]) -> tuple[float, fl
 def table(folder: Path, seeds: range) -> str:
     """Markdown: mean IDF1 / HOTA of every method, and halves of their 95 % intervals."""
     cells = [(scene, ghosts) for scene in SCENES for ghosts in GHOSTS]
-    lines = ["| IDF1 / HOTA | " + " | ".join(f"{s}, {g:g} ghosts/s" for s, g in cells) + " |"]
+    lines = [
+        "| IDF1 / HOTA | " + " | ".join(f"{s}, {g:g} ghosts/s" for s, g in cells) + " |"
+    ]
     lines.append("|---|" + "---|" * len(cells))
     scores: dict[tuple[str, str, float], list[tuple[float, float]]] = {}
     for scene, ghosts in cells:
@@ -97,7 +109,9 @@ def table(folder: Path, seeds: range) -> str:
 
 
 def _text(scores: np.ndarray) -> str:
-    hota, identity = (f"{s.mean():.3f} ± {student_half(s.tolist()):.3f}" for s in scores.T)
+    hota, identity = (
+        f"{s.mean():.3f} ± {student_half(s.tolist()):.3f}" for s in scores.T
+    )
     return f"{identity} / {hota}"
 
 

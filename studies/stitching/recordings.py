@@ -76,7 +76,9 @@ class Tracker:
         if stored_ids:
             last = np.array([place for _, place in self._known.values()])
             off = np.linalg.norm(xy[:, None] - last, axis=-1)
-            for row, column in zip(*linear_sum_assignment(np.where(off <= NEAR, off, 1e3))):
+            for row, column in zip(
+                *linear_sum_assignment(np.where(off <= NEAR, off, 1e3))
+            ):
                 if off[row, column] <= NEAR:
                     ids[row] = stored_ids[column]
         new = ids < 0

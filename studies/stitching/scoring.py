@@ -10,11 +10,12 @@ __all__ = ["idf1"]
 def idf1(person: ArrayLike, ids: ArrayLike) -> float:
     """IDF1: share of rows whose id is right, under the best one-to-one naming of ids after people.
 
-    `2 IDTP / (2 IDTP + IDFP + IDFN)`; 1 is perfect (Ristani et al., ECCV workshops 2016).
+    `2 IDTP / (2 IDTP + IDFP + IDFN)`; 1 is perfect (Ristani et al., ECCV workshops
+    2016).
 
-    Args:
-        person: [R] whole numbers, the true person of each row; -1 for a false detection.
-        ids: [R] whole numbers, the id of each row; -1 if the person was missed.
+    Args: person: [R] whole numbers, the true person of each row; -1 for a false
+        detection. ids: [R] whole numbers, the id of each row; -1 if the person was
+        missed.
     """
     person, ids = np.asarray(person), np.asarray(ids)
     tracked = (person != -1) & (ids != -1)

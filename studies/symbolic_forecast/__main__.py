@@ -2,9 +2,10 @@
 
 python -m studies.symbolic_forecast DATA OUT
 
-DATA holds ETH/UCY in `eth_ucy`, THÖR's tracks in `thor`, see docs/data.md, and HERMES's runs in
-`hermes`, see studies/weighting/data.py. OUT gets `scores.json`, `symbolic_forecast.md` and `.csv`;
-with `scores.json` in place of DATA the last two are made of it.
+DATA holds ETH/UCY in `eth_ucy`, THÖR's tracks in `thor`, see docs/data.md, and HERMES's
+runs in `hermes`, see studies/weighting/data.py. OUT gets `scores.json`,
+`symbolic_forecast.md` and `.csv`; with `scores.json` in place of DATA the last two are
+made of it.
 """
 
 import dataclasses
@@ -90,7 +91,9 @@ def main(data: Path, out: Path) -> None:
     if data.suffix == ".json":
         scores = json.loads(data.read_text(encoding="utf-8"))
     else:
-        scores: dict[str, Any] = {name: _group(members) for name, members in sets_of(data).items()}
+        scores: dict[str, Any] = {
+            name: _group(members) for name, members in sets_of(data).items()
+        }
         scores["seconds"] = time.perf_counter() - start
         write_json(out / "scores.json", scores)
     write_text(out / "symbolic_forecast.md", document(scores))
@@ -110,7 +113,9 @@ def _group(members: list[TestSet]) -> dict[str, Any]:
         "means": {name: _means(scores, name) for name in scores[0]},
         "differences": {
             other: _intervals(
-                mean_difference([paired_difference([s["NeuroSyM"]], [s[other]]) for s in scores]),
+                mean_difference(
+                    [paired_difference([s["NeuroSyM"]], [s[other]]) for s in scores]
+                ),
                 metrics,
             )
             for other in AGAINST
@@ -123,7 +128,9 @@ def _means(scores: list[dict[str, ErrorsByScene]], name: str) -> dict[str, float
     return dict(zip(scores[0][name].scores, values.round(5).tolist()))
 
 
-def _intervals(difference: Difference, metrics: tuple[str, ...]) -> dict[str, list[float]]:
+def _intervals(
+    difference: Difference, metrics: tuple[str, ...]
+) -> dict[str, list[float]]:
     intervals = {}
     for metric in metrics:
         interval = difference.intervals(metric)["scenes"]
@@ -152,11 +159,17 @@ def _of_set(test_set: TestSet) -> tuple[dict[str, ErrorsByScene], dict[str, Any]
         "SGAN": load_model(folder / f"sgan_{test_set.models}_8"),
         "anchors": load_model(folder / f"anchors_{test_set.models}_8"),
         "constant velocity": baseline("constant_velocity", LENGTH, LENGTH),
-        "constant velocity, sampled": baseline("constant_velocity_sampled", LENGTH, LENGTH),
+        "constant velocity, sampled": baseline(
+            "constant_velocity_sampled", LENGTH, LENGTH
+        ),
     }
     scores = evaluate_symbols(train, tune, test, models, samples=SAMPLES, seed=SEED)
     share = dict(zip(events, test.after.mean(axis=1).round(4).tolist()))
-    return scores, {"windows": test.windows.scenes, "pairs": len(test.rows), "events": share}
+    return scores, {
+        "windows": test.windows.scenes,
+        "pairs": len(test.rows),
+        "events": share,
+    }
 
 
 if __name__ == "__main__":

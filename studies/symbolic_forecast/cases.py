@@ -84,14 +84,18 @@ def make_cases(
     seen, before = _observed(settings, events, position[:, :, :obs_len], rows)
     then, after = _observed(settings, events, position[:, :, obs_len - 1 :], rows)
     start = seen[0, :, -1]
-    return Cases(settings, events, windows, rows, scene, start, then[0], before[0], after[0])
+    return Cases(
+        settings, events, windows, rows, scene, start, then[0], before[0], after[0]
+    )
 
 
 def counted(cases: Cases, samples: np.ndarray, events: np.ndarray) -> Answer:
     """The answer of k samples: states [k, P, T] and events [k, E, P]."""
     pairs = np.arange(len(cases.start)) * cases.size
     states = [
-        np.bincount((pairs + samples[:, :, step]).ravel(), minlength=cases.size * len(pairs))
+        np.bincount(
+            (pairs + samples[:, :, step]).ravel(), minlength=cases.size * len(pairs)
+        )
         for step in range(samples.shape[2])
     ]
     counts = np.stack(states).reshape(len(states), len(pairs), cases.size)
@@ -103,29 +107,38 @@ def model_answer(cases: Cases, model: Model, *, samples: int, seed: int) -> Answ
     windows = cases.windows
     futures, _ = forecast_windows(model, windows, make_batches(windows), samples, seed)
     last = windows.position[None, :, windows.obs_len - 1, None]
-    paths = np.concatenate([np.broadcast_to(last, (*futures.shape[:2], 1, 2)), futures], axis=2)
+    paths = np.concatenate(
+        [np.broadcast_to(last, (*futures.shape[:2], 1, 2)), futures], axis=2
+    )
     return counted(cases, *_observed(cases.settings, cases.events, paths, cases.rows))
 
 
 def markov_chain(cases: Cases) -> tuple[np.ndarray, np.ndarray]:
     """Probabilities [T, S, S] of states, and [E, S] of events, after each state observed last.
 
-    After Hanheide, Peters and Bellotto, "Analysis of human-robot spatial behaviour applying a
-    qualitative trajectory calculus" (2012), and Dondrup, Bellotto and Hanheide (2014), every
-    transition of the diagram, staying among them, is possible before anything is seen: they share a
-    weight of 1, and all transitions whatever one of 0.01. An event is as frequent as it was seen
-    after the state observed last, smoothed in the same way by how frequent it is altogether.
+    After Hanheide, Peters and Bellotto, "Analysis of human-robot spatial behaviour
+    applying a qualitative trajectory calculus" (2012), and Dondrup, Bellotto and
+    Hanheide (2014), every transition of the diagram, staying among them, is possible
+    before anything is seen: they share a weight of 1, and all transitions whatever one
+    of 0.01. An event is as frequent as it was seen after the state observed last,
+    smoothed in the same way by how frequent it is altogether.
     """
     size, steps = cases.size, cases.states.shape[1]
     chain = np.concatenate([cases.start[:, None], cases.states], axis=1)
     keys = chain[:, :-1] * size + chain[:, 1:]
-    counts = np.bincount(keys.ravel(), minlength=size * size).reshape(size, size).astype(float)
+    counts = (
+        np.bincount(keys.ravel(), minlength=size * size)
+        .reshape(size, size)
+        .astype(float)
+    )
     allowed = adjacency(cases.settings.calculus) | np.eye(size, dtype=bool)
     counts += allowed / allowed.sum(axis=1, keepdims=True) + 0.01 / size
     once = counts / counts.sum(axis=1, keepdims=True)
     table = np.stack([np.linalg.matrix_power(once, step + 1) for step in range(steps)])
     seen = np.bincount(cases.start, minlength=size)
-    happened = np.stack([np.bincount(cases.start, happens, size) for happens in cases.after])
+    happened = np.stack(
+        [np.bincount(cases.start, happens, size) for happens in cases.after]
+    )
     return table, (happened + cases.after.mean(axis=1, keepdims=True)) / (seen + 1)
 
 
@@ -143,7 +156,10 @@ def _near(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _observed(
-    settings: SymbolSettings, events: tuple[str, ...], position: np.ndarray, rows: np.ndarray
+    settings: SymbolSettings,
+    events: tuple[str, ...],
+    position: np.ndarray,
+    rows: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """[k, P, T] states and [k, E, P] events of `rows [P, 2]` of `position [k, A, T + 1, 2]`."""
     count = len(rows)
@@ -155,7 +171,9 @@ def _observed(
         # Relative to where k is: float32 is enough then.
         pair_paths = pair_paths - np.tile(pair_paths[:1, :PART, :1], (1, 2, 1, 1))
         parts.append(
-            jax.tree.map(np.asarray, _look(settings, events, pair_paths.astype(np.float32)))
+            jax.tree.map(
+                np.asarray, _look(settings, events, pair_paths.astype(np.float32))
+            )
         )
     states, happened = zip(*parts)
     happened = np.concatenate(happened, axis=2)[..., :count]

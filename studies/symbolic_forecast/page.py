@@ -89,14 +89,19 @@ def table(scores: dict[str, Any]) -> str:
             for forecaster, means in group["means"].items():
                 for metric, value in means.items():
                     score, target, step = metric.split()
-                    lines.append(f'{name},"{forecaster}",{score},{target},{step},{value:.3f}')
+                    lines.append(
+                        f'{name},"{forecaster}",{score},{target},{step},{value:.3f}'
+                    )
     return "\n".join(lines) + "\n"
 
 
 def _states(groups: dict[str, Any]) -> str:
     columns = [(name, step) for name in groups for step in STEPS]
     best = {
-        column: min(f"{means[f'log state {column[1]}']:.2f}" for means in _means(groups, column[0]))
+        column: min(
+            f"{means[f'log state {column[1]}']:.2f}"
+            for means in _means(groups, column[0])
+        )
         for column in columns
     }
     rows = []
@@ -106,7 +111,9 @@ def _states(groups: dict[str, Any]) -> str:
             text = f"{groups[name]['means'][forecaster][f'log state {step}']:.2f}"
             cells.append(f"**{text}**" if text == best[name, step] else text)
         rows.append([forecaster, *cells])
-    return markdown_table(["", *(f"{n}, {PERIOD * s:.1f} s" for n, s in columns)], rows, right=9)
+    return markdown_table(
+        ["", *(f"{n}, {PERIOD * s:.1f} s" for n, s in columns)], rows, right=9
+    )
 
 
 def _means(groups: dict[str, Any], name: str) -> list[dict[str, float]]:

@@ -2,11 +2,12 @@
 
 NPROC=1 python -m studies.weighting DATA docs/weighting.csv [SET ...]
 
-DATA holds HERMES's runs in `hermes` and ETH/UCY in `eth_ucy`, see `studies/weighting/data.py`.
-What is asked, and what would be an answer, was written before the first run:
-studies/weighting/protocol.md. The table has a row for each run and metric. Runs that it has are not
-done again, so delete the rows of what is to be repeated; with one thread a run gives the same
-bits. The page and the figure are written beside the table.
+DATA holds HERMES's runs in `hermes` and ETH/UCY in `eth_ucy`, see
+`studies/weighting/data.py`. What is asked, and what would be an answer, was written
+before the first run: studies/weighting/protocol.md. The table has a row for each run
+and metric. Runs that it has are not done again, so delete the rows of what is to be
+repeated; with one thread a run gives the same bits. The page and the figure are written
+beside the table.
 """
 
 import csv
@@ -34,7 +35,10 @@ def run_all(data: Path, table: Path, names: Sequence[str]) -> None:
     done = set()
     if table.is_file():
         with table.open() as file:
-            done = {(int(row["seed"]), row["set"], row["arm"]) for row in csv.DictReader(file)}
+            done = {
+                (int(row["seed"]), row["set"], row["arm"])
+                for row in csv.DictReader(file)
+            }
     planned = {
         (seed, name, title)
         for name in names
@@ -53,7 +57,9 @@ def run_all(data: Path, table: Path, names: Sequence[str]) -> None:
             if not file.tell():
                 rows.writerow(HEAD)
             for metric, (value, count) in score(arm.network, params, test).items():
-                rows.writerow([name, title, seed, metric, f"{value:.6f}", f"{count:.0f}"])
+                rows.writerow(
+                    [name, title, seed, metric, f"{value:.6f}", f"{count:.0f}"]
+                )
 
 
 if __name__ == "__main__":

@@ -21,7 +21,13 @@ __all__ = ["ARMS", "SETS", "Arm", "register"]
 
 # No errors are added to positions: they would blur the symbols of what is learned from.
 SHORT = dataclasses.replace(
-    RECIPES["ours"], steps=600, batch_scenes=8, max_agents=16, best_k=10, rotate=0.5, jitter=0.0
+    RECIPES["ours"],
+    steps=600,
+    batch_scenes=8,
+    max_agents=16,
+    best_k=10,
+    rotate=0.5,
+    jitter=0.0,
 )
 WHOLE = dataclasses.replace(SHORT, steps=1500, batch_scenes=16, max_agents=None)
 ANCHORS = dataclasses.replace(AnchorRecipe(), steps=600, jitter=0.0, min_agents=2)
@@ -59,7 +65,9 @@ TENTHS = ("corridors_tenth", "zara2_tenth")
 SETS = (*CONTROLS, *REAL, *TENTHS)
 
 
-def _generator(pooling: str, weighting: str | None, recipe: Recipe, **seeds: int) -> Arm:
+def _generator(
+    pooling: str, weighting: str | None, recipe: Recipe, **seeds: int
+) -> Arm:
     network = GeneratorConfig(
         obs_len=LENGTHS[0],
         pred_len=LENGTHS[1],
@@ -70,8 +78,12 @@ def _generator(pooling: str, weighting: str | None, recipe: Recipe, **seeds: int
 
 
 def _papers(weighting: str | None, seeds: int, pooling: str = "as_described") -> Arm:
-    further = dict.fromkeys(PLACES, 4 if weighting in ("ones", "quantised", "shuffled") else 0)
-    return _generator(pooling, weighting, WHOLE, corridors=seeds, zara2=seeds, **further)
+    further = dict.fromkeys(
+        PLACES, 4 if weighting in ("ones", "quantised", "shuffled") else 0
+    )
+    return _generator(
+        pooling, weighting, WHOLE, corridors=seeds, zara2=seeds, **further
+    )
 
 
 def _anchors(geometry: bool, symbols: bool, tenths: int = 0) -> Arm:
@@ -86,7 +98,9 @@ WEAK = dict.fromkeys(CONTROLS, 12)
 
 ARMS = {
     "encounter": _generator("encounter", "ones", SHORT, corridors=24, zara2=24, **WEAK),
-    "encounter, quantised": _generator("encounter", "quantised", SHORT, corridors=24, zara2=24),
+    "encounter, quantised": _generator(
+        "encounter", "quantised", SHORT, corridors=24, zara2=24
+    ),
     "encounter, right": _generator("encounter", "on_ones_path", SHORT, **WEAK),
     "papers": _papers("ones", 24),
     "papers, quantised": _papers("quantised", 24),

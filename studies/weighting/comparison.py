@@ -1,7 +1,7 @@
 """Differences between arms in the table of runs: intervals, tests, and what was in reach.
 
-The unit is the seed: the errors of two arms with one seed, on the same scenes, are subtracted.
-Percent are of the reference's mean.
+The unit is the seed: the errors of two arms with one seed, on the same scenes, are
+subtracted. Percent are of the reference's mean.
 """
 
 import dataclasses
@@ -72,7 +72,9 @@ class Runs:
         # `right` weights almost all pairs 0, so most neighbours must change nobody.
         near = rows.filter(pl.col("arm") != "encounter, right", metric="neighbour_near")
         dead = pl.col("value") < ALIVE
-        arms = near.group_by("set", "arm", maintain_order=True).agg(dead.sum(), runs=dead.len())
+        arms = near.group_by("set", "arm", maintain_order=True).agg(
+            dead.sum(), runs=dead.len()
+        )
         self.dead = arms.filter(pl.col("value") > 0)
         """Rows of set, arm, value (runs that are left out) and runs."""
         silent = self.dead.filter(pl.col("value") > tolerated * pl.col("runs"))
@@ -88,7 +90,9 @@ class Runs:
         self, dataset: str, arm: str, reference: str, metric: str = INTERACTING
     ) -> Comparison | None:
         """The comparison over the seeds that both arms have; None for fewer than three."""
-        first, second = (self.values(dataset, name, metric) for name in (arm, reference))
+        first, second = (
+            self.values(dataset, name, metric) for name in (arm, reference)
+        )
         common = sorted(set(first) & set(second))
         if len(common) < 3:
             return None
@@ -99,7 +103,12 @@ class Runs:
 
 
 def compared(
-    dataset: str, arm: str, reference: str, metric: str, percent: np.ndarray, answered: bool = True
+    dataset: str,
+    arm: str,
+    reference: str,
+    metric: str,
+    percent: np.ndarray,
+    answered: bool = True,
 ) -> Comparison:
     """The comparison that differences [n] in per cent make, one of each seed (or place)."""
     from scipy.stats import t, ttest_1samp  # They take half a second to import.
@@ -140,7 +149,9 @@ def answer(comparison: Comparison) -> str:
         return "not answered"
     if comparison.p < LEVEL:
         return "helps" if comparison.percent < 0 else "harms"
-    return f"no effect beyond {MARGIN:g} %" if comparison.p_equivalent < LEVEL else "open"
+    return (
+        f"no effect beyond {MARGIN:g} %" if comparison.p_equivalent < LEVEL else "open"
+    )
 
 
 def percent_text(comparison: Comparison) -> str:

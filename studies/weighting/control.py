@@ -1,11 +1,12 @@
 """The positive control: simulated people who give way by the QTC_C1 state of the pair.
 
-Each person walks straight at their own speed. At the last observed step they look up, and
-from then on give way, to the right and slower, to the nearest of those on their path, the more the
-nearer. On one's path is whose pair with one is in one of two states: both approach, and both drift
-to the same side of the floor, so that the bearing stays what it is. Who passes, follows or leaves
-does not matter, however near. So a weighting that is 1 for these states and 0 for all others is
-right. A study that does not see its effect here may not say "no" of real people.
+Each person walks straight at their own speed. At the last observed step they look up,
+and from then on give way, to the right and slower, to the nearest of those on their
+path, the more the nearer. On one's path is whose pair with one is in one of two states:
+both approach, and both drift to the same side of the floor, so that the bearing stays
+what it is. Who passes, follows or leaves does not matter, however near. So a weighting
+that is 1 for these states and 0 for all others is right. A study that does not see its
+effect here may not say "no" of real people.
 """
 
 import numpy as np
@@ -35,7 +36,9 @@ def _path_table() -> np.ndarray:
     """[81] by state code: 1 for a neighbour on one's path, else 0."""
     table = np.zeros(81)
     for side in (-1, 1):
-        table[np.ravel_multi_index((0, 0, 1 + side, 1 - side), (3, 3, 3, 3))] = 1  # - - + -
+        table[np.ravel_multi_index((0, 0, 1 + side, 1 - side), (3, 3, 3, 3))] = (
+            1  # - - + -
+        )
     return table
 
 
@@ -68,7 +71,9 @@ def control(scenes: int, seed: int, strength: float = 1.0) -> Windows:
     )
 
 
-def _giving_way(before: np.ndarray, now: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+def _giving_way(
+    before: np.ndarray, now: np.ndarray, velocity: np.ndarray
+) -> np.ndarray:
     """Accelerations [S, N, 2], of positions [S, N, 2] a step apart and the velocities."""
     steps = np.stack([before, now], axis=2)
     states = observe(steps[:, :, None], steps[:, None])[..., 0, :]

@@ -1,13 +1,15 @@
 """The data sets of the study: what is learned from, and what is tested on.
 
 - `control_20`, `_10`, `_05`: simulated, see `control`.
-- `corridors`: HERMES (Jülich 2009; `datasets/HERMES/Corridor-2D` of the public repository
-  crowdbotp/OpenTraj): people in corridors from both ends, 16 frames a second, centimetres.
+- `corridors`: HERMES (Jülich 2009; `datasets/HERMES/Corridor-2D` of the public
+  repository crowdbotp/OpenTraj): people in corridors from both ends, 16 frames a
+  second, centimetres.
 - `zara2`: ETH/UCY's, left out as everywhere else.
 
-Corridors and zara2 are split by recording. Two runs of the corridors (boa-300-055-095 and
-bot-360-090-090) were validated on while the pooling was chosen, so they are neither learned from
-nor tested on. boa-300-050-070, bo-360-090-090 and bot-300-065-065 are kept for other judgements.
+Corridors and zara2 are split by recording. Two runs of the corridors (boa-300-055-095
+and bot-360-090-090) were validated on while the pooling was chosen, so they are neither
+learned from nor tested on. boa-300-050-070, bo-360-090-090 and bot-300-065-065 are kept
+for other judgements.
 """
 
 from pathlib import Path
@@ -49,11 +51,14 @@ def load(name: str, data: Path) -> tuple[Windows, Windows]:
     """
     if name in CONTROLS:
         return tuple(
-            control(scenes, seed, CONTROLS[name]) for scenes, seed in ((1500, 1), (200, 2))
+            control(scenes, seed, CONTROLS[name])
+            for scenes, seed in ((1500, 1), (200, 2))
         )
     if name.endswith("_tenth"):
         training, test = load(name.removesuffix("_tenth"), data)
-        tenth = np.random.default_rng(0).permutation(training.scenes)[: training.scenes // 10]
+        tenth = np.random.default_rng(0).permutation(training.scenes)[
+            : training.scenes // 10
+        ]
         return training.take(np.sort(tenth)), test
     if name == "corridors":
         training, test = (
@@ -73,7 +78,11 @@ def read_corridor(path: Path) -> Tracks:
         InputError: for a file that is missing.
     """
     if not path.is_file():
-        raise InputError(f"{path}: missing; it is HERMES's, in datasets/HERMES of OpenTraj")
+        raise InputError(
+            f"{path}: missing; it is HERMES's, in datasets/HERMES of OpenTraj"
+        )
     rows = np.loadtxt(path)
-    tracks = make_tracks(path.stem, rows[:, 1] / FRAMES, rows[:, 0], rows[:, 2:4] * METRES)
+    tracks = make_tracks(
+        path.stem, rows[:, 1] / FRAMES, rows[:, 0], rows[:, 2:4] * METRES
+    )
     return on_grid(tracks, PERIOD)

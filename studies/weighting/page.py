@@ -9,7 +9,15 @@ from matplotlib.figure import Figure
 from scipy.stats import sem, t
 
 from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.plotting.style import INK, LABEL, SMALL, WIDTH, dress, new_figure, save_figure
+from neurosym_jax.plotting.style import (
+    INK,
+    LABEL,
+    SMALL,
+    WIDTH,
+    dress,
+    new_figure,
+    save_figure,
+)
 from neurosym_jax.runtime.files import write_text
 from studies.history import report
 from studies.weighting.arms import CONTROLS, PLACES, REAL, TENTHS
@@ -38,7 +46,11 @@ QUESTIONS = (
 )
 """The primary comparisons, on each real data set."""
 FURTHER = (
-    *(("papers, none", "papers"), ("papers, quantised", "papers, none"), ("papers, cnd", "papers")),
+    *(
+        ("papers, none", "papers"),
+        ("papers, quantised", "papers, none"),
+        ("papers, cnd", "papers"),
+    ),
     *(("papers, shuffled", "papers"), ("papers, learned", "papers")),
     *(("papers, quantised", "papers, shuffled"), ("papers, quantised", "papers, cnd")),
     *(("anchors, geometry", "anchors, nothing"), ("encounter, quantised", "encounter")),
@@ -70,9 +82,13 @@ def write(table: Path) -> None:
     ]
     tenths = _on(runs, TENTHS, QUESTIONS[2:])
     weak = _on(runs, CONTROLS, [("encounter, right", "encounter")])
-    save_figure(_forest([*primary, *further], "interacting people"), table.with_suffix(".png"))
+    save_figure(
+        _forest([*primary, *further], "interacting people"), table.with_suffix(".png")
+    )
     save_figure(_inputs(runs), table.with_name("weighting_inputs.png"))
-    save_figure(_forest(strata, "people of an event"), table.with_name("weighting_events.png"))
+    save_figure(
+        _forest(strata, "people of an event"), table.with_name("weighting_events.png")
+    )
     text = TEXT.format(
         answer=ANSWER,
         primary=_questions(primary, primary_energy),
@@ -117,7 +133,14 @@ def _questions(comparisons: Sequence[Comparison], energy: Sequence[Comparison]) 
         ]
         for comparison, secondary in zip(comparisons, energy)
     ]
-    head = ["data", "arms", "seeds", "joint ADE, %", "p, different", f"p, within {MARGIN:g} %"]
+    head = [
+        "data",
+        "arms",
+        "seeds",
+        "joint ADE, %",
+        "p, different",
+        f"p, within {MARGIN:g} %",
+    ]
     head += ["margin in reach, %", "answer", "energy score, %"]
     return markdown_table(head, rows, right=7)
 
@@ -128,30 +151,50 @@ def places(rows: pl.DataFrame) -> str:
     Places with too few runs are left out. Only the planned means are corrected (Holm).
     """
     runs = Runs(rows.filter(pl.col("seed") < SEEDS_OF_PLACES))
-    columns = [(*pair, name) for pair in WEIGHTS for name in ("joint_ade", "energy_score")]
+    columns = [
+        (*pair, name) for pair in WEIGHTS for name in ("joint_ade", "energy_score")
+    ]
 
     def of(place: str, people: str) -> list[Comparison]:
-        found = (runs.compare(place, *pair, f"{people} {metric}") for *pair, metric in columns)
+        found = (
+            runs.compare(place, *pair, f"{people} {metric}")
+            for *pair, metric in columns
+        )
         return [comparison for comparison in found if comparison is not None]
 
     def means(lines: Iterable[list[Comparison]]) -> list[Comparison]:
         return [
-            compared("mean", *column, np.array([comparison.percent for comparison in of_places]))
+            compared(
+                "mean",
+                *column,
+                np.array([comparison.percent for comparison in of_places]),
+            )
             for column, of_places in zip(columns, zip(*lines))
         ]
 
-    counts = rows.filter(metric=INTERACTING).group_by("set").agg(pl.col("counted").max())
+    counts = (
+        rows.filter(metric=INTERACTING).group_by("set").agg(pl.col("counted").max())
+    )
     people = dict(counts.iter_rows())
     lines = {name: of(name, "interacting") for name in PLACES + REAL}
     lines = {name: line for name, line in lines.items() if len(line) == len(columns)}
     many = (line for name, line in lines.items() if people[name] >= MANY)
-    table = [[name, f"{people[name]:,}", *map(percent_text, line)] for name, line in lines.items()]
+    table = [
+        [name, f"{people[name]:,}", *map(percent_text, line)]
+        for name, line in lines.items()
+    ]
     table += [
         ["mean", "", *map(_tested, adjusted(means(lines.values())))],
         [f"{MANY} people or more", "", *map(percent_text, means(many))],
-        ["all people", "", *map(percent_text, means(of(name, "all") for name in lines))],
+        [
+            "all people",
+            "",
+            *map(percent_text, means(of(name, "all") for name in lines)),
+        ],
     ]
-    pairs = [" − ".join(arm.removeprefix("papers, ") for arm in pair) for *pair, _ in columns]
+    pairs = [
+        " − ".join(arm.removeprefix("papers, ") for arm in pair) for *pair, _ in columns
+    ]
     names = [NAMES[f"interacting {name}"] for *_, name in columns]
     head = [f"{pair}, {name}, %" for pair, name in zip(pairs, names)]
     return markdown_table(["place", "people", *head], table, right=5)
@@ -166,7 +209,9 @@ def _table(comparisons: Sequence[Comparison]) -> str:
     columns = list(dict.fromkeys((item.metric, item.dataset) for item in comparisons))
     rows: dict[tuple[str, str], dict[tuple[str, str], Comparison]] = {}
     for item in comparisons:
-        rows.setdefault((item.arm, item.reference), {})[item.metric, item.dataset] = item
+        rows.setdefault((item.arm, item.reference), {})[item.metric, item.dataset] = (
+            item
+        )
     lines = []
     for pair, row in rows.items():
         seeds = dict.fromkeys(str(item.seeds) for item in row.values())
@@ -188,14 +233,20 @@ def _inputs(runs: Runs) -> Figure:
         dress(axes)
         axes.set_title(name, fontsize=LABEL, color=INK, loc="left")
         for shift, (label, arms) in enumerate(INPUTS):
-            errors = [list(runs.values(name, arm, INTERACTING).values()) for arm in arms]
+            errors = [
+                list(runs.values(name, arm, INTERACTING).values()) for arm in arms
+            ]
             means = list(map(np.mean, errors))
             halves = [t.ppf(0.975, len(values) - 1) * sem(values) for values in errors]
             places = np.arange(2) + 0.04 * shift
-            axes.errorbar(places, means, halves, label=label, marker="D", ms=4, capsize=3)
+            axes.errorbar(
+                places, means, halves, label=label, marker="D", ms=4, capsize=3
+            )
         axes.set_xticks([0, 1], ["no geometry", "geometry"], fontsize=SMALL, color=INK)
         axes.set_xlim(-0.4, 1.4)
-    grid[0, 0].set_ylabel("joint ADE of\ninteracting people, m", fontsize=LABEL, color=INK)
+    grid[0, 0].set_ylabel(
+        "joint ADE of\ninteracting people, m", fontsize=LABEL, color=INK
+    )
     grid[0, 0].legend(fontsize=SMALL)
     return figure
 
@@ -203,7 +254,9 @@ def _inputs(runs: Runs) -> Figure:
 def _forest(comparisons: Sequence[Comparison], people: str) -> Figure:
     """Differences in per cent with their intervals, a panel a data set, and the margin's band."""
     rows = list(dict.fromkeys(map(_row, comparisons)))
-    figure, grid = new_figure(WIDTH, 0.9 + 0.22 * len(rows), 1, len(REAL), sharey=True, sharex=True)
+    figure, grid = new_figure(
+        WIDTH, 0.9 + 0.22 * len(rows), 1, len(REAL), sharey=True, sharex=True
+    )
     for axes, name in zip(grid[0], REAL):
         dress(axes)
         axes.set_title(name, fontsize=LABEL, color=INK, loc="left")
@@ -212,7 +265,11 @@ def _forest(comparisons: Sequence[Comparison], people: str) -> Figure:
         for comparison in comparisons:
             if comparison.dataset != name:
                 continue
-            place, percent, half = rows.index(_row(comparison)), comparison.percent, comparison.half
+            place, percent, half = (
+                rows.index(_row(comparison)),
+                comparison.percent,
+                comparison.half,
+            )
             ends = [percent - half, percent + half]
             color = "#0072B2" if comparison.answered else "#AAAAAA"
             axes.plot(ends, [place, place], color=color, lw=1.8, solid_capstyle="butt")

@@ -1,8 +1,8 @@
 """Scores of a trained network over groups of people, and how many it moves for their neighbours.
 
-A person interacts if, in the observation, another person within 2 m comes nearer by more than 5 cm
-over the last observed step of 0.4 s, which is more than the trackers' noise. The other groups are
-those to whom an event happens in the true future.
+A person interacts if, in the observation, another person within 2 m comes nearer by
+more than 5 cm over the last observed step of 0.4 s, which is more than the trackers'
+noise. The other groups are those to whom an event happens in the true future.
 """
 
 import functools
@@ -36,7 +36,13 @@ EVENTS = {
 
 METRICS = {
     "interacting": ("joint_ade", "energy_score", "joint_fde", "central_ade"),
-    "all": ("joint_ade", "energy_score", "joint_fde", "central_ade", "excess_collisions"),
+    "all": (
+        "joint_ade",
+        "energy_score",
+        "joint_fde",
+        "central_ade",
+        "excess_collisions",
+    ),
     **dict.fromkeys(EVENTS, ("joint_ade", "energy_score")),
 }
 
@@ -44,10 +50,14 @@ METRICS = {
 def interacting(observed: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """[..., N] bool: who interacts; of `observed [..., N, T, 2]` metres, `valid [..., N]`."""
     before, last = (
-        np.linalg.norm(observed[..., :, None, at, :] - observed[..., None, :, at, :], axis=-1)
+        np.linalg.norm(
+            observed[..., :, None, at, :] - observed[..., None, :, at, :], axis=-1
+        )
         for at in (-2, -1)
     )
-    others = valid[..., :, None] & valid[..., None, :] & ~np.eye(valid.shape[-1], dtype=bool)
+    others = (
+        valid[..., :, None] & valid[..., None, :] & ~np.eye(valid.shape[-1], dtype=bool)
+    )
     return (others & (last < NEAR) & (before - last > NEARER)).any(axis=-1)
 
 
@@ -57,12 +67,15 @@ def _happening(scenes: Scene) -> jax.Array:
 
     def participants(scene: Scene) -> jax.Array:
         path = jnp.concatenate([scene.observed[:, -1:], scene.known_future], axis=1)
-        others = scene.valid[:, None] & scene.valid & ~jnp.eye(len(scene.valid), dtype=bool)
+        others = (
+            scene.valid[:, None] & scene.valid & ~jnp.eye(len(scene.valid), dtype=bool)
+        )
         names = tuple(itertools.chain(*EVENTS.values()))
         first = event_steps(SymbolSettings(), names, path[:, None], path)
         happens = dict(zip(names, (first < path.shape[1] - 1) & others))
         pairs = [
-            functools.reduce(jnp.logical_or, map(happens.get, events)) for events in EVENTS.values()
+            functools.reduce(jnp.logical_or, map(happens.get, events))
+            for events in EVENTS.values()
         ]
         return jnp.stack([pair.any(axis=0) | pair.any(axis=1) for pair in pairs])
 
@@ -72,7 +85,9 @@ def _happening(scenes: Scene) -> jax.Array:
 def groups_of(scenes: Scene) -> dict[str, np.ndarray]:
     """[B, N] bool for each group, of padded scenes `[B, N, ...]` with their true futures."""
     valid = np.asarray(scenes.valid)
-    happening = np.asarray(_happening(scenes.replace(origin=None, identity=None, extras={})))
+    happening = np.asarray(
+        _happening(scenes.replace(origin=None, identity=None, extras={}))
+    )
     return {
         "interacting": interacting(np.asarray(scenes.observed), valid),
         "all": valid,
@@ -85,7 +100,8 @@ def score(
 ) -> dict[str, tuple[float, float]]:
     """(Mean, people counted) of each metric, such as `interacting joint_ade`, on `windows`.
 
-    `neighbour_near` is the share of people with somebody within 2 m whose forecast they change.
+    `neighbour_near` is the share of people with somebody within 2 m whose forecast they
+    change.
 
     Args:
         network: its configuration.
@@ -103,16 +119,22 @@ def score(
         places = unpacked(futures, np.asarray(batch.scene.valid))
         for group, who in groups_of(batch.scene).items():
             counted = batch.scene.replace(valid=who & (batch.index >= 0)[:, None])
-            totals = score_scenes(chosen(METRICS[group]), places, counted, probability=likely)
+            totals = score_scenes(
+                chosen(METRICS[group]), places, counted, probability=likely
+            )
             for name, (total, count) in totals.items():
                 sums[f"{group} {name}"] += total.sum(), count.sum()
-    scores = {name: (float(total / count), float(count)) for name, (total, count) in sums.items()}
+    scores = {
+        name: (float(total / count), float(count))
+        for name, (total, count) in sums.items()
+    }
     if forecaster.sees_neighbours:
         effect = score_forecaster(
             forecaster,
             params,
             batches,
-            # One sample of anchors is one of k heads: of people who stand it stands as well.
+            # One sample of anchors is one of k heads: of people who stand it stands as
+            # well.
             samples=1 if forecaster.noise.dim else samples,
             seed=seed,
             metrics=("neighbour_near",),

@@ -41,7 +41,9 @@ def options(tmp_path, monkeypatch):
 
 def test_the_first_minute(tmp_path, capsys):
     """One SGAN, one NeuroSyM and constant velocity, where they belong; what fits 80 columns."""
-    rows = run(Options(json=tmp_path / "rows.json", plots=tmp_path / "figures", samples=3))
+    rows = run(
+        Options(json=tmp_path / "rows.json", plots=tmp_path / "figures", samples=3)
+    )
     models = ("constant velocity", "SGAN", "NeuroSyM, cnd")
     assert [(row["dataset"], row["model"]) for row in rows] == [
         (scene, model) for scene in ("all-forward", "cross-path") for model in models
@@ -50,13 +52,26 @@ def test_the_first_minute(tmp_path, capsys):
     out, err = capsys.readouterr()
     lines = [line.rstrip() for line in out.splitlines() if str(tmp_path) not in line]
     assert max(map(len, lines)) <= 80
-    assert sum(line.startswith(tuple(f"{model}  " for model in models)) for line in lines) == 6
+    assert (
+        sum(line.startswith(tuple(f"{model}  " for model in models)) for line in lines)
+        == 6
+    )
     assert "the networks make 3," in out
-    assert lines[-1] == "    neurosym evaluate --data my_tracks.csv --checkpoint recommended"
+    assert (
+        lines[-1]
+        == "    neurosym evaluate --data my_tracks.csv --checkpoint recommended"
+    )
     assert err.splitlines()[-1].startswith("[6/6] NeuroSyM, cnd on cross-path (")
     report = json.loads((tmp_path / "rows.json").read_text())
     provenance = report["provenance"]
-    assert set(provenance) == {"version", "commit", "command", "data", "checkpoints", "environment"}
+    assert set(provenance) == {
+        "version",
+        "commit",
+        "command",
+        "data",
+        "checkpoints",
+        "environment",
+    }
     params = find_model("sgan_simulations_8") / "params.safetensors"
     digest = hashlib.sha256(params.read_bytes()).hexdigest()
     assert provenance["checkpoints"][str(params)] == digest
@@ -68,7 +83,10 @@ def test_a_table_for_a_paper_goes_alone_to_the_output(options, capsys, style):
     fields = {"table": style, "seeds": 2, "intervals": intervals}
     rows = run(options(samples=2, dataset="cross-path", **fields))
     out = capsys.readouterr().out
-    assert out == evaluation.format_table(rows_frame(rows), style, intervals=intervals) + "\n"
+    assert (
+        out
+        == evaluation.format_table(rows_frame(rows), style, intervals=intervals) + "\n"
+    )
     assert (r"{\scriptsize [" in out) == intervals
     assert rows[0]["joint_ade_std"] is None
     assert rows[1]["joint_ade_std"] > 0
@@ -77,7 +95,14 @@ def test_a_table_for_a_paper_goes_alone_to_the_output(options, capsys, style):
 
 def test_saved_forecasts_have_the_noise_of_the_seed(options, tmp_path):
     def saved(seed):
-        run(options(samples=2, seed=seed, dataset="cross-path", save_forecasts=tmp_path / "f.npz"))
+        run(
+            options(
+                samples=2,
+                seed=seed,
+                dataset="cross-path",
+                save_forecasts=tmp_path / "f.npz",
+            )
+        )
         (path,) = tmp_path.glob("f_*sampled.npz")
         return np.load(path)["samples"]
 
@@ -88,7 +113,13 @@ def test_saved_forecasts_have_the_noise_of_the_seed(options, tmp_path):
 
 def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
     rows = run(
-        options(samples=3, figures=True, plots=tmp_path / "figures", dataset="cross-path", all=True)
+        options(
+            samples=3,
+            figures=True,
+            plots=tmp_path / "figures",
+            dataset="cross-path",
+            all=True,
+        )
     )
     report = json.loads((tmp_path / "rows.json").read_text())
     assert report.pop("provenance")["data"] == {}
@@ -106,12 +137,19 @@ def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
         ("constant velocity, sampled", 3),
     ]
     for row in rows:
-        assert all(np.isfinite(value) for value in row.values() if isinstance(value, float))
+        assert all(
+            np.isfinite(value) for value in row.values() if isinstance(value, float)
+        )
         assert row["joint_ade_low"] < row["joint_ade"] < row["joint_ade_high"]
         assert row["joint_ade"] >= row["marginal_ade"] - 1e-9
-    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["cross-path_8_8.png"]
+    assert [path.name for path in (tmp_path / "figures").iterdir()] == [
+        "cross-path_8_8.png"
+    ]
     out, err = capsys.readouterr()
-    for text in ("cross-path: 8 + 8 steps, 572 scenes, 1144 people", "these are the baselines"):
+    for text in (
+        "cross-path: 8 + 8 steps, 572 scenes, 1144 people",
+        "these are the baselines",
+    ):
         assert text in out
     assert "cross-path_8_8.png" in out
     assert "Next:" not in out
@@ -121,12 +159,19 @@ def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
 def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys):
     save_model(tmp_path / "folder", load_model(SMALL))
     paths = (str(SMALL), f"{tmp_path}/./folder/")
-    rows = run(options(checkpoint=paths, samples=2, dataset="cross-path", collisions=False, seed=5))
+    rows = run(
+        options(
+            checkpoint=paths, samples=2, dataset="cross-path", collisions=False, seed=5
+        )
+    )
     assert [(row["checkpoint"], row["seed"]) for row in rows] == [
         (path, 5) for path in (None, None, *paths)
     ]
     assert "collision_rate" not in rows[0]
-    assert f"assumed of {SMALL}: forward as in the released code" in capsys.readouterr().out
+    assert (
+        f"assumed of {SMALL}: forward as in the released code"
+        in capsys.readouterr().out
+    )
     for metric in ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde"):
         assert rows[2][metric] == rows[3][metric]
 
@@ -159,8 +204,14 @@ def test_another_rate_than_in_training_is_told(options, tmp_path):
     model = load_model("sgan_simulations_8")
     config = dataclasses.replace(model.config, period=0.2)
     save_model(tmp_path / "m", dataclasses.replace(model, config=config))
-    fields = {"checkpoint": (str(tmp_path / "m"),), "samples": 2, "dataset": "cross-path"}
-    with pytest.warns(InputWarning, match=r"m: was trained on steps of 0\.2 s and is tested on"):
+    fields = {
+        "checkpoint": (str(tmp_path / "m"),),
+        "samples": 2,
+        "dataset": "cross-path",
+    }
+    with pytest.warns(
+        InputWarning, match=r"m: was trained on steps of 0\.2 s and is tested on"
+    ):
         run(options(**fields, collisions=False))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -170,7 +221,11 @@ def test_another_rate_than_in_training_is_told(options, tmp_path):
 
 @pytest.mark.slow
 def test_joint_metrics_matter_counts_these_windows(shared, options):
-    fields = {"protocol": "joint-metrics", "baselines": ("constant_velocity",), "collisions": False}
+    fields = {
+        "protocol": "joint-metrics",
+        "baselines": ("constant_velocity",),
+        "collisions": False,
+    }
     rows = run(options(data=shared / "data/eth_ucy", **fields))
     assert [row["scenes"] for row in rows] == [253, 445, 947, 705, 998]
     # Its mean over scenes, and of the five: .539 / 1.152, see docs/evaluate.md.
@@ -179,10 +234,14 @@ def test_joint_metrics_matter_counts_these_windows(shared, options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [exhaustive("sgan-models/zara1_8"), "sgan-p-models/hotel_12"])
+@pytest.mark.parametrize(
+    "name", [exhaustive("sgan-models/zara1_8"), "sgan-p-models/hotel_12"]
+)
 def test_published_numbers(shared, options, name):
     checkpoint = (str(shared / f"checkpoints/{name}_model.pt"),)
-    *_, row = run(options(checkpoint=checkpoint, data=shared / "data/eth_ucy", collisions=False))
+    *_, row = run(
+        options(checkpoint=checkpoint, data=shared / "data/eth_ucy", collisions=False)
+    )
     assert (row["joint_ade"], row["joint_fde"]) == pytest.approx(ZOO[name], abs=0.02)
     assert row["samples"] == 20
 
@@ -200,7 +259,9 @@ def test_a_metric_that_is_not_finite_is_named(options):
     asked_options = options(samples=3, dataset="cross-path")
     log = asked_options.json.with_suffix(".jsonl")
     log.write_text('{"checkpoint": null}\n')
-    with pytest.raises(InputError, match="metric odd: is not finite for constant velocity on cr"):
+    with pytest.raises(
+        InputError, match="metric odd: is not finite for constant velocity on cr"
+    ):
         run(asked_options)
     assert not asked_options.json.exists()
     assert log.read_text() == ""

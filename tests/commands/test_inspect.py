@@ -47,7 +47,9 @@ def test_the_next_command_reads_the_file_as_it_was_read(tmp_path, capsys, name):
         assert "--columns" in words
 
 
-def test_the_picture_has_the_forecast_of_the_busiest_moment(tmp_path, monkeypatch, capsys):
+def test_the_picture_has_the_forecast_of_the_busiest_moment(
+    tmp_path, monkeypatch, capsys
+):
     path, figure = tmp_path / "walk.csv", tmp_path / "new/all.png"
     path.write_text(TABLES["German"], encoding="utf-8")
     (tracks,) = read_any(path)
@@ -59,7 +61,8 @@ def test_the_picture_has_the_forecast_of_the_busiest_moment(tmp_path, monkeypatc
     assert samples[RECOMMENDED].shape == (20, *future.shape)
     # Nobody has counted more people who are seen for 16 steps from one moment on.
     steps = {
-        person: set(np.rint(tracks.stamp[tracks.id == person] / 0.4)) for person in set(tracks.id)
+        person: set(np.rint(tracks.stamp[tracks.id == person] / 0.4))
+        for person in set(tracks.id)
     }
     counts = [
         sum({at + step for step in range(16)} <= seen for seen in steps.values())
@@ -68,7 +71,9 @@ def test_the_picture_has_the_forecast_of_the_busiest_moment(tmp_path, monkeypatc
     assert len(past) == max(counts) > 3
     start = tracks.stamp[(tracks.position == past[0, 0]).all(axis=1)]
     assert counts[round(start[0] / 0.4)] == max(counts)
-    error = np.linalg.norm(samples[RECOMMENDED] - future, axis=-1).mean(axis=(1, 2)).min()
+    error = (
+        np.linalg.norm(samples[RECOMMENDED] - future, axis=-1).mean(axis=(1, 2)).min()
+    )
     assert error < 0.5 * np.linalg.norm(past[:, -1:] - future, axis=-1).mean()
 
 
@@ -78,7 +83,9 @@ def test_what_is_taken_for_a_tracking_error_is_said(tmp_path):
         (0.4 * t, 2, 0.5 * t, 3) for t in steps
     ]
     path = tmp_path / "walk.csv"
-    path.write_text("time,id,x,y\n" + "\n".join(",".join(map(str, row)) for row in rows))
+    path.write_text(
+        "time,id,x,y\n" + "\n".join(",".join(map(str, row)) for row in rows)
+    )
     with pytest.warns(InputWarning, match="tracking error"):
         inspect.run(path, tmp_path / "f.png", read=ReadOptions(allow=("fast",)))
 
@@ -112,10 +119,13 @@ def test_a_folder(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("row", "speeds"), [("0.4,1,2.66,0.88", "median 0.88, fastest 0.88 m/s"), ("", "unknown")]
+    ("row", "speeds"),
+    [("0.4,1,2.66,0.88", "median 0.88, fastest 0.88 m/s"), ("", "unknown")],
 )
 def test_what_few_rows_do_not_say_is_left_out(row, speeds, tmp_path, capsys):
-    (tmp_path / "a.csv").write_text(f"time,person,x,y\n0.0,1,2.31,0.85\n0.0,2,5.02,1.17\n{row}\n")
+    (tmp_path / "a.csv").write_text(
+        f"time,person,x,y\n0.0,1,2.31,0.85\n0.0,2,5.02,1.17\n{row}\n"
+    )
     assert inspect.run(tmp_path / "a.csv", None) == 0
     assert f" m, speeds {speeds}\n    scenes 8+8: 0" in capsys.readouterr().out
 
@@ -124,14 +134,20 @@ def test_models_begin_with_the_one_to_take(capsys):
     models.run()
     first, _, *families, _, last = capsys.readouterr().out.splitlines()
     assert first.startswith(f"{RECOMMENDED}: take this one")
-    counts = {name: int(count) for name, count in (line.split()[:2] for line in families)}
+    counts = {
+        name: int(count) for name, count in (line.split()[:2] for line in families)
+    }
     assert len(first.splitlines() + families) < 10
     assert "models --all" in last
     models.run(all=True)
     rows = capsys.readouterr().out.splitlines()[3:]
     names = [row.split()[0] for row in rows]
     assert sum(counts.values()) == len(names)
-    assert counts["anchors"] == sum(re.match("anchors_", name) is not None for name in names) == 12
+    assert (
+        counts["anchors"]
+        == sum(re.match("anchors_", name) is not None for name in names)
+        == 12
+    )
     assert find_model(RECOMMENDED).name in names
 
 

@@ -92,7 +92,9 @@ def test_help_fits_a_screen_and_names_every_option(name, capsys, monkeypatch):
     assert max(map(len, lines)) <= 90
     with pytest.raises(SystemExit):
         tyro.cli(options, args=["--help"])
-    flags = set(re.findall(r"^│ (--[a-z][a-z0-9.-]*)", capsys.readouterr().out, re.MULTILINE))
+    flags = set(
+        re.findall(r"^│ (--[a-z][a-z0-9.-]*)", capsys.readouterr().out, re.MULTILINE)
+    )
     assert flags - set(NAMES.findall(text)) == set()
     assert set(NAMES.findall(text)) >= {"--plugin", "--help-all"}
 
@@ -104,10 +106,14 @@ def test_help_says_what_the_main_options_do(capsys):
     text = capsys.readouterr().out
     assert text.startswith("usage: neurosym symbols DATA [OPTIONS]\n")
     assert re.search(r"--window N +Index of the window to show\.", text)
-    assert re.search(r"--samples N +Number of forecasts of the scene, k \(default 20\)\.", text)
+    assert re.search(
+        r"--samples N +Number of forecasts of the scene, k \(default 20\)\.", text
+    )
     assert re.search(r"--seed N +Random seed of the noise \(default 0\)\.", text)
     assert re.search(r"--forecast +Show [^(]*with\s+probabilities\.", text)
-    assert re.search(r"--figures +Draw figures \(default; --no-figures\)", short_help(Options, ""))
+    assert re.search(
+        r"--figures +Draw figures \(default; --no-figures\)", short_help(Options, "")
+    )
     with pytest.raises(SystemExit):
         main(["symbols", "--help-all"])
     assert "{None}" not in capsys.readouterr().out

@@ -30,7 +30,9 @@ from tests.commands.walk import (
 )
 from tests.repository import SMALL
 
-CORE = [name for name, module in commands().items() if module.startswith("neurosym_jax.")]
+CORE = [
+    name for name, module in commands().items() if module.startswith("neurosym_jax.")
+]
 C, LENGTHS = "neurosym_jax.commands", "--obs-len 4 --pred-len 4"
 OF_READING = {
     "train": "--train-on {d}/a/%s --validate-on {d}/b/%s --obs-len 4 --pred-len 4",
@@ -38,7 +40,9 @@ OF_READING = {
     "inspect": "{d}/a/%s",
     "symbols": "{d}/a/%s --forecast --model sgan_zara1_8",
 }
-BASE = {command: line.replace("%s", "walk.txt") for command, line in OF_READING.items()} | {
+BASE = {
+    command: line.replace("%s", "walk.txt") for command, line in OF_READING.items()
+} | {
     "sweep": f"--data {{d}}/a {LENGTHS} --seed 0 --dataset walk",
     "report": "sweep",
     "parity": "--torch-module m.py:M --checkpoint c.pt --keep kept",
@@ -59,8 +63,13 @@ FLOOR = f"{FIGURE} --underlay {{d}}/%s/floor.png {{d}}/%s.h"
 def added(arguments: str, base: str = "") -> dict[str, Case]:
     """A case for each option of `arguments`, which is added to `base` or to that of the command."""
     parts = re.split(r" (?=--)", arguments)
-    names = ["--" + part.split()[0].removeprefix("--").removeprefix("no-") for part in parts]
-    return {name: (base, f"{base} {part}") if base else part for name, part in zip(names, parts)}
+    names = [
+        "--" + part.split()[0].removeprefix("--").removeprefix("no-") for part in parts
+    ]
+    return {
+        name: (base, f"{base} {part}") if base else part
+        for name, part in zip(names, parts)
+    }
 
 
 TRAINING = added(
@@ -101,7 +110,8 @@ CASES: dict[str, dict[str, Case]] = {
         **added("--test-on walk", TWO),
         **added("--intervals", LATEX),
         **added(
-            "--label mine=sgan_simulations_8", f"--data {WALK} --checkpoint sgan_simulations_8"
+            "--label mine=sgan_simulations_8",
+            f"--data {WALK} --checkpoint sgan_simulations_8",
         ),
         # Their effects are tested by tests/evaluation/test_forecasts.py.
         "--forecasts": (
@@ -147,7 +157,9 @@ CASES: dict[str, dict[str, Case]] = {
     "models": {"--all": "--all"},
     "parity": {
         "DIRECTORY": ("one", "other"),
-        **added("--torch-module m.py:N --checkpoint d.pt --python python9 --seed 1 --keep here"),
+        **added(
+            "--torch-module m.py:N --checkpoint d.pt --python python9 --seed 1 --keep here"
+        ),
         "--tolerance": "--tolerance 0.1",
     },
     "report": {
@@ -176,7 +188,9 @@ def data(tmp_path_factory):
 def inner(data):
     """For each command: functions that are recorded and not run, with what they return."""
     source = open_source(data / "a" / "walk.txt")
-    plan = make_plan(source, [], baselines=("constant_velocity", "constant_velocity_sampled"))
+    plan = make_plan(
+        source, [], baselines=("constant_velocity", "constant_velocity_sampled")
+    )
     results = list(evaluate_tests(load_tests(source, plan), Settings(2)))
     figure = {
         "neurosym_jax.plotting.save_figure": Path("figure.png"),
@@ -204,7 +218,10 @@ def inner(data):
             **figure,
         },
         "inspect": figure
-        | {"neurosym_jax.plotting.plot_tracks": None, f"{C}.inspect.predict": lambda: None},
+        | {
+            "neurosym_jax.plotting.plot_tracks": None,
+            f"{C}.inspect.predict": lambda: None,
+        },
         "convert": {
             f"{C}.convert.{name}": SimpleNamespace(name="model")
             for name in ("load_model", "load_torch_checkpoint", "save_model")
@@ -238,7 +255,9 @@ def cases():
 @pytest.mark.parametrize(("command", "option"), [*cases()])
 def test_it_changes_what_is_done(command, option, data, inner, tmp_path, capsys):
     case = CASES[command][option]
-    assert_it_matters(command, BASE[command], case, inner[command], data, tmp_path, capsys)
+    assert_it_matters(
+        command, BASE[command], case, inner[command], data, tmp_path, capsys
+    )
 
 
 FILES = {
@@ -340,11 +359,15 @@ def test_what_cannot_be_done_is_refused_in_a_line(line, data, tmp_path, capsys):
         (tmp_path / "recipe.yaml").write_text(rest[0])
         rest[0] = str(tmp_path / "recipe.yaml")
     never = {f"{C}.train.train_run": None, f"{C}.sweep.run_sweep": 0}
-    (status, _, files, out), error = done([command, *rest], never, tmp_path / "run", capsys)
+    (status, _, files, out), error = done(
+        [command, *rest], never, tmp_path / "run", capsys
+    )
     assert (status, files) == (2, [])
     assert REFUSED[line] in out + error
     if "Parsing error" not in out + error and "Unrecognized" not in out + error:
-        (message,) = (text for text in error.splitlines() if not text.startswith("warning"))
+        (message,) = (
+            text for text in error.splitlines() if not text.startswith("warning")
+        )
         assert (message[:7], out) == ("error: ", "")
 
 
@@ -363,8 +386,17 @@ def test_a_file_is_a_command_line_that_options_override(data, inner, tmp_path, c
     read = f"--train-on {data}/a/tables/odd.csv --validate-on {data}/b/tables/odd.csv"
     read += f" --columns {TABLE} --obs-len 4 --resume --set ema=0.5 rotate=0 max_agents=null"
     changed = read.replace("ema=0.5 rotate=0", "rotate=0 ema=0.9 jitter=0.1")
-    lines = [f"{file} --seed 1", f"{read} --seed 1", f"{read} --seed 7", f"{changed} --seed 7"]
-    lines += [f"{file} --set ema=0.9 jitter=0.1", f"{file} --set=ema=0.9", f"{file} --seed 7"]
+    lines = [
+        f"{file} --seed 1",
+        f"{read} --seed 1",
+        f"{read} --seed 7",
+        f"{changed} --seed 7",
+    ]
+    lines += [
+        f"{file} --set ema=0.9 jitter=0.1",
+        f"{file} --set=ema=0.9",
+        f"{file} --seed 7",
+    ]
     outcomes = [
         done(["train", *shlex.split(line)], inner["train"], tmp_path / str(at), capsys)
         for at, line in enumerate(lines)

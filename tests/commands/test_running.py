@@ -53,7 +53,9 @@ def test_a_plugin_comes_first_and_options_are_those_of_the_command(tmp_path):
     plugin.write_text("import builtins\nbuiltins.plugin_of_a_test = True\n")
     messages = []
     with pytest.raises(SystemExit):
-        run_command(Options, messages.append, ["--plugin", str(plugin), "--samples", "3"])
+        run_command(
+            Options, messages.append, ["--plugin", str(plugin), "--samples", "3"]
+        )
     assert messages == [Options(samples=3)]
     assert type(messages[0]) is Options
     assert builtins.__dict__.pop("plugin_of_a_test")

@@ -29,9 +29,12 @@ def test_states_over_time_as_text(recording, tmp_path, capsys):
     text = capsys.readouterr().out
     assert "walk, window 0: 2 people, weighting cnd" in text
     (line,) = (line for line in text.splitlines() if line.startswith("(1, 2)"))
-    # Towards the other for three steps, then away, always to the right of the line; 2 stands.
+    # Towards the other for three steps, then away, always to the right of the line; 2
+    # stands.
     assert line.split()[2:] == ["-0+0", ".", ".", "+0+0", *["."] * 11]
-    assert "cnd is constant here; try --weighting quantised" in text  # Always two zeros.
+    assert (
+        "cnd is constant here; try --weighting quantised" in text
+    )  # Always two zeros.
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"pairs.png"}
 
 
@@ -49,7 +52,11 @@ def test_a_window_has_the_steps_of_the_model(recording, tmp_path, capsys):
     config = dataclasses.replace(model.config, period=0.2)
     save_model(tmp_path / "m", dataclasses.replace(model, config=config))
     run(recording, model=tmp_path / "m", window=0, out=tmp_path / "out")
-    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("(1, 2)"))
+    (line,) = (
+        line
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith("(1, 2)")
+    )
     # Twice as fine as above: between 1.0 and 1.2 m the distance stays.
     assert line.split()[2:] == ["-0+0", *["."] * 4, "00+0", "+0+0", *["."] * 8]
 
@@ -59,7 +66,9 @@ def test_a_forecast_is_told_written_and_drawn(recording, tmp_path, capsys):
     run(recording, window=0, model=MODEL, forecast=True, samples=4, out=out)
     text = capsys.readouterr().out
     assert "walk, window 0: 2 people, 4 samples of NeuroSyM" in text
-    rows = [json.loads(line) for line in (out / "forecast.jsonl").read_text().splitlines()]
+    rows = [
+        json.loads(line) for line in (out / "forecast.jsonl").read_text().splitlines()
+    ]
     assert {(row["k"], row["l"]) for row in rows} == {(1, 2), (2, 1)}
     for row in rows:
         assert set(row["events"]) >= {"approaches", "meets", "follows"}

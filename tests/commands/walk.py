@@ -56,7 +56,12 @@ def write_data(folder: Path) -> Path:
         rng = np.random.default_rng(seed)
         moves = rng.normal(0.3, 0.1, (5, 1, 2)) + rng.normal(0, 0.05, (5, 100, 2))
         track = rng.uniform(-3, 3, (5, 1, 2)) + moves.cumsum(1)
-        rows = [(t, i, *track[i, t]) for t in range(100) for i in range(5) if t > 25 or not i]
+        rows = [
+            (t, i, *track[i, t])
+            for t in range(100)
+            for i in range(5)
+            if t > 25 or not i
+        ]
 
         frames = [(10 * t, i, x, y) for t, i, x, y in rows]
         seconds = [(0.4 * t, i, x, y) for t, i, x, y in rows]
@@ -70,12 +75,17 @@ def write_data(folder: Path) -> Path:
             "tables/fast.txt": ("", [(f, i, 9 * x, 9 * y) for f, i, x, y in frames]),
             "tables/odd.csv": ("t,who,px,py", seconds),
             "tables/ms.csv": ("time,id,x,y", [(1000 * t, *row) for t, *row in seconds]),
-            "tables/kinds.csv": ("time,id,x,y,class", [(*r, KINDS[r[1] > 2]) for r in seconds]),
+            "tables/kinds.csv": (
+                "time,id,x,y,class",
+                [(*r, KINDS[r[1] > 2]) for r in seconds],
+            ),
         }
         for file, (head, table) in files.items():
             (folder / name / file).parent.mkdir(parents=True, exist_ok=True)
             lines = [",".join(map(str, row)) for row in table]
-            (folder / name / file).write_text("\n".join([head, *lines] if head else lines))
+            (folder / name / file).write_text(
+                "\n".join([head, *lines] if head else lines)
+            )
     return folder
 
 
@@ -109,7 +119,8 @@ def plain(value: Any) -> Any:
 def done(argv: list[str], inner: dict[str, Any], cwd: Path, capsys) -> tuple[Any, str]:
     """What `neurosym` does in a new folder, and its error.
 
-    `inner` names the functions that are recorded and not called, each with what they return.
+    `inner` names the functions that are recorded and not called, each with what they
+    return.
     """
     log = []
 
@@ -147,7 +158,13 @@ def _without(base: str, case: str) -> str:
 
 
 def assert_it_matters(
-    command: str, base: str, case: Case, inner: dict[str, Any], data: Path, folder: Path, capsys
+    command: str,
+    base: str,
+    case: Case,
+    inner: dict[str, Any],
+    data: Path,
+    folder: Path,
+    capsys,
 ) -> None:
     """That an option changes what is done, which nothing changes by itself, and is no error."""
     if isinstance(case, str):

@@ -19,11 +19,15 @@ STRIDE = 10  # frames in 0.4 s
 def piece(seed, first, people=4, steps=12):
     """Rows [R, 4] frame, agent, x, y of people who turn a little, annotated every STRIDE frames."""
     rng = np.random.default_rng(seed)
-    turn = rng.uniform(0, 6.28, (people, 1)) + rng.normal(0, 0.1, (people, steps)).cumsum(axis=1)
+    turn = rng.uniform(0, 6.28, (people, 1)) + rng.normal(
+        0, 0.1, (people, steps)
+    ).cumsum(axis=1)
     path = 0.5 * np.stack([np.cos(turn), np.sin(turn)], axis=-1).cumsum(axis=1)
     path += rng.uniform(0, 9, (people, 1, 2))
     agent, step = np.mgrid[:people, :steps]
-    rows = np.column_stack([first + STRIDE * step.ravel(), agent.ravel(), *path.reshape(-1, 2).T])
+    rows = np.column_stack(
+        [first + STRIDE * step.ravel(), agent.ravel(), *path.reshape(-1, 2).T]
+    )
     return rows[rng.random(len(rows)) > 0.03]
 
 
@@ -95,7 +99,10 @@ def test_two_pieces_of_a_file(shared):
     path = shared / "cases/tables/two_phases.txt"
     windows = windows_from(path, 8, 12)
     assert (windows.scenes, windows.agents) == (10, 140)
-    last, speed = windows.position[:, 7], windows.position[:, 7] - windows.position[:, 6]
+    last, speed = (
+        windows.position[:, 7],
+        windows.position[:, 7] - windows.position[:, 6],
+    )
     forecast = last[:, None] + np.arange(1, 13)[:, None] * speed[:, None]
     errors = np.linalg.norm(forecast - windows.position[:, 8:], axis=-1)
     assert np.mean(errors) == pytest.approx(1.675, abs=5e-4)
@@ -111,7 +118,9 @@ def test_a_minority_is_interpolated_and_counted(tmp_path):
         for step in range(20)
         for agent in range(3)
     ]
-    (tmp_path / "late.txt").write_text("\n".join("{} {} {} {}".format(*row) for row in rows))
+    (tmp_path / "late.txt").write_text(
+        "\n".join("{} {} {} {}".format(*row) for row in rows)
+    )
     windows = windows_from(tmp_path / "late.txt", 4, 4)
     assert windows.sizes.tolist() == [2, *[3] * 12]
     assert windows.reading[0].interpolated == 19
@@ -122,7 +131,9 @@ def test_who_is_seen_first_does_not_set_the_phase():
     """One person 5 frames off, seen alone for four steps: the two who come later set the grid."""
     early = [(10 * step + 5, 2, 0.4 * step, 7.0) for step in range(20)]
     pair = [
-        (40 + 10 * step, agent, 0.5 * step, 2.0 * agent) for step in range(20) for agent in (0, 1)
+        (40 + 10 * step, agent, 0.5 * step, 2.0 * agent)
+        for step in range(20)
+        for agent in (0, 1)
     ]
     for rows in (early + pair, pair + early):
         table = np.array(rows)
@@ -148,4 +159,6 @@ def test_25_frames_a_second_keep_the_first_moment():
     grids = [resample(recording, 0.4) for recording in (tracks, stray)]
     for grid in grids:
         assert grid.step is not None
-        np.testing.assert_allclose(grid.stamp[grid.id == 0], 0.12 + 0.4 * np.arange(40), atol=1e-9)
+        np.testing.assert_allclose(
+            grid.stamp[grid.id == 0], 0.12 + 0.4 * np.arange(40), atol=1e-9
+        )

@@ -58,7 +58,8 @@ def together(people=20, ends=6, late=0):
     """People begin at one moment but for some, and leave at so many."""
     tracks, last = strides(people=people), 39 - np.arange(people) % ends
     return tracks.take(
-        (tracks.stamp <= 0.4 * last[tracks.id] + 0.1) & ((tracks.id >= late) | (tracks.stamp > 0))
+        (tracks.stamp <= 0.4 * last[tracks.id] + 0.1)
+        & ((tracks.id >= late) | (tracks.stamp > 0))
     )
 
 
@@ -94,7 +95,9 @@ def from_own_origin(count):
     tracks = strides(people=20)
     start = [1.0, 0.7] * tracks.id[:, None] * (tracks.id < count)[:, None]
     position = tracks.position + [[1.0, 0.0]] * tracks.id[:, None] - start
-    return dataclasses.replace(tracks, stamp=tracks.stamp + 0.4 * tracks.id, position=position)
+    return dataclasses.replace(
+        tracks, stamp=tracks.stamp + 0.4 * tracks.id, position=position
+    )
 
 
 FINE, DOUBT, NO = [], [False], [True]
@@ -103,15 +106,36 @@ FINE, DOUBT, NO = [], [False], [True]
 @pytest.mark.parametrize(
     ("tracks", "refused"),
     [
-        *[(walk(0.89), NO), (walk(0.91), DOUBT), (walk(1.04), DOUBT), (walk(1.06), FINE)],
-        *[(walk(2.49), FINE), (walk(2.51), DOUBT), (walk(4.49), DOUBT), (walk(4.51), NO)],
-        *[(walk(spacing=0.19), NO), (walk(spacing=0.21), DOUBT), (walk(spacing=0.34), DOUBT)],
+        *[
+            (walk(0.89), NO),
+            (walk(0.91), DOUBT),
+            (walk(1.04), DOUBT),
+            (walk(1.06), FINE),
+        ],
+        *[
+            (walk(2.49), FINE),
+            (walk(2.51), DOUBT),
+            (walk(4.49), DOUBT),
+            (walk(4.51), NO),
+        ],
+        *[
+            (walk(spacing=0.19), NO),
+            (walk(spacing=0.21), DOUBT),
+            (walk(spacing=0.34), DOUBT),
+        ],
         *[(walk(spacing=0.36), FINE), (walk(spacing=900), FINE)],
-        *[(walk(people=2, steps=60, spacing=spacing), DOUBT) for spacing in (0.36, 0.39)],
-        *[(walk(people=2, steps=60, spacing=0.41), FINE), (walk(people=1, steps=200), FINE)],
+        *[
+            (walk(people=2, steps=60, spacing=spacing), DOUBT)
+            for spacing in (0.36, 0.39)
+        ],
+        *[
+            (walk(people=2, steps=60, spacing=0.41), FINE),
+            (walk(people=1, steps=200), FINE),
+        ],
         # Few steps are no reason to refuse.
         *[(walk(9, steps=26), NO), (walk(9, steps=25), DOUBT)],
-        # 160 points: one in a hundred and one in ten; a leap is 1.6 strides, or half a usual one.
+        # 160 points: one in a hundred and one in ten; a leap is 1.6 strides, or half a
+        # usual one.
         *[(held(1), FINE), (held(2), DOUBT), (held(16), DOUBT), (held(17), NO)],
         *[(held(2, 0.70), FINE), (held(2, 0.71), DOUBT)],
         *[(held(2, 0.21, 0), FINE), (held(2, 0.23, 0), DOUBT)],
@@ -119,11 +143,16 @@ FINE, DOUBT, NO = [], [False], [True]
         (strides(people=1, steps=20, usual=1.0, period=0.8), FINE),
         (strides(((0, 0), 2), people=1, steps=20, usual=1.0, period=0.8), DOUBT),
         (strides(((0, slice(2)), 2), people=1, steps=19, usual=1.0, period=0.8), FINE),
-        # Who begin at one moment are refused only if two of them stand at one place, as no crowd.
+        # Who begin at one moment are refused only if two of them stand at one place, as
+        # no crowd.
         *[(together(), DOUBT), (together(19), FINE), (together(ends=5), FINE)],
         *[(together(late=1), DOUBT), (together(late=2), FINE)],
         *[(side_by_side(0.21), DOUBT), (side_by_side(0.19), NO)],
-        *[(stayed(4, slice(3)), FINE), (stayed(5, slice(3)), DOUBT), (stayed(5, slice(2)), FINE)],
+        *[
+            (stayed(4, slice(3)), FINE),
+            (stayed(5, slice(3)), DOUBT),
+            (stayed(5, slice(2)), FINE),
+        ],
         *[(stayed(10, slice(-3, None)), DOUBT), (stayed(11, slice(-3, None)), NO)],
         *[(turned(19), DOUBT), (turned(20), FINE)],
         *[(from_own_origin(10), FINE), (from_own_origin(11), NO)],
@@ -146,7 +175,9 @@ def test_a_guard_is_waived_by_its_name(tmp_path):
     assert tracks.reading.warnings[0].startswith("allowed slow: one step in twenty")
     with pytest.raises(InputError, match=r"allow=\('slow',\)"):
         read_any(path, ReadOptions(allow=("fast", "held")))
-    with pytest.raises(InputError, match=r"allow is one of slow, fast, .*, not 'brisk'"):
+    with pytest.raises(
+        InputError, match=r"allow is one of slow, fast, .*, not 'brisk'"
+    ):
         ReadOptions(allow=("brisk",))
 
 
@@ -156,7 +187,11 @@ def test_known_recordings_are_accepted(shared):
     eth_ucy, thor = shared / "data/eth_ucy", shared / "data/thor"
     recordings = recordings_in([*sorted(eth_ucy.glob("*/*.txt")), thor])
     assert len(recordings) == 30
-    warned = {tracks.recording: tracks.reading.warnings for tracks in recordings if tracks.reading}
+    warned = {
+        tracks.recording: tracks.reading.warnings
+        for tracks in recordings
+        if tracks.reading
+    }
     doubted = {name: lines for name, lines in warned.items() if lines}
     assert doubted.keys() == {"biwi_eth", "biwi_eth_train", "biwi_eth_val"}
     assert "needs eth_stride=6" in doubted["biwi_eth"][0]
@@ -171,16 +206,24 @@ def test_gaps_are_filled_alike_on_the_grid_and_off_it(tmp_path):
     counts = []
     for moved, max_gap in ((0.0, 1.0), (0.001, 1.0), (0.001, 0.5)):
         stamp = complete.stamp + moved * (np.arange(180) == 90)
-        write(tmp_path / "a.csv", dataclasses.replace(complete, stamp=stamp).take(is_present))
+        write(
+            tmp_path / "a.csv",
+            dataclasses.replace(complete, stamp=stamp).take(is_present),
+        )
         read = ReadOptions(max_gap=max_gap)
         windows = windows_from(tmp_path / "a.csv", 8, 8, min_agents=1, read=read)
         counts.append((windows.scenes, windows.agents))
         (reading,) = windows.reading
         if max_gap == 1.0:
             assert 5 < reading.filled <= (~is_present).sum() + 1
-            assert f"{reading.filled} points filled in gaps" in describe_readings(windows.reading)
+            assert f"{reading.filled} points filled in gaps" in describe_readings(
+                windows.reading
+            )
     assert reading.filled == 0
     assert counts[0] == counts[1]
     assert counts[2][1] < counts[1][1] / 2
     part = complete.take(complete.stamp.round(3) != 4.0)
-    assert [len(on_grid(part, max_gap=longest).id) for longest in (1.0, 0.7)] == [180, 177]
+    assert [len(on_grid(part, max_gap=longest).id) for longest in (1.0, 0.7)] == [
+        180,
+        177,
+    ]

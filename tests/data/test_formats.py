@@ -1,7 +1,7 @@
 """Rates, folders, and files that are damaged, large or refused.
 
-What cannot be read ends in one line that names the file, the row and the reason; refusals of whole
-tables are in `studies.mistakes`, which `tests/studies` runs.
+What cannot be read ends in one line that names the file, the row and the reason;
+refusals of whole tables are in `studies.mistakes`, which `tests/studies` runs.
 """
 
 import os
@@ -36,9 +36,14 @@ SAMPLES = {
 
 def test_rates_of_frames(tmp_path):
     """obsmat knows its own; of SGAN's files only eth's frames are not 0.4 s apart."""
-    points = "".join(SAMPLES["trajnet"].replace('"f": 0', f'"f": {10 * n}') for n in range(2))
+    points = "".join(
+        SAMPLES["trajnet"].replace('"f": 0', f'"f": {10 * n}') for n in range(2)
+    )
     texts = dict.fromkeys(("biwi_eth_train", "zara01"), SAMPLES["text"])
-    texts["obsmat"], texts["trajnet"] = SAMPLES["obsmat"], '{"scene": {"fps": 5}}\n' + points
+    texts["obsmat"], texts["trajnet"] = (
+        SAMPLES["obsmat"],
+        '{"scene": {"fps": 5}}\n' + points,
+    )
     for name, text in texts.items():
         (tmp_path / f"{name}.txt").write_text(text)
     for options, seconds in (
@@ -53,22 +58,37 @@ def test_rates_of_frames(tmp_path):
 def test_folders(tmp_path):
     for name in ("b.tsv", "a.CSV", "LICENSE", "c.ndjson"):
         (tmp_path / name).touch()
-    assert [path.name for path in data_files(tmp_path)] == ["a.CSV", "b.tsv", "c.ndjson"]
+    assert [path.name for path in data_files(tmp_path)] == [
+        "a.CSV",
+        "b.tsv",
+        "c.ndjson",
+    ]
     (tmp_path / "goals.csv").write_text("goal,x,y\n1,2,3\n")
-    with pytest.warns(InputWarning, match=r"goals\.csv: left out: it has no columns of tracks"):
+    with pytest.warns(
+        InputWarning, match=r"goals\.csv: left out: it has no columns of tracks"
+    ):
         assert len(data_files(tmp_path)) == 3
     assert len(data_files(tmp_path, ReadOptions(columns=("id=goal",)))) == 4
     for name in ("b.tsv", "a.CSV", "c.ndjson"):
         (tmp_path / name).unlink()
-    with pytest.warns(InputWarning), pytest.raises(InputError, match="its tables have no columns"):
+    with (
+        pytest.warns(InputWarning),
+        pytest.raises(InputError, match="its tables have no columns"),
+    ):
         data_files(tmp_path)
 
 
 bits = st.one_of(
     st.binary(max_size=30),
-    st.sampled_from([b"1e308", b"-1e300", b"9" * 400, b"9" * 5000, b"nan", b"inf", b"\x00"]),
-    st.sampled_from([b"\n", b"\t", b",", b";", b" ", b'"', b"{", b"[", b"]", b"#", b"\r", b"_"]),
-    st.sampled_from([b"\xff\xfe", b"\xef\xbb\xbf", "ö".encode("latin-1"), b"\xe2\x80\xa8"]),
+    st.sampled_from(
+        [b"1e308", b"-1e300", b"9" * 400, b"9" * 5000, b"nan", b"inf", b"\x00"]
+    ),
+    st.sampled_from(
+        [b"\n", b"\t", b",", b";", b" ", b'"', b"{", b"[", b"]", b"#", b"\r", b"_"]
+    ),
+    st.sampled_from(
+        [b"\xff\xfe", b"\xef\xbb\xbf", "ö".encode("latin-1"), b"\xe2\x80\xa8"]
+    ),
 )
 
 
@@ -101,7 +121,9 @@ def test_fuzz_damaged(kind, cuts, other, tmp_path_factory):
 def test_a_header_of_100_000_bodies_is_fast(tmp_path):
     names = "\t".join(f"Helmet_{n} {axis}" for n in range(100_000) for axis in "XYZ")
     row = "\t".join(["5"] * 300_000)
-    (tmp_path / "a.tsv").write_text(f"Frame\tTime\t{names}\n1\t0.0\t{row}\n2\t0.1\t{row}\n")
+    (tmp_path / "a.tsv").write_text(
+        f"Frame\tTime\t{names}\n1\t0.0\t{row}\n2\t0.1\t{row}\n"
+    )
     start = time.process_time()
     with pytest.warns(InputWarning, match="everybody there twice"):
         (tracks,) = read_any(tmp_path / "a.tsv", ReadOptions(allow=tuple(GUARDS)))
@@ -109,7 +131,9 @@ def test_a_header_of_100_000_bodies_is_fast(tmp_path):
     assert time.process_time() - start < 5
 
 
-HELMET = "X\n" * 10 + "Frame\tTime\tHelmet_1 X\tHelmet_1 Y\tHelmet_1 Z\n"  # Rows begin with 12.
+HELMET = (
+    "X\n" * 10 + "Frame\tTime\tHelmet_1 X\tHelmet_1 Y\tHelmet_1 Z\n"
+)  # Rows begin with 12.
 TRACKLETS = "Time,x,y,ag_id,tracklet_id\n"
 POINT = '{"track": {"f": 1, "p": 1, "x": 1, "y": 0}}\n'
 TABLE = "t,id,x,y\n"
@@ -118,7 +142,11 @@ REFUSALS = [
     ("text", f"{2**54} 1 2 3\n", "is not a whole number"),
     ("text", "", "the file has no rows"),
     ("text", "0 1 2 3\n1 1 2\n", r"row 2: 3 columns, not 4: '1 1 2'"),
-    ("text", "0 1 2\n1 1 2\n", r"row 1: 3 columns, not 4: '0 1 2' \(format, or columns=\('time=1'"),
+    (
+        "text",
+        "0 1 2\n1 1 2\n",
+        r"row 1: 3 columns, not 4: '0 1 2' \(format, or columns=\('time=1'",
+    ),
     ("text", "0,1,,3\n", "no row has a position"),
     ("text", "# a comment\n\n0 1 2 3\n1 1 2 x4\n", "row 4: y is not a number: 'x4'"),
     ("text", "0 1 2 3\n1 2 2 3\n0 1 5 5\n", "row 3: repeats agent 1 at 0 s"),
@@ -126,24 +154,52 @@ REFUSALS = [
     ("text", "0 1 2 3\n1 1 2 1e300\n", r"row 2: position .* is not a usable number"),
     ("text", "0 1 2 3\n1 1_0 2 3\n", "row 2: id is not a number: '1_0'"),
     ("cliff", "1e12,1,0,0,0,0\n", r"row 1: time .* is not a usable number of seconds"),
-    ("columns", "t,id,x,y" + ",c" * 10**6 + "\n1\n", "row 1: has more than 1000000 columns"),
+    (
+        "columns",
+        "t,id,x,y" + ",c" * 10**6 + "\n1\n",
+        "row 1: has more than 1000000 columns",
+    ),
     ("columns", "id,x,y\n1,2,3\n", "which column is time or frame"),
     ("columns", f"{TABLE}1,2,3,1\n1,n/a,3,1\n", r"row 3: the id is missing \('n/a'\)"),
-    ("columns", f"{TABLE}2024-05-01,1,0,0\n2024-13-01,1,0,0\n", "row 3: '2024-13-01' is not a d"),
-    ("columns", f'{TABLE}"2024-05-01 1:02:03,4",1,0,0\n', r"a date and time, as 2024-05-01 12:30"),
-    ("columns", "t|id|x|y\n0|1|2|3\n", r"only the columns 't\|id\|x\|y': separate columns by"),
+    (
+        "columns",
+        f"{TABLE}2024-05-01,1,0,0\n2024-13-01,1,0,0\n",
+        "row 3: '2024-13-01' is not a d",
+    ),
+    (
+        "columns",
+        f'{TABLE}"2024-05-01 1:02:03,4",1,0,0\n',
+        r"a date and time, as 2024-05-01 12:30",
+    ),
+    (
+        "columns",
+        "t|id|x|y\n0|1|2|3\n",
+        r"only the columns 't\|id\|x\|y': separate columns by",
+    ),
     ("text", "0\xa0", r"not text in UTF-8 \(.*\): save it so"),
     ("columns", f'{TABLE}0,"7\n",1,2\n', "wrong quotes .*goes on in the next line"),
     ("trajnet", '{"track": {"f": 1, "p": 1, "x": 0}}', "row 1: y is not a number"),
-    ("trajnet", "\n" + POINT.replace('"f": 1', '"f": 1.5'), "row 2: f 1.5 is not a whole number"),
+    (
+        "trajnet",
+        "\n" + POINT.replace('"f": 1', '"f": 1.5'),
+        "row 2: f 1.5 is not a whole number",
+    ),
     ("trajnet", POINT.replace('"x": 1', '"x": NaN'), "row 1: x is not a number: 'nan'"),
     ("qtm", "Frame\tTime\tCiti_1 X\tCiti_1 Y\n1\t1\t1\t1", "no `Helmet_1 X`"),
     ("qtm", HELMET, "the file has no rows"),
     ("qtm", f"{HELMET}1\t0\t1\t7\t0\n2\t1\t1\t7\t0\t0\n", "row 13: 6 columns, not 5"),
     ("qtm", f"{HELMET}1\t\t3\t4\t4\n", "row 12: Time is not a number: ''"),
     ("qtm", f"{HELMET}\n1\t0\t0\t0\t0\n", "none of its 1 helmets is ever visible"),
-    ("qtm", f"{HELMET[:-1]}\tHelmet_1 X\n1\t0\t1\t0\t0\t0\n", "the header names Helmet_1 X twice"),
-    ("tracklets", "Time,x,y,ag_id\n1,2,3,Helmet_1\n", "the header has not one tracklet_id"),
+    (
+        "qtm",
+        f"{HELMET[:-1]}\tHelmet_1 X\n1\t0\t1\t0\t0\t0\n",
+        "the header names Helmet_1 X twice",
+    ),
+    (
+        "tracklets",
+        "Time,x,y,ag_id\n1,2,3,Helmet_1\n",
+        "the header has not one tracklet_id",
+    ),
     ("tracklets", f"{TRACKLETS}1,2,3,4,5\n1,9,3,4,5\n", "row 3: repeats"),
 ]
 
@@ -167,7 +223,10 @@ def test_refusals(tmp_path, kind, text, message):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"columns": ("x=px",)}, "no column 'px': which column is x. There are 't', 'id', 'x'"),
+        (
+            {"columns": ("x=px",)},
+            "no column 'px': which column is x. There are 't', 'id', 'x'",
+        ),
         ({"columns": ("time",)}, "columns are given as time="),
         ({"fps": float("nan")}, "fps must be"),
         ({"max_gap": -1.0}, "max_gap must be at least 0"),

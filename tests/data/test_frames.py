@@ -23,7 +23,10 @@ CASES = {  # From "no ids" on they are refused.
     "metres": (table(), {}),
     "kinds": (table(label=ROBOT), {}),
     "dates": (table(t=STAMPS), {}),
-    "runs": (table(run=np.where(CROWD.id % 2, "a", "b")), {"columns": ["id=id", "pace=x"]}),
+    "runs": (
+        table(run=np.where(CROWD.id % 2, "a", "b")),
+        {"columns": ["id=id", "pace=x"]},
+    ),
     "frames": (table(t=None, frame=10 * CROWD.step), {"fps": 25.0}),
     "no ids": (table(id=None), {}),
     "an id missing": (table(id=["" if n == 7 else n for n in CROWD.id]), {}),
@@ -55,9 +58,12 @@ def test_as_text(tmp_path, library, name):
     path = tmp_path / "dataframe.csv"
     path.write_text(text)
     expected, result = told(path, options), told(frame_of(library, text), options)
-    assert isinstance(expected, str) == (list(CASES).index(name) >= list(CASES).index("no ids"))
+    assert isinstance(expected, str) == (
+        list(CASES).index(name) >= list(CASES).index("no ids")
+    )
     if isinstance(expected, str):
-        # Rows are counted from 0 and without a header; a library writes in its way what is missing.
+        # Rows are counted from 0 and without a header; a library writes in its way what
+        # is missing.
         told_of = r"(?:.*dataframe(?:\.csv)?: )(?:row (\d+): )?([^:(]*)"
         (row, reason), (row_here, same) = (
             re.match(told_of, outcome).groups() for outcome in (expected, result)
@@ -85,7 +91,9 @@ def test_objects_of_pedpy_and_movingpandas_are_known_by_what_they_have():
         np.testing.assert_array_equal(tracks.id, expected.id)
         np.testing.assert_array_equal(tracks.position, expected.position)
         seconds = tracks.stamp - tracks.stamp.min()
-        np.testing.assert_allclose(seconds, expected.stamp - expected.stamp.min(), atol=1e-6)
+        np.testing.assert_allclose(
+            seconds, expected.stamp - expected.stamp.min(), atol=1e-6
+        )
 
 
 def test_wherever_recordings_are_taken(tmp_path):
@@ -95,21 +103,28 @@ def test_wherever_recordings_are_taken(tmp_path):
     options = {"columns": ("id=who",), "unit": "cm"}
     model = baseline("constant_velocity", 8, 8)
     rows = [
-        nj.evaluate(model, data, samples=1, baselines=(), **options).select(pl.col("^joint.*$"))
+        nj.evaluate(model, data, samples=1, baselines=(), **options).select(
+            pl.col("^joint.*$")
+        )
         for data in (frame, path)
     ]
     assert rows[1].equals(rows[0])
     with pytest.raises(InputError, match="dataframe: which column is id"):
         nj.evaluate(model, frame)
     windows = [
-        windows_from(data, 8, 8, read=ReadOptions(**options)) for data in (frame, [frame, path])
+        windows_from(data, 8, 8, read=ReadOptions(**options))
+        for data in (frame, [frame, path])
     ]
     assert windows[1].agents == 2 * windows[0].agents > 0
-    with pytest.raises(InputError, match=r"dataframe: it is a table with .*, not format='text'"):
+    with pytest.raises(
+        InputError, match=r"dataframe: it is a table with .*, not format='text'"
+    ):
         read_any(frame, ReadOptions(format="text"))
     with pytest.raises(InputError, match="dataframe: has no rows"):
         read_any(frame[:0])
-    with pytest.raises(InputError, match=r"\(0.0\): is no recording: give a file, table or `make"):
+    with pytest.raises(
+        InputError, match=r"\(0.0\): is no recording: give a file, table or `make"
+    ):
         windows_from(np.zeros((3, 8, 2)), 4, 4)
 
 

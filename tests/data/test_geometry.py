@@ -23,7 +23,11 @@ def test_there_and_back(tmp_path):
     np.testing.assert_allclose(project(swapped, pixels[:, ::-1]), truth)
     assert outside(H, truth, 600, 600) == 0
     assert outside(H, truth, 600, 300) == pytest.approx(np.mean(pixels[:, 1] > 299.5))
-    for content, message in (("1 2 3", "3 x 3"), ("1 1 1 1 1 1 1 1 1", "inverse"), ("a", "3 x 3")):
+    for content, message in (
+        ("1 2 3", "3 x 3"),
+        ("1 1 1 1 1 1 1 1 1", "inverse"),
+        ("a", "3 x 3"),
+    ):
         (tmp_path / "bad.txt").write_text(content)
         with pytest.raises(InputError, match=rf"bad\.txt: .*{message}"):
             read_homography(tmp_path / "bad.txt")

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from neurosym_jax.data import cut_windows, open_source
-from neurosym_jax.data.leakage import fingerprint, is_fingerprint, seen_before, shared_shapes
+from neurosym_jax.data.leakage import (
+    fingerprint,
+    is_fingerprint,
+    seen_before,
+    shared_shapes,
+)
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation import plan
 
@@ -30,7 +35,9 @@ def test_no_test_set_is_in_its_training(benchmark, learned):
     assert not any(map(is_fingerprint, (None, 3, "a", "a" * 4104, "====", "aaaa\naaa")))
     assert len(seen) <= 4096
     for scene in benchmark.scenes:
-        result, looked = seen_before(seen, cut_windows(benchmark.recordings(scene), 8, 12))
+        result, looked = seen_before(
+            seen, cut_windows(benchmark.recordings(scene), 8, 12)
+        )
         assert looked > 10
         assert result == 0 if scene == "zara1" else result > 0.4 * looked
     validation = cut_windows(benchmark.recordings("zara1", "val"), 8, 8)
@@ -40,8 +47,12 @@ def test_no_test_set_is_in_its_training(benchmark, learned):
 def test_a_copy_is_found(benchmark, learned):
     """Shifted, with other ids and another name, of a half; fewer where it is rounded."""
     (tracks,) = benchmark.recordings("zara2")
-    part = tracks.with_ids(1000 - tracks.id).take(tracks.stamp < np.median(tracks.stamp))
-    moved = dataclasses.replace(part, recording="mine", position=part.position + 431234.5)
+    part = tracks.with_ids(1000 - tracks.id).take(
+        tracks.stamp < np.median(tracks.stamp)
+    )
+    moved = dataclasses.replace(
+        part, recording="mine", position=part.position + 431234.5
+    )
     rounded = dataclasses.replace(tracks, position=tracks.position.round(3))
     for copy, share in ((moved, 0.6), (rounded, 0.2)):
         result, looked = seen_before(fingerprint(learned), cut_windows([copy], 8, 12))
@@ -49,10 +60,18 @@ def test_a_copy_is_found(benchmark, learned):
 
 
 def test_an_evaluation_says_so(benchmark, learned):
-    model = dataclasses.replace(plan.baseline("constant_velocity", 8, 8), seen=fingerprint(learned))
+    model = dataclasses.replace(
+        plan.baseline("constant_velocity", 8, 8), seen=fingerprint(learned)
+    )
     recordings = {scene: benchmark.recordings(scene) for scene in ("zara1", "zara2")}
-    with pytest.warns(InputWarning, match="mine: was trained on these people: 62 of 71 windows"):
-        test = plan.make_test(plan.TestSet("zara2", 8, 8), [("mine", model)], recordings["zara2"])
+    with pytest.warns(
+        InputWarning, match="mine: was trained on these people: 62 of 71 windows"
+    ):
+        test = plan.make_test(
+            plan.TestSet("zara2", 8, 8), [("mine", model)], recordings["zara2"]
+        )
     assert "trained on these people" in test.windows.reading[0].warnings[0]
-    test = plan.make_test(plan.TestSet("zara1", 8, 8), [("mine", model)], recordings["zara1"])
+    test = plan.make_test(
+        plan.TestSet("zara1", 8, 8), [("mine", model)], recordings["zara1"]
+    )
     assert test.windows.reading[0].warnings == ()

@@ -37,12 +37,18 @@ def walk(seed: int, people: int = 3, steps: int = 18) -> np.ndarray:
     """People who walk, step by step: rows [R, 6] of step, person, x, y, vx, vy."""
     rng = np.random.default_rng(seed)
     angle, pace = rng.uniform(-3, 3, people), rng.uniform(0.8, 1.6, people)
-    angle[0] = 1.5  # Where all headings are small, speed and heading are much like vx and vy.
+    angle[0] = (
+        1.5  # Where all headings are small, speed and heading are much like vx and vy.
+    )
     velocity = pace[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     step, person = np.divmod(np.arange(steps * people), people)
-    place = rng.uniform(-8, 8, (people, 2))[person] + 0.4 * step[:, None] * velocity[person]
+    place = (
+        rng.uniform(-8, 8, (people, 2))[person] + 0.4 * step[:, None] * velocity[person]
+    )
     place += rng.normal(0, 0.01, place.shape)
-    rows = np.column_stack([step, 3 + 2 * person, place.round(3), velocity[person].round(3)])
+    rows = np.column_stack(
+        [step, 3 + 2 * person, place.round(3), velocity[person].round(3)]
+    )
     return rows[(person == 0) | (rng.random(len(rows)) > 0.1)]
 
 
@@ -70,7 +76,10 @@ def written(kind, rows, *, first=0, times=10, start=0.0, scale=1.0, name: Any = 
 
 def written_qtm(rows, first, start):
     people = sorted({int(row[1]) for row in rows})
-    at = {(int(row[0]), int(row[1])): (1000 * row[2], 1000 * row[3], 1700.0) for row in rows}
+    at = {
+        (int(row[0]), int(row[1])): (1000 * row[2], 1000 * row[3], 1700.0)
+        for row in rows
+    }
     header = [f"Helmet_{person} {axis}" for person in people for axis in "XYZ"]
     lines = []
     for step in sorted({int(row[0]) for row in rows}):
@@ -103,13 +112,18 @@ def ways(windows):
     return Counter(frozenset(way.tobytes() for way in together) for together in windows)
 
 
-CLOCKS = ({"first": 780, "times": 6, "start": 1.7e9}, {"first": -999, "times": 12, "start": -3.21})
+CLOCKS = (
+    {"first": 780, "times": 6, "start": 1.7e9},
+    {"first": -999, "times": 12, "start": -3.21},
+)
 
 
 @pytest.mark.parametrize("kind", ALL)
 @FEW
 @given(seed=st.integers(0, 999), order=st.randoms(use_true_random=False))
-def test_what_is_written_is_read_whatever_its_order_clock_unit_and_names(read, kind, seed, order):
+def test_what_is_written_is_read_whatever_its_order_clock_unit_and_names(
+    read, kind, seed, order
+):
     rows = walk(seed)
     tracks = make_tracks("walk", 0.4 * rows[:, 0], rows[:, 1], rows[:, 2:4])
     truth = windows_from(tracks, 3, 3, min_agents=1)
@@ -118,7 +132,10 @@ def test_what_is_written_is_read_whatever_its_order_clock_unit_and_names(read, k
     assert set(windows.agent) == set(truth.agent)
     (reading,) = windows.reading
     assert reading.recording == ("walk_1" if kind == "tracklets" else "walk")
-    assert (reading.format, reading.rows) == ("columns" if kind in TABLES else kind, len(rows))
+    assert (reading.format, reading.rows) == (
+        "columns" if kind in TABLES else kind,
+        len(rows),
+    )
 
     def same(text, **options):
         assert ways(read(text, **options)) == ways(truth)

@@ -14,7 +14,13 @@ from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 
 # (frame, ped, x, y) with ids, coordinates and order as untidy as they come.
-ROWS = [(0, 7, 1.5, -2.0), (0, 3, 0.25, 4.0), (1, 3, 0.5, 4.125), (1, 7, 1.75, -2.0), (2, 3, 1, 4)]
+ROWS = [
+    (0, 7, 1.5, -2.0),
+    (0, 3, 0.25, 4.0),
+    (1, 3, 0.5, 4.125),
+    (1, 7, 1.75, -2.0),
+    (2, 3, 1, 4),
+]
 UNTIDY = (
     [3, 3, 3, 7, 7],
     [0, 0.4, 0.8, 0, 0.4],
@@ -24,16 +30,31 @@ UNTIDY = (
 
 
 def lines(template, scale=1, end="\n"):
-    return end.join(template.format(scale * frame, *rest) for frame, *rest in ROWS) + end
+    return (
+        end.join(template.format(scale * frame, *rest) for frame, *rest in ROWS) + end
+    )
 
 
 def qtm(*rows, separator="\t"):
-    preamble = [["NO_OF_FRAMES", "3"], ["FREQUENCY", "50"], ["DESCRIPTION", "--"]] * 3 + [["X"]]
+    preamble = [
+        ["NO_OF_FRAMES", "3"],
+        ["FREQUENCY", "50"],
+        ["DESCRIPTION", "--"],
+    ] * 3 + [["X"]]
     return "".join(separator.join(map(str, row)) + "\n" for row in [*preamble, *rows])
 
 
 def body(name):
-    rest = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)], ""]
+    rest = [
+        "Y",
+        "Z",
+        "Roll",
+        "Pitch",
+        "Yaw",
+        "Residual",
+        *[f"Rot[{i}]" for i in range(9)],
+        "",
+    ]
     return [f"{name} X", *rest]
 
 
@@ -81,7 +102,11 @@ FILES = {
     ),
     "blanks": (lines("{} {} {} {}", 6), AS_IT_SAYS, UNTIDY),
     "tabs": (lines("{}\t{}\t{}\t{}\t", end="\r\n"), AS_IT_SAYS, UNTIDY),
-    "commas": ("\ufeff# frame ped x y\n\n" + lines("{}, {}, {}, {}"), AS_IT_SAYS, UNTIDY),
+    "commas": (
+        "\ufeff# frame ped x y\n\n" + lines("{}, {}, {}, {}"),
+        AS_IT_SAYS,
+        UNTIDY,
+    ),
     "semicolons": (lines("{};{};{};{}") + "\n\n   \n# the end", AS_IT_SAYS, UNTIDY),
     "more blanks": (lines("  {}   {}  {} {}  ", 10), AS_IT_SAYS, UNTIDY),
     "fractions": (lines("{}.0\t{}.0\t{}\t{}", 10), AS_IT_SAYS, UNTIDY),
@@ -138,10 +163,15 @@ def test_dates_texts_and_extras(tmp_path):
     assert_allclose(tracks.position, [[-0.03, 0.03], [1, 0.01], [1.505, 0.02]])
     assert_array_equal(tracks.extras["group"], [np.nan, 7, 7])
     assert_array_equal(tracks.extras["kind"], [1, 0, 0])
-    windows = windows_from(path, 1, 1, min_agents=1, read=ReadOptions(columns=("group=5",)))
+    windows = windows_from(
+        path, 1, 1, min_agents=1, read=ReadOptions(columns=("group=5",))
+    )
     assert single_scene(windows, 0).extras["group"].tolist() == [7, 0, 0, 0]
     path.write_text(path.read_text().replace("child,A", "child,B"))
-    assert [tracks.recording for tracks in read_any(path, options)] == ["walk_A", "walk_B"]
+    assert [tracks.recording for tracks in read_any(path, options)] == [
+        "walk_A",
+        "walk_B",
+    ]
 
 
 def test_splits_leave_one_out(tmp_path):
@@ -169,7 +199,11 @@ def test_splits_leave_one_out(tmp_path):
 
 @pytest.mark.slow
 def test_a_whole_run_is_read_in_time(tmp_path):
-    header = ["Frame", "Time", *[name for k in range(1, 14) for name in body(f"Helmet_{k}")]]
+    header = [
+        "Frame",
+        "Time",
+        *[name for k in range(1, 14) for name in body(f"Helmet_{k}")],
+    ]
     row = "\t".join("\t".join(["1234.567"] * 16) + "\t" for _ in range(13))
     rows = [(frame, frame / 100, row) for frame in range(25_000)]
     (path := tmp_path / "long_6D.tsv").write_text(qtm(header, *rows))

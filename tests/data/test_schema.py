@@ -41,7 +41,8 @@ def commas(text):
 
 PEOPLE = {
     int(person): {
-        name: getattr(CROWD, name)[CROWD.id == person].tolist() for name in ("t", "x", "y")
+        name: getattr(CROWD, name)[CROWD.id == person].tolist()
+        for name in ("t", "x", "y")
     }
     for person in np.unique(CROWD.id)
 }
@@ -57,7 +58,9 @@ TABLES = {
         cy=100 * CROWD.y,
     ),
     "German": "Zeit [s];Person;X [m];Y [m]\n" + commas(lines("{t};{id};{x};{y}")),
-    "PeTrack": lines("{id} {step} {x} {y}", VIDEO, "# framerate: 25.00\n# id frame x/m y/m\n"),
+    "PeTrack": lines(
+        "{id} {step} {x} {y}", VIDEO, "# framerate: 25.00\n# id frame x/m y/m\n"
+    ),
     "PeTrack, five columns in cm": lines(
         "{id} {step} {cx:.6f} {cy:.6f} 176",
         VIDEO,
@@ -65,7 +68,9 @@ TABLES = {
         cx=100 * VIDEO.x,
         cy=100 * VIDEO.y,
     ),
-    "an object a person": "\n".join(json.dumps({"id": who, **way}) for who, way in PEOPLE.items()),
+    "an object a person": "\n".join(
+        json.dumps({"id": who, **way}) for who, way in PEOPLE.items()
+    ),
     "a list of people with points": json.dumps(
         [
             {"person": who, "points": [list(row) for row in zip(*way.values())]}
@@ -73,12 +78,18 @@ TABLES = {
         ]
     ),
     "French": "temps;piéton;x;y\n" + commas(lines("{t};{id};{x};{y}")),
-    "Spanish": lines("{step}0\t{id}\t{x}\t{y}", head="fotograma\tpeatón\tposición_x\tposición_y\n"),
+    "Spanish": lines(
+        "{step}0\t{id}\t{x}\t{y}", head="fotograma\tpeatón\tposición_x\tposición_y\n"
+    ),
     "Italian": lines("{id},{t},{x},{y}", head="pedone,tempo,posizione_x,posizione_y\n"),
     "Chinese": lines("{step}0,{id},{x},{y}", head="帧,行人,x,y\n"),
     "trackpy": lines("{y},{x},{step}0,{id}", head="y,x,frame,particle\n"),
-    "camel case": lines("{t},{id},{x},{y}", head="simTime,agentId,positionX,positionY\n"),
-    "an index, quotes": lines('{step},"{t}","p{id}",{x},{y}', head=',"time","agent","x","y"\n'),
+    "camel case": lines(
+        "{t},{id},{x},{y}", head="simTime,agentId,positionX,positionY\n"
+    ),
+    "an index, quotes": lines(
+        '{step},"{t}","p{id}",{x},{y}', head=',"time","agent","x","y"\n'
+    ),
     "z before y": lines("{step}0 {id} {x} 0.0 {y}", head="frame id x z y\n"),
     "velocities tell the rate": lines(
         "{step},{id},{x},{y},{vx:.5f},{vy:.5f}",
@@ -100,7 +111,9 @@ TABLES = {
     "half of the names, pasted": lines(
         "{t},{id},{x},{y}", head="t,id,east_of_door,north_of_door\n"
     ),
-    "a comment that names two, pasted": lines("{id} {step}0 {x} {y} 0", head="# person frame\n"),
+    "a comment that names two, pasted": lines(
+        "{id} {step}0 {x} {y} 0", head="# person frame\n"
+    ),
 }
 
 
@@ -121,7 +134,9 @@ def read_as_told(path, **options):
     if message:
         command = re.search(r"--columns (.*)$", message)[1]
         assert len(notes) == ("which column" in message)
-        (tracks,) = read_any(path, ReadOptions(columns=tuple(shlex.split(command)), **options))
+        (tracks,) = read_any(
+            path, ReadOptions(columns=tuple(shlex.split(command)), **options)
+        )
     return tracks, command
 
 
@@ -137,7 +152,9 @@ def test_at_the_first_try_or_after_pasting(tmp_path, name):
     result = where(tracks.stamp, *tracks.position.T)
     np.testing.assert_allclose(result, where(seconds, crowd.x, crowd.y), atol=1e-6)
     assert len(np.unique(tracks.id)) == len(np.unique(crowd.id))
-    assert is_video == any("25 frames a second" in note for note in tracks.reading.notes)
+    assert is_video == any(
+        "25 frames a second" in note for note in tracks.reading.notes
+    )
 
 
 SCALE = 0.032  # that of the hint; the camera looks straight down
@@ -167,12 +184,16 @@ def test_what_a_refusal_proposes_reads_the_file(tmp_path, name):
         with pytest.raises(InputError) as refused, spoken_as_flags():
             read_any(path, tyro.cli(ReadOptions, args=words))
         assert hint in str(refused.value)
-        hint = hint.replace("FILE", str(tmp_path / "h.txt")).replace("frame=frame or ", "")
+        hint = hint.replace("FILE", str(tmp_path / "h.txt")).replace(
+            "frame=frame or ", ""
+        )
         words += shlex.split(hint)
     (tracks,) = read_any(path, tyro.cli(ReadOptions, args=words))
     seconds = 7 * CROWD.step / 25 if "seventh" in name else CROWD.t
     np.testing.assert_allclose(
-        where(tracks.stamp, *tracks.position.T), where(seconds, CROWD.x, CROWD.y), atol=1e-6
+        where(tracks.stamp, *tracks.position.T),
+        where(seconds, CROWD.x, CROWD.y),
+        atol=1e-6,
     )
 
 
@@ -200,11 +221,16 @@ def test_question_marks_are_people_who_are_not_seen(tmp_path):
     """As in the tests of the TrajNet challenge, whose futures are withheld."""
     part = CROWD.step % 20 < 8
     text = lines("{step}0 {id}.0 {x} {y}").splitlines()
-    text = [row if seen else " ".join([*row.split()[:2], "? ?"]) for row, seen in zip(text, part)]
+    text = [
+        row if seen else " ".join([*row.split()[:2], "? ?"])
+        for row, seen in zip(text, part)
+    ]
     (path := tmp_path / "mine.txt").write_text("\n".join(text))
     (tracks,) = read_any(path)
     truth = where(*(values[part] for values in (CROWD.t, CROWD.x, CROWD.y)))
-    np.testing.assert_allclose(where(tracks.stamp, *tracks.position.T), truth, atol=1e-6)
+    np.testing.assert_allclose(
+        where(tracks.stamp, *tracks.position.T), truth, atol=1e-6
+    )
 
 
 def test_a_row_with_numbers_where_others_have_them_is_data(shared):
@@ -214,7 +240,9 @@ def test_a_row_with_numbers_where_others_have_them_is_data(shared):
         rows = [line.split() for line in path.read_text().splitlines()]
         tracks, command = read_as_told(path)
         assert command == "frame=1 id=2 x=4 y=5"
-        truth = sorted((int(r[1]), int(r[0]) * 0.4, float(r[3]), float(r[4])) for r in rows)
+        truth = sorted(
+            (int(r[1]), int(r[0]) * 0.4, float(r[3]), float(r[4])) for r in rows
+        )
         result = np.column_stack([tracks.id, tracks.stamp, tracks.position])
         np.testing.assert_allclose(result, truth, atol=1e-9)
 
@@ -224,7 +252,10 @@ def test_flags_act_by_position_as_by_name(tmp_path, shared):
     path = shared / "cases/tables/mot_gt_like.txt"
     rows = np.loadtxt(path, delimiter=",")
     people = rows[(rows[:, 6] > 0) & (rows[:, 7] == 1)]
-    truth = np.column_stack([people[:, 2] + people[:, 4] / 2, -people[:, 3] - people[:, 5]]) * BOXES
+    truth = (
+        np.column_stack([people[:, 2] + people[:, 4] / 2, -people[:, 3] - people[:, 5]])
+        * BOXES
+    )
     roles = "frame=1 id=2 left=3 top=4 width=5 height=6 confidence=7 label=8"
     named = tmp_path / "named.csv"
     head = "frame,id,bb_left,bb_top,bb_width,bb_height,conf,class,vis\n"
@@ -236,7 +267,9 @@ def test_flags_act_by_position_as_by_name(tmp_path, shared):
         order = np.lexsort((people[:, 0], people[:, 1]))
         np.testing.assert_allclose(tracks.position, truth[order], atol=1e-9)
         np.testing.assert_allclose(tracks.stamp, people[order, 0] / 25)
-    with pytest.raises(InputError, match=r"pixels of a picture.*homography='FILE' or .* unit="):
+    with pytest.raises(
+        InputError, match=r"pixels of a picture.*homography='FILE' or .* unit="
+    ):
         read_any(path)
     with pytest.raises(InputError, match="every frame of a video"):
         read_any(path, ReadOptions(unit="0.02"))
@@ -249,8 +282,24 @@ def test_stanford_boxes(tmp_path):
         u, v, angle = 200 + 55 * person, 300 + 20 * person, person / 2
         for step in range(300):
             at = min(step, 200)
-            x, y = round(u + 1.2 * np.cos(angle) * at), round(v + 1.2 * np.sin(angle) * at)
-            rows.append((person, x, y, x + 30, y + 36, step, int(step > 200), 0, 1, '"Pedestrian"'))
+            x, y = (
+                round(u + 1.2 * np.cos(angle) * at),
+                round(v + 1.2 * np.sin(angle) * at),
+            )
+            rows.append(
+                (
+                    person,
+                    x,
+                    y,
+                    x + 30,
+                    y + 36,
+                    step,
+                    int(step > 200),
+                    0,
+                    1,
+                    '"Pedestrian"',
+                )
+            )
             if step <= 200:
                 people.append((person, step / 30, 0.036 * (x + 15), -0.036 * (y + 36)))
     rows.append((99, 0, 0, 9, 9, 3, 0, 0, 0, '"Biker"'))
@@ -279,13 +328,19 @@ def drone(path, speed, **metadata):
 
 def test_cars_do_not_pass_as_people(tmp_path):
     path = drone(tmp_path / "00_tracks.csv", 10.0)
-    with pytest.raises(InputError, match=r"faster than 10\.00 m/s.*agree with the clock"):
+    with pytest.raises(
+        InputError, match=r"faster than 10\.00 m/s.*agree with the clock"
+    ):
         read_any(path)
-    with pytest.raises(InputError, match=r"fps says 2\.5 frames a second, columns xV.*25"):
+    with pytest.raises(
+        InputError, match=r"fps says 2\.5 frames a second, columns xV.*25"
+    ):
         read_any(path, ReadOptions(fps=2.5))
     (tracks,) = read_any(drone(path, 1.3))
     rate, _ = tracks.reading.notes
-    assert rate.startswith("25 frames a second (columns xVelocity, yVelocity alone, which may err")
+    assert rate.startswith(
+        "25 frames a second (columns xVelocity, yVelocity alone, which may err"
+    )
     assert np.ptp(tracks.stamp) == pytest.approx(149 / 25)
     kinds = "trackId,class\n" + "".join(
         f"{who},{['car', 'pedestrian'][who % 2]}\n" for who in range(24)
@@ -293,7 +348,9 @@ def test_cars_do_not_pass_as_people(tmp_path):
     (tracks,) = read_any(drone(path, 1.3, tracks=kinds, recording="frameRate\n25\n"))
     assert set(tracks.id) == set(range(1, 24, 2))
     drone(path, 1.3, recording="frameRate\n10\n")
-    with pytest.raises(InputError, match=r"00_recordingMeta\.csv says 10 frames a second, columns"):
+    with pytest.raises(
+        InputError, match=r"00_recordingMeta\.csv says 10 frames a second, columns"
+    ):
         read_any(path)
 
 
@@ -310,14 +367,20 @@ def test_a_number_is_no_kind_where_a_text_is(tmp_path):
         for step in range(110)
     ]
     path = tmp_path / "a.csv"
-    path.write_text("\n".join(["track_id,object_type,object_category,frame,x,y", *rows]))
+    path.write_text(
+        "\n".join(["track_id,object_type,object_category,frame,x,y", *rows])
+    )
     for keep in ((), ("pedestrian",)):
         (tracks,) = read_any(path, ReadOptions(keep=keep, fps=10.0))
         assert set(tracks.id) == {0, 2, 4, 6}
     with pytest.raises(InputError, match="keep which are people"):
         read_any(path, ReadOptions(keep=("tram",), fps=10.0))
-    path.write_text(path.read_text().replace("pedestrian", "").replace("vehicle", "van"))
-    with pytest.raises(InputError, match="'object_type' has nothing, van: say with keep"):
+    path.write_text(
+        path.read_text().replace("pedestrian", "").replace("vehicle", "van")
+    )
+    with pytest.raises(
+        InputError, match="'object_type' has nothing, van: say with keep"
+    ):
         read_any(path, ReadOptions(keep=("tram",), fps=10.0))
 
 
@@ -325,18 +388,27 @@ def test_a_number_is_no_kind_where_a_text_is(tmp_path):
 def test_files_that_are_no_text(tmp_path, kind):
     """Jülich's database and HDF5 say their rate."""
     path = tmp_path / f"mine.{kind}"
-    frame = pl.DataFrame({"id": VIDEO.id, "frame": VIDEO.step, "pos_x": VIDEO.x, "pos_y": VIDEO.y})
-    options = ReadOptions(fps=25.0) if kind in ("gz", "parquet", "arrow") else ReadOptions()
+    frame = pl.DataFrame(
+        {"id": VIDEO.id, "frame": VIDEO.step, "pos_x": VIDEO.x, "pos_y": VIDEO.y}
+    )
+    options = (
+        ReadOptions(fps=25.0) if kind in ("gz", "parquet", "arrow") else ReadOptions()
+    )
     if kind == "gz":
         path.write_bytes(gzip.compress(frame.write_csv().encode()))
     elif kind == "sqlite":
         with sqlite3.connect(path) as base:
             base.execute("create table metadata (key text, value text)")
             base.executemany(
-                "insert into metadata values (?, ?)", [("version", "2"), ("fps", "25.0")]
+                "insert into metadata values (?, ?)",
+                [("version", "2"), ("fps", "25.0")],
             )
-            base.execute("create table trajectory_data (id int, frame int, pos_x real, pos_y real)")
-            base.executemany("insert into trajectory_data values (?, ?, ?, ?)", frame.rows())
+            base.execute(
+                "create table trajectory_data (id int, frame int, pos_x real, pos_y real)"
+            )
+            base.executemany(
+                "insert into trajectory_data values (?, ?, ?, ?)", frame.rows()
+            )
     elif kind == "hdf5":
         h5py = pytest.importorskip("h5py")
         kinds = [("id", int), ("frame", int), ("x", float), ("y", float)]
@@ -347,7 +419,9 @@ def test_files_that_are_no_text(tmp_path, kind):
         getattr(frame, {"parquet": "write_parquet", "arrow": "write_ipc"}[kind])(path)
     (tracks,) = read_any(path, options)
     result = where(tracks.stamp, *tracks.position.T)
-    np.testing.assert_allclose(result, where(VIDEO.step / 25, VIDEO.x, VIDEO.y), atol=1e-6)
+    np.testing.assert_allclose(
+        result, where(VIDEO.step / 25, VIDEO.x, VIDEO.y), atol=1e-6
+    )
 
 
 def test_a_whole_table_is_one_person(tmp_path):
@@ -358,8 +432,13 @@ def test_a_whole_table_is_one_person(tmp_path):
 
 def test_rows_in_an_object_with_other_fields(tmp_path):
     rows = [{"t": 0.4 * step, "id": 1, "x": step, "y": 2} for step in range(3)]
-    people = [{"id": 1, **{name: [row[name] for row in rows] for name in ("t", "x", "y")}}]
-    for content in ({"place": "hall", "rows": rows}, {"place": "hall", "people": people}):
+    people = [
+        {"id": 1, **{name: [row[name] for row in rows] for name in ("t", "x", "y")}}
+    ]
+    for content in (
+        {"place": "hall", "rows": rows},
+        {"place": "hall", "people": people},
+    ):
         (path := tmp_path / "a.json").write_text(json.dumps(content))
         (tracks,) = read_any(path)
         assert tracks.position.tolist() == [[0, 2], [1, 2], [2, 2]]
@@ -369,27 +448,42 @@ def test_a_name_that_stands_twice_in_an_object_keeps_its_part(tmp_path):
     """The last x would be a velocity's, the last id a camera's, the last row all of a table."""
     path, at = tmp_path / "a.json", [(0.4 * step, step, 2.0) for step in range(3)]
     parts = [
-        {"t": t, "p": {"id": 7, "x": x, "y": y}, "camera": {"id": 0}, "velocity": {"x": 1, "y": 0}}
+        {
+            "t": t,
+            "p": {"id": 7, "x": x, "y": y},
+            "camera": {"id": 0},
+            "velocity": {"x": 1, "y": 0},
+        }
         for t, x, y in at
     ]
     path.write_text(json.dumps(parts))
     (tracks,) = read_any(path, ReadOptions(columns=("x=p.x", "y=p.y", "id=p.id")))
     assert (tracks.id.tolist(), tracks.position[:, 0].tolist()) == ([7] * 3, [0, 1, 2])
-    way = {"t": [t for t, *_ in at], "position": [xy for _, *xy in at], "velocity": [[1, 0]] * 3}
+    way = {
+        "t": [t for t, *_ in at],
+        "position": [xy for _, *xy in at],
+        "velocity": [[1, 0]] * 3,
+    }
     path.write_text(json.dumps({"id": 7, **way}))
     (tracks,) = read_any(path)
     assert tracks.position[:, 0].tolist() == [0, 1, 2]
     path.write_text(
-        json.dumps({n: {"t": t, "id": 7, "x": x, "y": y} for n, (t, x, y) in enumerate(at)})
+        json.dumps(
+            {n: {"t": t, "id": 7, "x": x, "y": y} for n, (t, x, y) in enumerate(at)}
+        )
     )
     with pytest.raises(InputError, match=r"There are '0\.t', '0\.id'"):
         read_any(path)
 
 
-@pytest.mark.parametrize(("text", "commas"), [("a, b", False), ("1,5", True), ("1,5 and .5", True)])
+@pytest.mark.parametrize(
+    ("text", "commas"), [("a, b", False), ("1,5", True), ("1,5 and .5", True)]
+)
 def test_commas_are_decimal_between_digits_alone(tmp_path, text, commas):
     """Positions are whole numbers, and a column that nobody asked for has commas."""
-    (path := tmp_path / "a.csv").write_text(f"t;id;x;y;note\n0;1;2;3;{text}\n1;1;3;3;{text}\n")
+    (path := tmp_path / "a.csv").write_text(
+        f"t;id;x;y;note\n0;1;2;3;{text}\n1;1;3;3;{text}\n"
+    )
     (tracks,) = read_any(path)
     assert ("decimal commas" in tracks.reading.notes) == commas
 
@@ -399,15 +493,21 @@ def test_rates_of_videos_that_only_velocities_tell(tmp_path, rate):
     rows = [f"{step},{step / rate * 1.2},1,1.2,0" for step in range(200)]
     (path := tmp_path / "a.csv").write_text("\n".join(["frame,x,y,vx,vy", *rows]))
     (tracks,) = read_any(path, ReadOptions(columns=("id=none",)))
-    assert tracks.reading.notes[0].startswith(f"{rate:g} frames a second (columns vx, vy alone")
+    assert tracks.reading.notes[0].startswith(
+        f"{rate:g} frames a second (columns vx, vy alone"
+    )
 
 
 def test_not_seen_is_no_position(tmp_path):
     path = tmp_path / "a.csv"
-    path.write_text("t,id,x,y\n0,1,1,2\n0.4,1,,\n0.8,1,nan,NA\n1.2,1,3,4\n")  # NA is R's.
+    path.write_text(
+        "t,id,x,y\n0,1,1,2\n0.4,1,,\n0.8,1,nan,NA\n1.2,1,3,4\n"
+    )  # NA is R's.
     (tracks,) = read_any(path)
     assert tracks.position.tolist() == [[1, 2], [3, 4]]
-    assert tracks.reading.warnings == ("2 rows have no position, and are taken as not seen",)
+    assert tracks.reading.warnings == (
+        "2 rows have no position, and are taken as not seen",
+    )
     path.write_text("t,id,x,y\n0,1,,\n")
     with pytest.raises(InputError, match="no row has a position"):
         read_any(path)
@@ -418,7 +518,8 @@ def test_a_unit_for_each_file_and_two_that_disagree(tmp_path):
         (tmp_path / f"{name}.csv").write_text("t,id,x,y\n0,1,100,200\n")
     read = ReadOptions(unit="gates=0.5,quad=cm")
     result = [
-        read_any(tmp_path / f"{name}.csv", read)[0].position.tolist() for name in ("gates", "quad")
+        read_any(tmp_path / f"{name}.csv", read)[0].position.tolist()
+        for name in ("gates", "quad")
     ]
     assert result == [[[50, 100]], [[1, 2]]]
     other = ReadOptions(unit="gate=0.5", fps="gate=5")  # A time needs no rate.

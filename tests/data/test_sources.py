@@ -36,10 +36,16 @@ def test_each_file_is_a_scene(tmp_path):
 
 def test_leave_one_recording_out(tmp_path):
     for name, first in (("a", 0), ("b", 100), ("c", 200)):
-        rows = [f"{first + n} {who} {first + n / 2} {who}" for n in range(10) for who in (1, 2)]
+        rows = [
+            f"{first + n} {who} {first + n / 2} {who}"
+            for n in range(10)
+            for who in (1, 2)
+        ]
         (tmp_path / f"{name}.txt").write_text("\n".join(rows))
     (tmp_path / "d.txt").write_text("0 1 2 3\n")
-    with pytest.raises(InputError, match="a: the only recording, so nothing is left to train"):
+    with pytest.raises(
+        InputError, match="a: the only recording, so nothing is left to train"
+    ):
         open_source(tmp_path / "a.txt").recordings("a", "train")
     source = open_source(str(tmp_path))
     positions = {
@@ -64,10 +70,14 @@ def test_simulations_of_each_split_have_their_own_seeds(monkeypatch):
     seeds = {"test": [0, 1], "val": [100, 101], "train": [*range(200, 208)]}
     walk = make_tracks("walk", [0, 0.2, 0.4], [1] * 3, [[0, 0]] * 3)
     seen = []
-    monkeypatch.setattr(scenarios, "simulate", lambda *options: seen.append(options) or walk)
+    monkeypatch.setattr(
+        scenarios, "simulate", lambda *options: seen.append(options) or walk
+    )
     for split, split_seeds in seeds.items():
         seen.clear()
-        assert {len(tracks.id) for tracks in Synthetic().recordings("cross-path", split)} == {2}
+        assert {
+            len(tracks.id) for tracks in Synthetic().recordings("cross-path", split)
+        } == {2}
         assert seen == [("cross-path", seed) for seed in split_seeds]
 
 
@@ -122,7 +132,9 @@ class Handler(SimpleHTTPRequestHandler):
     def copyfile(self, source, outputfile):
         body = source.read()
         with contextlib.suppress(OSError):  # The client may have given up.
-            outputfile.write({"corrupt": bytes(len(body)), "cut": body[:1000]}.get(self.step, body))
+            outputfile.write(
+                {"corrupt": bytes(len(body)), "cut": body[:1000]}.get(self.step, body)
+            )
 
 
 @pytest.fixture
@@ -139,9 +151,13 @@ def served(shared, tmp_path, monkeypatch):
 
         def serve(*script):
             handler = functools.partial(Handler, directory=tmp_path / "site")
-            server: Any = stack.enter_context(ThreadingHTTPServer(("127.0.0.1", 0), handler))
+            server: Any = stack.enter_context(
+                ThreadingHTTPServer(("127.0.0.1", 0), handler)
+            )
             server.script = itertools.chain(script, itertools.repeat(script[-1]))
-            threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+            threading.Thread(
+                target=server.serve_forever, args=(0.01,), daemon=True
+            ).start()
             stack.callback(server.shutdown)
             return f"http://127.0.0.1:{server.server_port}"
 
@@ -149,7 +165,9 @@ def served(shared, tmp_path, monkeypatch):
 
 
 def names(folder):
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    return sorted(
+        str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()
+    )
 
 
 def test_over_http_and_found_without_being_told(served, home, capsys):
@@ -179,13 +197,17 @@ def test_over_http_and_found_without_being_told(served, home, capsys):
 )
 def test_what_breaks_off_is_not_there_and_goes_on(served, home, capsys, step, reason):
     address = served("whole", "whole", "whole", step)
-    with pytest.raises(InputError, match=f"({reason}).* run this again, or name") as caught:
+    with pytest.raises(
+        InputError, match=f"({reason}).* run this again, or name"
+    ) as caught:
         run("eth-ucy", mirror=address, timeout=0.5)
     assert str(caught.value).startswith(f"{address}/")
     assert "\n" not in str(caught.value)
     assert not (home / "eth-ucy").exists()
     assert len(names(home)) == 3
-    with pytest.raises(InputError, match="fetch it once: python -m neurosym_jax download eth-ucy"):
+    with pytest.raises(
+        InputError, match="fetch it once: python -m neurosym_jax download eth-ucy"
+    ):
         open_source(None, "eth")
     assert run("eth-ucy", mirror=served("whole")) == 0
     assert "21 of them fetched now" in capsys.readouterr().out
@@ -201,11 +223,13 @@ def test_what_is_there_is_checked_and_never_overwritten(served, tmp_path, capsys
     assert run("eth-ucy", **options) == 0
     assert "1 of them fetched now" in capsys.readouterr().out
     (folder / "val/biwi_eth_val.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"biwi_eth_val\.txt: is not the published file"):
+    with pytest.raises(
+        InputError, match=r"biwi_eth_val\.txt: is not the published file"
+    ):
         run("eth-ucy", **options)
-    assert {(folder / name).read_text() for name in ("mine.txt", "val/biwi_eth_val.txt")} == {
-        "mine"
-    }
+    assert {
+        (folder / name).read_text() for name in ("mine.txt", "val/biwi_eth_val.txt")
+    } == {"mine"}
 
 
 def test_thor_by_hand(home, capsys):
@@ -220,4 +244,6 @@ def test_thor_by_hand(home, capsys):
     out = capsys.readouterr().out
     assert "Exp_1_run_1_6D.csv: QTM export" in out
     assert "broken.csv: " in out
-    assert open_source(None, "Exp_1_run_1_6D").recordings("Exp_1_run_1_6D")[0].id.tolist() == [1]
+    assert open_source(None, "Exp_1_run_1_6D").recordings("Exp_1_run_1_6D")[
+        0
+    ].id.tolist() == [1]

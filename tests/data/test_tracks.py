@@ -16,7 +16,9 @@ from neurosym_jax.errors import InputError
 def one(stamp, x=None):
     """One agent who walks along x."""
     x = np.asarray(stamp if x is None else x, float)
-    return make_tracks("r", stamp, np.ones(len(stamp)), np.stack([x, np.zeros_like(x)], -1))
+    return make_tracks(
+        "r", stamp, np.ones(len(stamp)), np.stack([x, np.zeros_like(x)], -1)
+    )
 
 
 @st.composite
@@ -35,16 +37,70 @@ def tracks(draw):
 @pytest.mark.parametrize(
     ("stamp", "id", "position", "extra", "message"),
     [
-        ([0, 1], [1, 1], [[0, 0], [0, np.nan]], [0, 0], "row 1: position .* is not a usable"),
-        ([0, np.inf], [1, 1], [[0, 0], [0, 0]], [0, 0], "row 1: time inf is not a usable number"),
-        ([3, 0, 3], [1, 1, 1], np.zeros((3, 2)), [0, 0, 0], "row 2: repeats agent 1 at 3 s"),
-        ([0, 1], [1, 1.5], np.zeros((2, 2)), [0, 0], "row 1: id 1.5 is not a usable number"),
-        ([0, 1], np.uint64([1, 2**63]), np.zeros((2, 2)), [0, 0], "row 1: id 9223372036854775808"),
-        ([0, 1], ["a", "b"], np.zeros((2, 2)), [0, 0], r"id must be numbers \[2\], not \[2\] <U1"),
-        ([0, 1], [1, 1], np.zeros((2, 3)), [0, 0], r"position must be numbers \[2, 2\], not"),
-        ([[0, 1]], [1, 1], np.zeros((2, 2)), [0, 0], r"stamp must be numbers \[2\], not \[1, 2\]"),
+        (
+            [0, 1],
+            [1, 1],
+            [[0, 0], [0, np.nan]],
+            [0, 0],
+            "row 1: position .* is not a usable",
+        ),
+        (
+            [0, np.inf],
+            [1, 1],
+            [[0, 0], [0, 0]],
+            [0, 0],
+            "row 1: time inf is not a usable number",
+        ),
+        (
+            [3, 0, 3],
+            [1, 1, 1],
+            np.zeros((3, 2)),
+            [0, 0, 0],
+            "row 2: repeats agent 1 at 3 s",
+        ),
+        (
+            [0, 1],
+            [1, 1.5],
+            np.zeros((2, 2)),
+            [0, 0],
+            "row 1: id 1.5 is not a usable number",
+        ),
+        (
+            [0, 1],
+            np.uint64([1, 2**63]),
+            np.zeros((2, 2)),
+            [0, 0],
+            "row 1: id 9223372036854775808",
+        ),
+        (
+            [0, 1],
+            ["a", "b"],
+            np.zeros((2, 2)),
+            [0, 0],
+            r"id must be numbers \[2\], not \[2\] <U1",
+        ),
+        (
+            [0, 1],
+            [1, 1],
+            np.zeros((2, 3)),
+            [0, 0],
+            r"position must be numbers \[2, 2\], not",
+        ),
+        (
+            [[0, 1]],
+            [1, 1],
+            np.zeros((2, 2)),
+            [0, 0],
+            r"stamp must be numbers \[2\], not \[1, 2\]",
+        ),
         ([], [], np.zeros((0, 2)), [], r"stamp must be numbers \[0\]"),
-        ([0, 1], [1, 1], np.zeros((2, 2)), [1], r"group must be numbers \[2\], not \[1\]"),
+        (
+            [0, 1],
+            [1, 1],
+            np.zeros((2, 2)),
+            [1],
+            r"group must be numbers \[2\], not \[1\]",
+        ),
     ],
 )
 def test_refusals_name_recording_row_and_reason(stamp, id, position, extra, message):
@@ -56,7 +112,11 @@ def test_a_selection_forgets_nothing():
     reading = Reading("r", rows=4)
     points = np.arange(10.0).reshape(5, 2)
     table = make_tracks(
-        "r", [0.7, 0.4, 0.8, 0.3, 0], [2.0, 1, 1, 2, 1], points, {"group": [8, 7, 7, 8, 7]}
+        "r",
+        [0.7, 0.4, 0.8, 0.3, 0],
+        [2.0, 1, 1, 2, 1],
+        points,
+        {"group": [8, 7, 7, 8, 7]},
     )
     points[:] = 0  # The table has copies.
     assert_array_equal(table.position[:, 0], [8, 2, 4, 6, 0])
@@ -82,7 +142,10 @@ def test_a_selection_forgets_nothing():
 
 def test_decimal_and_accumulated_clocks_meet_the_grid():
     walked = np.random.default_rng(0).normal(size=500)
-    for stamp in (np.cumsum(np.full(500, 0.1)), 1.7e9 + np.round(np.arange(500) * 0.1, 3)):
+    for stamp in (
+        np.cumsum(np.full(500, 0.1)),
+        1.7e9 + np.round(np.arange(500) * 0.1, 3),
+    ):
         grid = resample(one(stamp, walked), 0.4)
         assert_array_equal(grid.position[:, 0], walked[::4])
     for arguments in ((0.0,), (0.4, -1.0), (0.4, 1.0, np.nan), (0.4, 1.0, 99.0)):

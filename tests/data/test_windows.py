@@ -43,9 +43,17 @@ def windows_by_loop(tracks: Tracks, length: int, skip: int, min_agents: int):
         frames = [seen[stamp] for stamp in stamps[start : start + length]]
         if stamps[start + length - 1] - stamps[start] > 0.4 * (length - 0.5):
             continue  # SGAN's loader goes on across a gap in time.
-        agents = [agent for agent in sorted(frames[0]) if all(agent in frame for frame in frames)]
+        agents = [
+            agent
+            for agent in sorted(frames[0])
+            if all(agent in frame for frame in frames)
+        ]
         if len(agents) >= min_agents:
-            yield start, agents, np.array([[frame[agent] for frame in frames] for agent in agents])
+            yield (
+                start,
+                agents,
+                np.array([[frame[agent] for frame in frames] for agent in agents]),
+            )
 
 
 @st.composite
@@ -57,11 +65,15 @@ def recordings(draw) -> Tracks:
     present[-1, -1] = True
     agent, frame = np.nonzero(present)
     position = np.stack([100.0 * agent + frame, -1.0 * frame], axis=1)
-    tracks = make_tracks("r", frame * 0.4, rng.permutation(agents)[agent] + 10, position)
+    tracks = make_tracks(
+        "r", frame * 0.4, rng.permutation(agents)[agent] + 10, position
+    )
     return dataclasses.replace(tracks, period=0.4)
 
 
-@given(st.lists(recordings(), min_size=1, max_size=2), st.tuples(*[st.integers(1, 3)] * 4))
+@given(
+    st.lists(recordings(), min_size=1, max_size=2), st.tuples(*[st.integers(1, 3)] * 4)
+)
 def test_equal_to_a_loop(parts, numbers):
     obs_len, pred_len, skip, min_agents = numbers
     options = {"skip": skip, "min_agents": min_agents}
@@ -88,7 +100,10 @@ def test_equal_to_a_loop(parts, numbers):
 def test_counts_of_the_benchmark(shared):
     source, seconds = open_source(shared / "data/eth_ucy"), 0.0
     for scene, counts in COUNTS.items():
-        recordings, training = source.recordings(scene), source.recordings(scene, "train")
+        recordings, training = (
+            source.recordings(scene),
+            source.recordings(scene, "train"),
+        )
         start = time.process_time()
         for pred_len, count in zip((8, 12), counts):
             windows = cut_windows(recordings, 8, pred_len)
@@ -112,13 +127,21 @@ def test_refused():
     for recordings, message in (
         ([], "no recordings"),
         ([walk(15, 3, "short")], "short: no 16 consecutive steps"),
-        ([walk(40, 1, "lonely")], "lonely: no 16 consecutive steps have at least 2 people"),
+        (
+            [walk(40, 1, "lonely")],
+            "lonely: no 16 consecutive steps have at least 2 people",
+        ),
         ([free], "free: its stamps are on no one grid: use data.on_grid"),
         ([walk(20, 2), slow], r"steps of 0\.4 to 0\.8 s: choose one"),
     ):
         with pytest.raises(InputError, match=message):
             cut_windows(recordings, 8, 8)
-    for name, wrong in (("obs_len", 0), ("pred_len", -3), ("skip", 0), ("min_agents", 0)):
+    for name, wrong in (
+        ("obs_len", 0),
+        ("pred_len", -3),
+        ("skip", 0),
+        ("min_agents", 0),
+    ):
         with pytest.raises(InputError, match=f"{name} must be at least 1"):
             cut_windows([walk(40, 2)], **{"obs_len": 8, "pred_len": 8, name: wrong})
 
@@ -133,13 +156,18 @@ def test_refused():
 def test_what_is_observed_knows_nothing_of_the_future(seed, step, jitter, lost, line):
     """Whatever happens after the last observed step, bit for bit; clocks are the agents' own."""
     rng = np.random.default_rng(seed)
-    stamp = [rng.uniform(0, 0.4) + np.cumsum(step + jitter * rng.random(60)) for _ in range(3)]
+    stamp = [
+        rng.uniform(0, 0.4) + np.cumsum(step + jitter * rng.random(60))
+        for _ in range(3)
+    ]
     ids = np.repeat(np.arange(3), 60)
     stamp, position = np.concatenate(stamp), rng.normal(size=(180, 2)).cumsum(axis=0)
     is_present = rng.random(180) >= lost
     stamp, ids, position = stamp[is_present], ids[is_present], position[is_present]
     moment = stamp.min() + 0.4 * line
-    other = np.where((stamp > moment + SNAP)[:, None], rng.normal(size=position.shape), position)
+    other = np.where(
+        (stamp > moment + SNAP)[:, None], rng.normal(size=position.shape), position
+    )
 
     def observed(points):
         try:
@@ -163,10 +191,13 @@ def test_what_is_observed_knows_nothing_of_the_future(seed, step, jitter, lost, 
 def test_what_is_foreseen():
     """At 0.4 s a walker was last seen at 0.3 s, at 1 m/s; he then turned round."""
     stamp = [0, 0.1, 0.3, 0.5, 0.9]
-    walk = make_tracks("r", stamp, [1] * 5, np.stack([[0, 0.1, 0.3, 0.1, 0.1], [0] * 5], 1))
+    walk = make_tracks(
+        "r", stamp, [1] * 5, np.stack([[0, 0.1, 0.3, 0.1, 0.1], [0] * 5], 1)
+    )
     windows = cut_windows([resample(walk, 0.4, start=0)], 2, 1, min_agents=1)
     np.testing.assert_allclose(windows.position[0, :, 0], [0, 0.4, 0.1], atol=1e-12)
-    # As a step of the future the same point lies between what was seen before and after it.
+    # As a step of the future the same point lies between what was seen before and after
+    # it.
     windows = cut_windows([resample(walk, 0.4, start=0)], 1, 2, min_agents=1)
     np.testing.assert_allclose(windows.position[0, :, 0], [0, 0.2, 0.1], atol=1e-12)
 
@@ -177,7 +208,9 @@ def test_extras_of_all_recordings_or_of_none():
         for name, extras in (("one", {"group": [1, 2, 3, 4, 5]}), ("other", {}))
     )
     windows = cut_windows([first, first], 2, 1, min_agents=1)
-    assert windows.extras["group"].tolist() == [2, 3, 4] * 2, "at the last observed step"
+    assert windows.extras["group"].tolist() == [2, 3, 4] * 2, (
+        "at the last observed step"
+    )
     with pytest.raises(InputError, match="one, other: their extras differ"):
         cut_windows([first, other], 2, 1, min_agents=1)
 
@@ -195,7 +228,10 @@ def windows() -> Windows:
         bounds=np.cumsum([0, *SIZES]),
         identity=rng.integers(2**32, size=(len(SIZES), 2), dtype=np.uint32),
         obs_len=3,
-        extras={"group": np.arange(1, agents + 1), "heading": rng.normal(size=(agents, 2))},
+        extras={
+            "group": np.arange(1, agents + 1),
+            "heading": rng.normal(size=(agents, 2)),
+        },
     )
 
 
@@ -219,7 +255,9 @@ def test_every_scene_is_in_one_batch_as_it_is_alone(windows, slots):
                 assert not batch.scene.valid[row].any()
                 continue
             part = windows.take(np.array([number]))
-            scene = make_scene(part.position[:, :3], part.position[:, 3:], extras=part.extras)
+            scene = make_scene(
+                part.position[:, :3], part.position[:, 3:], extras=part.extras
+            )
             alone = pad_scene(scene, bucket).replace(identity=windows.identity[number])
             in_batch = jax.tree.map(lambda array, row=row: array[row], batch.scene)
             assert in_batch.observed.dtype == alone.observed.dtype
@@ -229,7 +267,9 @@ def test_every_scene_is_in_one_batch_as_it_is_alone(windows, slots):
 
 def test_a_selection_of_windows_forgets_nothing(windows):
     chosen = np.array([3, 0, 3])
-    part = dataclasses.replace(windows, period=0.2, reading=(Reading("r"),)).take(chosen)
+    part = dataclasses.replace(windows, period=0.2, reading=(Reading("r"),)).take(
+        chosen
+    )
     assert (part.period, part.obs_len, part.reading) == (0.2, 3, (Reading("r"),))
     for leaf, other in zip(
         jax.tree.leaves(gather_scenes(windows, chosen, 4)),

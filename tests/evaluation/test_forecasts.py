@@ -45,7 +45,11 @@ def straight_on(path, steps=8):
             ids.append(person)
             frames.append(frame)
             samples.append([last + n * (last - before) for n in range(1, steps + 1)])
-    return {"samples": np.array(samples)[None], "ids": np.array(ids), "frames": np.array(frames)}
+    return {
+        "samples": np.array(samples)[None],
+        "ids": np.array(ids),
+        "frames": np.array(frames),
+    }
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +66,20 @@ def errors(rows, model):
 def test_a_file_scores_as_the_model_that_it_is_of(recording, file):
     options = {"baselines": ["constant_velocity", "constant_velocity_sampled"]}
     rows = nj.evaluate((), recording, forecasts=file, **options)
-    assert errors(rows, "mine") == pytest.approx(errors(rows, "constant velocity"), abs=1e-5)
+    assert errors(rows, "mine") == pytest.approx(
+        errors(rows, "constant velocity"), abs=1e-5
+    )
     mine = rows.filter(model="mine").row(0, named=True)
-    assert (mine["scenes"], mine["samples"], mine["latency"]) == (rows["scenes"][0], 1, None)
+    assert (mine["scenes"], mine["samples"], mine["latency"]) == (
+        rows["scenes"][0],
+        1,
+        None,
+    )
     assert mine["joint_ade_low"] < mine["joint_ade"] < mine["joint_ade_high"]
     # Paired tests take it in: of two equal ones none is the best.
-    assert (rows["marginal_ade_p"] == 1).sum() == 1 or rows["marginal_ade_p"].null_count() == 1
+    assert (rows["marginal_ade_p"] == 1).sum() == 1 or rows[
+        "marginal_ade_p"
+    ].null_count() == 1
     table = nj.evaluation.format_table(rows)
     assert next(line for line in table.splitlines() if line.startswith("mine"))
 
@@ -106,13 +118,22 @@ def test_functions_of_numpy_and_torch_score_as_a_model_does(recording):
         "baselines": ["constant_velocity"],
         "metrics": [*SAME, "central_ade", "neighbour_move"],
     }
-    rows = nj.evaluate([stay, weighted, lambda observed: stay(observed)], recording, **options)
-    assert rows["model"].to_list() == ["constant velocity", "stay", "weighted 1", "lambda 2"]
+    rows = nj.evaluate(
+        [stay, weighted, lambda observed: stay(observed)], recording, **options
+    )
+    assert rows["model"].to_list() == [
+        "constant velocity",
+        "stay",
+        "weighted 1",
+        "lambda 2",
+    ]
     assert errors(rows, "weighted 1")[:4] == pytest.approx(
         errors(rows, "constant velocity")[:4], abs=1e-5
     )
     central = dict(zip(rows["model"], rows["central_ade"]))
-    assert central["weighted 1"] == pytest.approx(central["constant velocity"], abs=1e-5)
+    assert central["weighted 1"] == pytest.approx(
+        central["constant velocity"], abs=1e-5
+    )
     assert errors(rows, "stay") == errors(rows, "lambda 2")
     assert rows["latency"][1] > 0
     assert rows["neighbour_move"][0] == 0
@@ -141,8 +162,13 @@ def test_what_does_not_match_is_refused_with_counts(recording, file, tmp_path):
         with pytest.raises(InputError, match=message):
             nj.evaluate((), recording, forecasts=path, baselines=[], pred_len=8)
 
-    refused(rf"{count} of {count} people .* and {count} of {count} fore", ids=arrays["ids"] + 99)
-    refused(rf"6 of {count} people .* begin with frame 900,", frames=arrays["frames"] - 10)
+    refused(
+        rf"{count} of {count} people .* and {count} of {count} fore",
+        ids=arrays["ids"] + 99,
+    )
+    refused(
+        rf"6 of {count} people .* begin with frame 900,", frames=arrays["frames"] - 10
+    )
     for shift, words in ((-10, "later"), (10, "earlier")):
         path = changed(file, tmp_path, frames=arrays["frames"] + shift)
         with pytest.warns(InputWarning, match=f"fit what happened a step {words}"):
@@ -151,19 +177,28 @@ def test_what_does_not_match_is_refused_with_counts(recording, file, tmp_path):
         name: array[..., 2:, :, :] if name == "samples" else array[2:]
         for name, array in arrays.items()
     }
-    refused(rf"2 of {count} people in windows have no forecast, and 0 of {count - 2} fore", **less)
+    refused(
+        rf"2 of {count} people in windows have no forecast, and 0 of {count - 2} fore",
+        **less,
+    )
     twice = {
-        name: np.concatenate([array, array[:, :1] if name == "samples" else array[:1]], axis)
+        name: np.concatenate(
+            [array, array[:, :1] if name == "samples" else array[:1]], axis
+        )
         for (name, array), axis in zip(arrays.items(), (1, 0, 0))
     }
     refused("1 rows repeat a recording, frame and id", **twice)
-    refused(r"begin \d+\.\d m from people's last positions", samples=arrays["samples"] + 50)
+    refused(
+        r"begin \d+\.\d m from people's last positions", samples=arrays["samples"] + 50
+    )
     refused("forecasts of 5 steps", samples=arrays["samples"][:, :, :5])
     refused("samples must be", samples=arrays["samples"][0])
     refused("ids must be", ids=arrays["ids"][1:])
     refused(
         "samples of 1 of",
-        samples=np.where(np.arange(count)[:, None, None] == 3, np.nan, arrays["samples"]),
+        samples=np.where(
+            np.arange(count)[:, None, None] == 3, np.nan, arrays["samples"]
+        ),
     )
     refused("have a sum of 1", probabilities=np.full(1, 0.5))
     refused("recordings elsewhere", recordings=np.full(count, "elsewhere"))
@@ -180,7 +215,9 @@ def test_what_does_not_match_is_refused_with_counts(recording, file, tmp_path):
             read_forecasts(path)
 
 
-def test_partial_files_are_tested_on_the_windows_that_all_have(recording, file, tmp_path):
+def test_partial_files_are_tested_on_the_windows_that_all_have(
+    recording, file, tmp_path
+):
     arrays = dict(np.load(file))
     late = arrays["frames"] > 1000
     path = changed(
@@ -190,10 +227,16 @@ def test_partial_files_are_tested_on_the_windows_that_all_have(recording, file, 
         ids=arrays["ids"][late],
         frames=arrays["frames"][late],
     )
-    options = {"forecasts": [path, file], "baselines": ["constant_velocity"], "partial": True}
+    options = {
+        "forecasts": [path, file],
+        "baselines": ["constant_velocity"],
+        "partial": True,
+    }
     rows = nj.evaluate((), recording, **options)
     assert set(rows["agents"]) == {int(late.sum())}
-    assert errors(rows, "changed") == pytest.approx(errors(rows, "constant velocity"), abs=1e-5)
+    assert errors(rows, "changed") == pytest.approx(
+        errors(rows, "constant velocity"), abs=1e-5
+    )
     assert errors(rows, "changed") == errors(rows, "mine")
 
 
@@ -208,13 +251,21 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     assert len(files) == 2
     label = (f"ours={files[0]}",)
     metrics = ("energy_score", "central_ade")
-    rows = run(Options(**where, **data, **model, forecasts=files, label=label, metrics=metrics))
+    rows = run(
+        Options(**where, **data, **model, forecasts=files, label=label, metrics=metrics)
+    )
     named = {row["model"]: row for row in rows}
     assert list(named)[2:] == ["ours", files[1].stem]
-    for name, model_name in zip(list(named)[2:], ("anchor table", "constant velocity, sampled")):
+    for name, model_name in zip(
+        list(named)[2:], ("anchor table", "constant velocity, sampled")
+    ):
         for metric in (*SAME[:4], *metrics):
-            assert named[name][metric] == pytest.approx(named[model_name][metric], abs=2e-4)
-    alone = run(Options(**where, forecasts=files, baselines=("constant_velocity_sampled",)))
+            assert named[name][metric] == pytest.approx(
+                named[model_name][metric], abs=2e-4
+            )
+    alone = run(
+        Options(**where, forecasts=files, baselines=("constant_velocity_sampled",))
+    )
     assert [row["dataset"] for row in alone] == ["walk"] * 3
     assert alone[1]["joint_ade"] == pytest.approx(first[1]["joint_ade"], abs=2e-4)
     report = json.loads((tmp_path / "rows.json").read_text())
@@ -233,7 +284,9 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
             nj.evaluate(forecasts=files, **options)
 
 
-def test_the_windows_of_a_file_alone_are_named_in_order_and_have_any_samples(file, tmp_path):
+def test_the_windows_of_a_file_alone_are_named_in_order_and_have_any_samples(
+    file, tmp_path
+):
     arrays = dict(np.load(file))
     count = len(arrays["ids"])
     names = np.array([f"hall{number}" for number in range(5, 0, -1)])
@@ -254,7 +307,9 @@ def test_the_windows_of_a_file_alone_are_named_in_order_and_have_any_samples(fil
 
 def test_a_file_without_what_happened_needs_recordings(file, tmp_path):
     options = {"json": tmp_path / "rows.json", "figures": False, "baselines": ()}
-    with pytest.raises(InputError, match=r"mine.npz: does not hold what happened \('observed'\)"):
+    with pytest.raises(
+        InputError, match=r"mine.npz: does not hold what happened \('observed'\)"
+    ):
         run(Options(**options, forecasts=(file,)))
 
 

@@ -24,7 +24,9 @@ WINDOW = 16
 def scored(errors, people=None, metric="joint_ade"):
     """Errors of windows that start at consecutive frames."""
     people = np.ones(len(errors)) if people is None else people
-    identity = np.stack([np.zeros(len(errors)), np.arange(len(errors))], axis=1).astype(np.uint32)
+    identity = np.stack([np.zeros(len(errors)), np.arange(len(errors))], axis=1).astype(
+        np.uint32
+    )
     return ErrorsByScene({metric: Score(errors * people, people)}, identity, WINDOW)
 
 
@@ -38,7 +40,9 @@ def crowd(draw, windows):
     """[windows] people, between which and their neighbours numbers change as unevenly as in univ
     (blocks' coefficient of variation .4), and the spread of errors with them."""
     span = 3 * WINDOW
-    waves = np.convolve(draw.normal(size=windows + span - 1), np.full(span, span**-0.5), "valid")
+    waves = np.convolve(
+        draw.normal(size=windows + span - 1), np.full(span, span**-0.5), "valid"
+    )
     return np.rint(12 * np.exp(0.45 * waves)).clip(1)
 
 
@@ -51,14 +55,18 @@ def test_intervals_hold_and_equal_models_are_not_called_different(blocks, uneven
         people = crowd(draw, windows) if uneven else np.full(windows, 3.0)
         shared, spread = window_means(draw, windows), (people / people.mean()) ** 0.5
         runs = [
-            scored(1 + spread * (shared - 1 + 0.3 * (window_means(draw, windows) - 1)), people)
+            scored(
+                1 + spread * (shared - 1 + 0.3 * (window_means(draw, windows) - 1)),
+                people,
+            )
             for _ in range(2)
         ]
         low, high = runs[0].intervals()["joint_ade"]
         held += low <= 1 <= high
         low, high = paired_difference(runs[:1], runs[1:]).intervals("joint_ade")["both"]
         different += not low <= 0 <= high
-    # Three standard errors of 500 trials around 95 %, of which at least 93 are promised.
+    # Three standard errors of 500 trials around 95 %, of which at least 93 are
+    # promised.
     assert 0.93 <= held / trials <= 0.98
     assert 0.02 <= different / trials <= 0.06
 
@@ -82,7 +90,9 @@ def test_the_interval_by_hand():
     """Leave each of four unequal blocks out, and count the blocks by their weights."""
     totals, counts = np.array([6.0, 2.0, 9.0, 3.0]), np.array([3.0, 2.0, 4.0, 1.0])
     identity = np.array([[7, 0], [7, 16], [7, 33], [9, 0]])
-    low, high = ErrorsByScene({"ade": Score(totals, counts)}, identity, WINDOW).intervals()["ade"]
+    low, high = ErrorsByScene(
+        {"ade": Score(totals, counts)}, identity, WINDOW
+    ).intervals()["ade"]
     without = [(20 - total) / (10 - count) for total, count in zip(totals, counts)]
     effective = 10**2 / (9 + 4 + 16 + 1)
     variance = 3 / 4 * np.square(2.0 - np.array(without)).sum()
@@ -118,7 +128,9 @@ def runs(better_by=0.0, spread=0.0, seeds=3, noise=0.02):
     agents = draw.integers(2, 6, 400).astype(float)
     hard = draw.uniform(0.2, 2.0, 400)
     worse = -better_by - spread * draw.normal(size=(seeds, 1))
-    better = [scored(hard + draw.normal(0, noise, 400) + shift, agents) for shift in worse]
+    better = [
+        scored(hard + draw.normal(0, noise, 400) + shift, agents) for shift in worse
+    ]
     return better, [scored(hard, agents)] * seeds
 
 
@@ -138,7 +150,9 @@ def test_seeds_that_differ_widen_the_interval_as_student_says():
     low, high = difference.intervals("joint_ade")["both"]
     half = 4.303 * difference.seeds[:, 0].std(ddof=1) / np.sqrt(3)
     assert (high - low) / 2 == pytest.approx(half, rel=0.01)
-    assert difference.intervals("joint_ade")["seeds"] == pytest.approx((low, high), rel=0.01)
+    assert difference.intervals("joint_ade")["seeds"] == pytest.approx(
+        (low, high), rel=0.01
+    )
 
 
 def of_values(values, numbers=None):
@@ -180,7 +194,9 @@ def test_variances_of_test_sets_add():
 
 def test_students_interval_and_holm_by_hand():
     # Two degrees of freedom: 4.303.
-    assert student_half([1.0, 2.0, 3.0]) == pytest.approx(4.302653 / np.sqrt(3), rel=1e-6)
+    assert student_half([1.0, 2.0, 3.0]) == pytest.approx(
+        4.302653 / np.sqrt(3), rel=1e-6
+    )
     assert student_p([1.0, 2.0, 3.0]) == pytest.approx(2 * t.sf(2 * 3**0.5, 2))
     assert student_p([0.0, 0.0]) == 1
     np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.5]), [0.04, 0.09, 0.09, 0.5])
@@ -191,7 +207,12 @@ def test_others_are_compared_with_the_best():
     def p_value(best, other):
         return {(2, 0): 0.01, (2, 3): 0.04, (0, 2): 0.5, (0, 3): 0.6}[best, other]
 
-    assert against_best([0.3, None, 0.2, 0.25], False, p_value) == [0.02, None, None, 0.04]
+    assert against_best([0.3, None, 0.2, 0.25], False, p_value) == [
+        0.02,
+        None,
+        None,
+        0.04,
+    ]
     assert against_best([0.3, None, 0.2, 0.25], True, p_value) == [None, None, 1, 1]
     assert against_best([0.3, 0.2], None, p_value) == [None, None]
     assert against_best([0.3], False, p_value) == [None]

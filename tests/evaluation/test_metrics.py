@@ -8,7 +8,11 @@ from numpy.testing import assert_allclose
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import formulas
-from neurosym_jax.evaluation.formulas import COLLISION_DISTANCE, collision_rate, collisions
+from neurosym_jax.evaluation.formulas import (
+    COLLISION_DISTANCE,
+    collision_rate,
+    collisions,
+)
 from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
 from neurosym_jax.evaluation.scoring import score, score_forecaster
 from neurosym_jax.models.sgan.config import GeneratorConfig
@@ -60,7 +64,9 @@ def test_agents_that_are_not_valid_change_nothing():
     forecast, truth = rng.normal(size=(4, 6, 5, 2)), rng.normal(size=(6, 5, 2))
     valid = np.array([True, False, True, True, False, True])
     forecast[:, 1], truth[4] = np.nan, np.nan
-    names = [n for n, metric in METRICS.items() if not metric.moves and n not in SYMBOLS]
+    names = [
+        n for n, metric in METRICS.items() if not metric.moves and n not in SYMBOLS
+    ]
     alone = score(forecast[:, valid] + 5e6, truth[valid] + 5e6, metrics=names)
     for name, value in score(forecast, truth, valid, metrics=names).items():
         assert value.count == 4
@@ -70,10 +76,15 @@ def test_agents_that_are_not_valid_change_nothing():
 def test_only_metrics_asked_for_are_computed():
     names = metric_names()
     assert {"joint_ade", "collision_rate"} < set(names) < set(METRICS)
-    assert metric_names(["crps"], collisions=False) == (*metric_names(collisions=False), "crps")
+    assert metric_names(["crps"], collisions=False) == (
+        *metric_names(collisions=False),
+        "crps",
+    )
     assert set(METRICS) - set(metric_names(["all"])) == set(SYMBOLS)
     assert set(metric_names(["all", *SYMBOLS])) == set(METRICS)
-    with pytest.raises(InputError, match="neighbour_share: needs forecasts without neighbours"):
+    with pytest.raises(
+        InputError, match="neighbour_share: needs forecasts without neighbours"
+    ):
         mean("neighbour_share", *scene())
 
 
@@ -89,7 +100,8 @@ def test_symbols_by_hand():
         assert scores["state_log"].count == 2  # Ordered pairs.
         expected = -np.log((right + 1 / 81) / (right + wrong + 1))
         assert scores["state_log"].mean == pytest.approx(expected, rel=1e-5)
-        # Approaching and meeting happen, at the last step, and none of the other events.
+        # Approaching and meeting happen, at the last step, and none of the other
+        # events.
         pair_scores, others = (
             -np.log((n + 0.5) / (right + wrong + 1)) for n in (right, right + wrong)
         )
@@ -108,12 +120,21 @@ def test_proper_scores_and_the_central_sample_by_their_formulas(forecast):
     error = np.sqrt(np.square(forecast - TRUTH).sum(axis=(1, 2, 3)))
     expected = (error.mean() - distances.mean() / 2) / np.sqrt(4 * 6)
     assert_allclose(mean("energy_score", forecast, TRUTH), expected, rtol=1e-5)
-    expected = np.abs(forecast - TRUTH).mean() - np.abs(forecast[:, None] - forecast).mean() / 2
+    expected = (
+        np.abs(forecast - TRUTH).mean()
+        - np.abs(forecast[:, None] - forecast).mean() / 2
+    )
     assert_allclose(mean("crps", forecast, TRUTH), expected, rtol=1e-5)
-    medoid = np.linalg.norm(forecast[:, None] - forecast, axis=-1).mean(axis=(1, 2, 3)).argmin()
+    medoid = (
+        np.linalg.norm(forecast[:, None] - forecast, axis=-1)
+        .mean(axis=(1, 2, 3))
+        .argmin()
+    )
     error = np.linalg.norm(forecast[medoid] - TRUTH, axis=-1)
     assert_allclose(mean("central_ade", forecast, TRUTH), error.mean(), rtol=1e-5)
-    assert_allclose(mean("central_fde", forecast, TRUTH), error[:, -1].mean(), rtol=1e-5)
+    assert_allclose(
+        mean("central_fde", forecast, TRUTH), error[:, -1].mean(), rtol=1e-5
+    )
 
 
 @pytest.mark.parametrize("k", [2, 5, 20])
@@ -171,7 +192,9 @@ def test_collisions_between_steps(first, other, expected):
 def test_collisions_of_a_batch_are_those_of_its_scenes():
     valid = np.arange(4) < np.array([[2], [4], [3]])
     forecast = np.random.default_rng(0).uniform(0, 1.5, (2, 3, 4, 3, 2))
-    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *[make_scene(forecast[0, 0])] * 3)
+    batch = jax.tree.map(
+        lambda *leaves: np.stack(leaves), *[make_scene(forecast[0, 0])] * 3
+    )
     rates = collision_rate(forecast, batch.replace(valid=valid))
     alone = [collisions(forecast[:, at], valid[at]).mean(axis=0) for at in range(3)]
     assert_allclose(rates, alone)
@@ -183,7 +206,10 @@ def test_collisions_against_dense_sampling():
     forecast = rng.uniform(0, 3, (6, 5, 4, 2))
     time = np.linspace(0, 1, 400)[:, None]
     dense = np.concatenate(
-        [forecast[:, :, [t]] * (1 - time) + forecast[:, :, [t + 1]] * time for t in range(3)],
+        [
+            forecast[:, :, [t]] * (1 - time) + forecast[:, :, [t + 1]] * time
+            for t in range(3)
+        ],
         axis=2,
     )
     distance = np.linalg.norm(dense[:, :, None] - dense[:, None], axis=-1).min(axis=-1)
@@ -214,9 +240,13 @@ def test_boxes_change_nothing(crowd, monkeypatch):
 def test_the_excess_is_what_forecasts_collide_more_than_the_truth(crowd):
     truth = crowd[3]
     names = ("collision_rate", "truth_collision_rate", "excess_collisions")
-    rate, true, excess = (value.mean for value in score(crowd, truth, metrics=names).values())
+    rate, true, excess = (
+        value.mean for value in score(crowd, truth, metrics=names).values()
+    )
     assert rate == pytest.approx(collisions(crowd, np.ones(40, bool)).mean(), rel=1e-6)
-    assert true == pytest.approx(collisions(truth[None], np.ones(40, bool)).mean(), rel=1e-6)
+    assert true == pytest.approx(
+        collisions(truth[None], np.ones(40, bool)).mean(), rel=1e-6
+    )
     assert excess == pytest.approx(rate - true)
     assert score(truth[None], truth, metrics=names)["excess_collisions"].mean == 0
 
@@ -230,9 +260,13 @@ def windows(sizes) -> Windows:
     rng = np.random.default_rng(0)
     position = np.cumsum(rng.normal(0.1, 0.02, (sum(sizes), OBS + PRED, 2)), axis=1)
     bounds = np.concatenate([[0], np.cumsum(sizes)])
-    position[..., 0] += 1.5 * (np.arange(len(position)) - np.repeat(bounds[:-1], sizes))[:, None]
+    position[..., 0] += (
+        1.5 * (np.arange(len(position)) - np.repeat(bounds[:-1], sizes))[:, None]
+    )
     position[bounds[1:] - 1] += 50
-    identity = np.stack([np.zeros(len(sizes)), np.arange(len(sizes))], axis=1).astype(np.uint32)
+    identity = np.stack([np.zeros(len(sizes)), np.arange(len(sizes))], axis=1).astype(
+        np.uint32
+    )
     return Windows(position, np.arange(len(position)), bounds, identity, OBS)
 
 
@@ -246,12 +280,18 @@ def effect(bias: float, **changes):
     layer["bias"] = layer["bias"] + bias
     options = {"samples": 3, "seed": 0, "metrics": NEIGHBOURS}
     scores = score_forecaster(model.forecaster, model.params, BATCHES, **options)
-    assert scores.scores["neighbour_share"].count.sum() == 19  # Without the scene of one.
-    assert scores.scores["neighbour_near"].count.sum() == 14  # Without the last of each scene.
+    assert (
+        scores.scores["neighbour_share"].count.sum() == 19
+    )  # Without the scene of one.
+    assert (
+        scores.scores["neighbour_near"].count.sum() == 14
+    )  # Without the last of each scene.
     return [scores.mean(name) for name in NEIGHBOURS]
 
 
-@pytest.mark.parametrize("changes", [{"pooling": "as_described"}, {"noise_mix_type": "ped"}])
+@pytest.mark.parametrize(
+    "changes", [{"pooling": "as_described"}, {"noise_mix_type": "ped"}]
+)
 def test_a_living_pooling_moves_people_and_a_dead_one_does_not(changes):
     share, near, move = effect(10.0, **changes)
     assert min(share, near) > 0.8

@@ -26,7 +26,9 @@ ORIGIN = np.array([5e5, 4e6])
 
 
 def walk(name, people, far=0.0):
-    stamp, person = (part.ravel() for part in np.meshgrid(np.arange(14.0), np.arange(people)))
+    stamp, person = (
+        part.ravel() for part in np.meshgrid(np.arange(14.0), np.arange(people))
+    )
     xy = np.stack([0.4 * stamp, person + 0.02 * stamp**2], 1) + far
     return make_tracks(name, stamp * 0.4, person.astype(int), xy)
 
@@ -42,13 +44,19 @@ def test_saved_forecasts_are_those_that_were_scored(test_set, tmp_path):
     model = test_set.entries[1][1]
     arrays = forecasts_of(model, test_set, 3, 7)
     assert arrays["samples"].shape == (3, test_set.windows.agents, 6, 2)
-    evaluated = score_forecaster(model.forecaster, {}, test_set.batches, samples=3, seed=7)
+    evaluated = score_forecaster(
+        model.forecaster, {}, test_set.batches, samples=3, seed=7
+    )
     for scene in range(test_set.windows.scenes):
         rows = arrays["scene"] == scene
         own = score(arrays["samples"][:, rows], arrays["truth"][rows])["joint_ade"]
-        assert own.total[0] == pytest.approx(evaluated.scores["joint_ade"].total[scene], abs=1e-4)
+        assert own.total[0] == pytest.approx(
+            evaluated.scores["joint_ade"].total[scene], abs=1e-4
+        )
     assert set(arrays["recordings"]) == {"a", "b"}
-    assert np.abs(arrays["samples"][:, arrays["recordings"] == "a"] - ORIGIN).max() < 100
+    assert (
+        np.abs(arrays["samples"][:, arrays["recordings"] == "a"] - ORIGIN).max() < 100
+    )
     paths = save_forecasts(tmp_path / "out.npz", [test_set], 3, 7)
     assert [path.name for path in paths] == [
         "out_walk_4_6_constant_velocity.npz",
@@ -67,7 +75,9 @@ def test_forecasts_that_memory_cannot_hold_are_refused(test_set, monkeypatch):
     monkeypatch.setattr(free, lambda: needed)
     forecasts_of(test_set.entries[1][1], test_set, 3, 0)
     monkeypatch.setattr(free, lambda: needed - 1)
-    with pytest.raises(InputError, match=r"saving forecasts needs some .* ask for fewer samples"):
+    with pytest.raises(
+        InputError, match=r"saving forecasts needs some .* ask for fewer samples"
+    ):
         forecasts_of(test_set.entries[1][1], test_set, 3, 0)
 
 
@@ -76,7 +86,9 @@ def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
     arrays = forecasts_of(test_set.entries[1][1], test_set, 3, 0)
     path = save_forecasts(tmp_path / "out.nc", [test_set], 3, 0)[1]
     with xarray.open_dataset(path, engine="scipy") as stored:
-        people = stored.isel(agent=np.flatnonzero(arrays["scene"] == 4)).sel(time=0.8, xy="y")
+        people = stored.isel(agent=np.flatnonzero(arrays["scene"] == 4)).sel(
+            time=0.8, xy="y"
+        )
         moved = arrays["samples"][:, arrays["scene"] == 4, 1, 1]
         np.testing.assert_allclose(people.samples, moved, atol=1e-4)
         assert people.samples.dims == ("sample", "agent")
@@ -85,7 +97,9 @@ def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
         np.testing.assert_allclose(stored.observed, arrays["observed"], atol=1e-4)
         assert set(stored.recordings.values.astype(str)) == {"a", "b"}
     own = to_xarray(arrays["samples"], probabilities=[0.5, 0.3, 0.2], period=0.5)
-    assert float(own.weighted(own.probabilities).mean("sample").samples[0, 0, 0]) == pytest.approx(
+    assert float(
+        own.weighted(own.probabilities).mean("sample").samples[0, 0, 0]
+    ) == pytest.approx(
         np.average(arrays["samples"][:, 0, 0, 0], weights=[0.5, 0.3, 0.2])
     )
     assert own.time.values[0] == 0.5
@@ -101,8 +115,14 @@ def test_trajnet_has_the_most_probable_forecast_first(tmp_path):
     best = arrays["probabilities"].argmax(axis=0)
     assert best.all()  # Not the first.
     path = save_forecasts(tmp_path / "out.ndjson", [test], 4, 0)[0]
-    tracks = (json.loads(line).get("track", {}) for line in path.read_text().splitlines())
-    first = [[track["x"], track["y"]] for track in tracks if track.get("prediction_number") == 0]
+    tracks = (
+        json.loads(line).get("track", {}) for line in path.read_text().splitlines()
+    )
+    first = [
+        [track["x"], track["y"]]
+        for track in tracks
+        if track.get("prediction_number") == 0
+    ]
     expected = arrays["samples"][best, np.arange(len(best))]
     np.testing.assert_allclose(np.reshape(first, expected.shape), expected, atol=1e-4)
 
@@ -112,7 +132,9 @@ def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):
     assert not check_report(path)
     write_report(path, [], {})
     assert capsys.readouterr() == ("", "")
-    write_report(path, [{"model": "a"}, {"model": "b", "crps": 1.0}], {"protocol": "sgan"})
+    write_report(
+        path, [{"model": "a"}, {"model": "b", "crps": 1.0}], {"protocol": "sgan"}
+    )
     assert capsys.readouterr().err == f"replacing the report in {path}\n"
     assert json.loads(path.read_text()) == {
         "format": 2,
@@ -136,7 +158,9 @@ def test_nothing_else_is_overwritten(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"mine.json: is not a report of ours"):
         write_report(path, [], {})
-    with pytest.raises(InputError, match=r"mine.json: is not a report of ours of format 2"):
+    with pytest.raises(
+        InputError, match=r"mine.json: is not a report of ours of format 2"
+    ):
         read_report(path)
     assert path.read_bytes() == content
     for place in (tmp_path, path / "rows.json"):

@@ -16,7 +16,9 @@ from neurosym_jax.evaluation.results import Settings, evaluate_tests
 @pytest.fixture(scope="module")
 def simulated():
     source, baselines = Synthetic(), ["constant_velocity_sampled", "constant_velocity"]
-    return load_tests(source, make_plan(source, [], dataset="cross-path", baselines=baselines))
+    return load_tests(
+        source, make_plan(source, [], dataset="cross-path", baselines=baselines)
+    )
 
 
 def rows(*arguments):
@@ -35,7 +37,10 @@ def test_the_mean_and_deviation_are_those_of_the_seeds(simulated):
 
 
 def test_a_test_set_can_be_evaluated_elsewhere(simulated):
-    local, mapped = rows(simulated, Settings(samples=3)), rows(simulated, Settings(samples=3), map)
+    local, mapped = (
+        rows(simulated, Settings(samples=3)),
+        rows(simulated, Settings(samples=3), map),
+    )
     assert [row["joint_ade"] for row in local] == [row["joint_ade"] for row in mapped]
 
 
@@ -52,7 +57,9 @@ def test_models_are_compared_with_the_best_of_their_test_set(simulated):
 
     paths = ("a_seed0", "a_seed1", "b")
     runs = [
-        dataclasses.replace(results[0], row=results[0].row | {"checkpoint": path, "joint_ade": ade})
+        dataclasses.replace(
+            results[0], row=results[0].row | {"checkpoint": path, "joint_ade": ade}
+        )
         for path, ade in zip(paths, (0.1, 0.5, 0.4))
     ]
     seed0, seed1, other = with_tests([*runs, results[1]])[:3]
@@ -70,7 +77,10 @@ def test_models_are_compared_with_the_best_of_their_test_set(simulated):
 
 
 def test_the_seed_is_0_by_default():
-    model, tracks = nj.load_model("sgan_simulations_8"), Synthetic().recordings("cross-path")
+    model, tracks = (
+        nj.load_model("sgan_simulations_8"),
+        Synthetic().recordings("cross-path"),
+    )
     options = {"samples": 3, "metrics": ["joint_ade"], "baselines": []}
     default, same, other = (
         nj.evaluate(model, tracks, **options, **seed)["joint_ade"].item()

@@ -28,7 +28,9 @@ def crowd() -> Tracks:
     """Twenty frames of six people; four of them leave early."""
     rng = np.random.default_rng(0)
     walks = rng.uniform(0, 4, (6, 1, 2)) + rng.normal(0, 0.4, (6, 20, 2)).cumsum(axis=1)
-    agent, frame = np.nonzero(np.arange(20) < np.array([20, 20, 17, 17, 18, 18])[:, None])
+    agent, frame = np.nonzero(
+        np.arange(20) < np.array([20, 20, 17, 17, 18, 18])[:, None]
+    )
     return make_tracks("crowd", frame * 0.4, agent, walks[agent, frame])
 
 
@@ -45,7 +47,11 @@ def direct(windows, samples, spec):
         world = windows.position[slice(*windows.bounds[scene : scene + 2])]
         agents = len(world)
         noise = draw_noise(spec, 3, windows.identity[[scene]], samples, agents)[:, 0]
-        angle = np.radians(25) * noise[..., 0].astype(float) if spec.dim else np.zeros((1, agents))
+        angle = (
+            np.radians(25) * noise[..., 0].astype(float)
+            if spec.dim
+            else np.zeros((1, agents))
+        )
         step = (world[:, 7] - world[:, 6]) @ np.array([1, 1j])
         path = np.exp(1j * angle)[..., None] * step[:, None] * np.arange(1, 9)
         forecast = world[:, 7, None] + np.stack([path.real, path.imag], axis=-1)
@@ -59,23 +65,33 @@ def direct(windows, samples, spec):
             np.asarray(collisions(forecast, np.ones(agents, bool))).sum() / samples
         )
         horizon += error[ade.sum(axis=1).argmin()].sum(axis=0)
-    return {name: value / windows.agents for name, value in total.items()}, horizon / windows.agents
+    return {
+        name: value / windows.agents for name, value in total.items()
+    }, horizon / windows.agents
 
 
 @pytest.mark.parametrize(
     ("family", "slots", "samples"),
-    [(ConstantVelocitySampled, 8, 5), (ConstantVelocitySampled, 256, 5), (ConstantVelocity, 8, 1)],
+    [
+        (ConstantVelocitySampled, 8, 5),
+        (ConstantVelocitySampled, 256, 5),
+        (ConstantVelocity, 8, 1),
+    ],
 )
 def test_equal_to_a_direct_loop(family, slots, samples):
     forecaster = family(Lengths())
-    result = score_forecaster(forecaster, (), make_batches(WINDOWS, slots), samples=5, seed=3)
+    result = score_forecaster(
+        forecaster, (), make_batches(WINDOWS, slots), samples=5, seed=3
+    )
     assert len(set(WINDOWS.sizes.tolist())) > 1
     expected, horizon = direct(WINDOWS, samples, forecaster.noise)
     assert expected["collision_rate"] > 0
     for name, value in expected.items():
         assert_allclose(result.mean(name), value, rtol=1e-5, err_msg=name)
     assert_allclose(result.scores["horizon"].mean, horizon, rtol=1e-5)
-    assert_allclose(result.scores["horizon"].mean.mean(), expected["joint_ade"], rtol=1e-5)
+    assert_allclose(
+        result.scores["horizon"].mean.mean(), expected["joint_ade"], rtol=1e-5
+    )
     assert (result.samples, result.agents) == (samples, WINDOWS.agents)
     assert result.scores["joint_ade"].count.tolist() == WINDOWS.sizes.tolist()
     assert result.seconds > 0
@@ -83,7 +99,10 @@ def test_equal_to_a_direct_loop(family, slots, samples):
 
 def test_distributions_are_scored_by_draws_of_their_own():
     """The CRPS of each person by pairs of 100 draws; errors are those of the samples."""
-    model, batches = random_model(AnchorConfig(8, 8, points=8), std=0.3), make_batches(WINDOWS)
+    model, batches = (
+        random_model(AnchorConfig(8, 8, points=8), std=0.3),
+        make_batches(WINDOWS),
+    )
 
     def scores(*metrics):
         options = {"samples": 20, "seed": 3, "metrics": metrics}
@@ -116,7 +135,9 @@ def own(compute, windows=WINDOWS):
 
 def test_own_metrics():
     sizes, group = WINDOWS.sizes, np.arange(WINDOWS.agents) % 3
-    per_scene = own(lambda forecast, scene: (jnp.where(scene.valid, 1.0, 0).sum() ** 2, 1))
+    per_scene = own(
+        lambda forecast, scene: (jnp.where(scene.valid, 1.0, 0).sum() ** 2, 1)
+    )
     assert per_scene.mean == pytest.approx(np.mean(sizes**2))
     unweighted = own(lambda forecast, scene: scene.valid.sum().astype(float))
     assert unweighted.mean == pytest.approx(np.sum(sizes**2) / np.sum(sizes))
@@ -125,10 +146,16 @@ def test_own_metrics():
     assert np.isnan(nothing.mean).all()
     # Weights of slots without a person are ignored.
     per_agent = own(
-        lambda forecast, scene: (scene.observed[:, 0, 0] + 9, 1 + 0 * forecast[0, :, 0, 0])
+        lambda forecast, scene: (
+            scene.observed[:, 0, 0] + 9,
+            1 + 0 * forecast[0, :, 0, 0],
+        )
     )
     assert per_agent.count.tolist() == sizes.tolist()
-    firsts = [batch.scene.observed[batch.scene.valid][:, 0, 0] for batch in make_batches(WINDOWS)]
+    firsts = [
+        batch.scene.observed[batch.scene.valid][:, 0, 0]
+        for batch in make_batches(WINDOWS)
+    ]
     assert per_agent.mean == pytest.approx(np.concatenate(firsts).mean() + 9, rel=1e-5)
     grouped = dataclasses.replace(WINDOWS, extras={"group": group})
     in_group = own(lambda forecast, scene: scene.extras["group"] == 2, grouped)
@@ -138,7 +165,10 @@ def test_own_metrics():
 @pytest.mark.parametrize(
     ("compute", "message"),
     [
-        (lambda forecast, scene: (scene.future.sum(), scene.valid), r"alike, not \[\] and \[4\]"),
+        (
+            lambda forecast, scene: (scene.future.sum(), scene.valid),
+            r"alike, not \[\] and \[4\]",
+        ),
         (lambda forecast, scene: (scene.valid, 1), r"alike, not \[4\] and \[\]"),
         (lambda forecast, scene: forecast[0], r"alike, not \[4, 8, 2\]"),
         (lambda forecast, scene: forecast @ scene.valid, "TypeError"),

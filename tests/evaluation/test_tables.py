@@ -29,7 +29,12 @@ def row(model, scene, ade, checkpoint=None, **fields):
 
 SCENES = ("eth", "zara1")
 TRAININGS = [
-    row("SGAN", scene, 0.2 + 0.1 * at + 0.01 * seed, f"runs/sgan_{scene}_8_8_seed{seed}/model")
+    row(
+        "SGAN",
+        scene,
+        0.2 + 0.1 * at + 0.01 * seed,
+        f"runs/sgan_{scene}_8_8_seed{seed}/model",
+    )
     for at, scene in enumerate(SCENES)
     for seed in range(3)
 ]
@@ -39,12 +44,16 @@ ROWS = [row("constant velocity", scene, 0.5, p=0.001) for scene in SCENES] + TRA
 def lines_of(rows, metric="joint_ade"):
     """The values of a metric, those of test sets and those of means."""
     values = summarise(rows_frame(rows)).filter(metric=metric)
-    return values.filter(sets=1).to_dicts(), values.filter(pl.col("sets") > 1).to_dicts()
+    return values.filter(sets=1).to_dicts(), values.filter(
+        pl.col("sets") > 1
+    ).to_dicts()
 
 
 def test_trainings_that_differ_in_their_seed_are_one_line():
     lines, _ = lines_of(ROWS)
-    assert [(line["model"], line["trainings"]) for line in lines[2:]] == [("SGAN", 3)] * 2
+    assert [(line["model"], line["trainings"]) for line in lines[2:]] == [
+        ("SGAN", 3)
+    ] * 2
     value = lines[2]
     assert value["checkpoint"] == "runs/sgan_eth_8_8/model"
     assert value["mean"] == pytest.approx(0.21)
@@ -100,11 +109,17 @@ def test_means_over_test_sets_are_compared_set_by_set():
     ]
     _, (leader, follower) = lines_of(rows)
     assert (leader["p"], leader["best"], follower["best"]) == (None, True, False)
-    assert follower["p"] == pytest.approx(2 * t.sf(0.03 / (0.005**0.5 / 10 / 5**0.5), 4))
+    assert follower["p"] == pytest.approx(
+        2 * t.sf(0.03 / (0.005**0.5 / 10 / 5**0.5), 4)
+    )
     with mock.patch.dict(METRICS):
-        METRICS["joint_ade"] = dataclasses.replace(METRICS["joint_ade"], higher_is_better=True)
+        METRICS["joint_ade"] = dataclasses.replace(
+            METRICS["joint_ade"], higher_is_better=True
+        )
         assert [line["best"] for line in lines_of(rows)[1]] == [False, True]
-        METRICS["joint_ade"] = dataclasses.replace(METRICS["joint_ade"], higher_is_better=None)
+        METRICS["joint_ade"] = dataclasses.replace(
+            METRICS["joint_ade"], higher_is_better=None
+        )
         assert [line["best"] for line in lines_of(rows)[1]] == [False, False]
 
 
@@ -113,7 +128,10 @@ HOSTILE = "\\input{x}\n\x1b[31m$&%#_|`<b>*"
 
 @pytest.mark.parametrize("style", ["text", "csv", "markdown", "latex"])
 def test_hostile_names_stay_text(style):
-    rows = [row(HOSTILE, f"{HOSTILE}{number}", 0.3, f"{HOSTILE}/{number}") for number in range(2)]
+    rows = [
+        row(HOSTILE, f"{HOSTILE}{number}", 0.3, f"{HOSTILE}/{number}")
+        for number in range(2)
+    ]
     text = format_table(rows_frame(rows), style, width=500)
     assert "\x1b" not in text
     plain = format_table(rows_frame([row("a", "b", 0.3, "c")] * 2), style, width=500)
@@ -124,12 +142,15 @@ def test_hostile_names_stay_text(style):
             "\\input{x}\\n\\x1b[31m$&%#_|`<b>*"
         }
     if style == "markdown":
-        assert all(line.startswith("|") and line.endswith("|") for line in text.splitlines())
+        assert all(
+            line.startswith("|") and line.endswith("|") for line in text.splitlines()
+        )
         assert "<b>" not in text
     if style == "latex":
         assert "\\input" not in re.sub(r"(?m)^%.*$", "", text)
         assert all(
-            line.startswith(("%", "\\", " &", r"\textbackslash{}")) for line in text.splitlines()
+            line.startswith(("%", "\\", " &", r"\textbackslash{}"))
+            for line in text.splitlines()
         )
 
 
@@ -157,7 +178,8 @@ def test_csv_has_the_numbers_as_they_are():
 def test_latex_is_well_formed_and_names_are_short():
     names = ("A&B_50%", "constant velocity, sampled", "NeuroSyM, soft,factor=0.1")
     rows = [
-        row(name, "zara_1", 0.5 - 0.1 * at, p=(0, 0, None)[at]) for at, name in enumerate(names)
+        row(name, "zara_1", 0.5 - 0.1 * at, p=(0, 0, None)[at])
+        for at, name in enumerate(names)
     ]
     rows.append(row(names[2], "eth", 0.2))
     text = format_table(rows_frame(rows), "latex")
@@ -167,7 +189,8 @@ def test_latex_is_well_formed_and_names_are_short():
     columns = re.search(r"\\begin\{tabular\}\{@\{\}(l[lr]+)@\{\}\}", body)[1]
     lines = [line for line in body.splitlines() if line.endswith(r"\\")]
     cells = [re.split(r"(?<!\\)&", line.removesuffix(r" \\")) for line in lines]
-    # Two rows of head, a title for each test set and the mean of what was tested on both.
+    # Two rows of head, a title for each test set and the mean of what was tested on
+    # both.
     assert len(cells) == 2 + 3 + len(rows) + 1
     for row_ in cells:
         spans = [re.match(r"\s*\\multicolumn\{(\d+)\}", cell) for cell in row_]
@@ -182,7 +205,9 @@ def test_latex_is_well_formed_and_names_are_short():
     assert r"\textbf{0.300}{\scriptsize [0.290, 0.310]}" in with_intervals
     assert "95 % interval by Student's t" in with_intervals
     # Names that would be the same without their options keep them.
-    same = [row(f"NeuroSyM, quantised,factor={factor}", "zara1", 0.4) for factor in (1, 2)]
+    same = [
+        row(f"NeuroSyM, quantised,factor={factor}", "zara1", 0.4) for factor in (1, 2)
+    ]
     assert "factor=1" in format_table(rows_frame(same), "latex")
 
 
@@ -191,18 +216,29 @@ def test_latex_fits_one_column_of_a_paper():
     font = FontProperties("cmr10")
 
     def points(text):
-        plain = re.sub(r"\\multicolumn\{\d+\}\{\w\}|\\(textbf|emph)|[\\{}$]", "", text).strip()
+        plain = re.sub(
+            r"\\multicolumn\{\d+\}\{\w\}|\\(textbf|emph)|[\\{}$]", "", text
+        ).strip()
         return TextPath((0, 0), plain, 8, prop=font).get_extents().width if plain else 0
 
-    names = ("constant velocity", "constant velocity, sampled", "NeuroSyM, quantised,factor=0.1")
+    names = (
+        "constant velocity",
+        "constant velocity, sampled",
+        "NeuroSyM, quantised,factor=0.1",
+    )
     rows = [row(name, "zara1", 1.2) for name in names]
     for report_row in rows:
         for name in ("joint_fde", "marginal_ade", "marginal_fde"):
             ends = ("", "_low", "_high", "_std", "_p")
-            report_row |= {f"{name}{end}": report_row[f"joint_ade{end}"] for end in ends}
-    lines = [line.split("&") for line in format_table(rows_frame(rows), "latex").splitlines()]
+            report_row |= {
+                f"{name}{end}": report_row[f"joint_ade{end}"] for end in ends
+            }
+    lines = [
+        line.split("&") for line in format_table(rows_frame(rows), "latex").splitlines()
+    ]
     widths = [
-        max(map(points, column)) for column in zip(*(cells for cells in lines if len(cells) == 7))
+        max(map(points, column))
+        for column in zip(*(cells for cells in lines if len(cells) == 7))
     ]
     assert len(widths) == 7
     assert sum(widths) + 6 * (len(widths) - 1) < 241
@@ -215,14 +251,20 @@ def test_from_a_pandas_frame_to_a_latex_table_in_six_lines(tmp_path, monkeypatch
     (code,) = re.findall(r"```python\n(import pandas.*?)```", page, re.DOTALL)
     assert len([line for line in code.splitlines() if line]) <= 6
     stamp, person = (axis.ravel() for axis in np.mgrid[0:20, 0:3])
-    frame = {"time": 0.4 * stamp, "person": person, "x": 0.5 * stamp, "y": person + 0.1 * stamp}
+    frame = {
+        "time": 0.4 * stamp,
+        "person": person,
+        "x": 0.5 * stamp,
+        "y": person + 0.1 * stamp,
+    }
     monkeypatch.chdir(tmp_path)
     pandas.DataFrame(frame).to_csv("my_tracks.csv", index=False)
     names, printed = {}, io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(code, names)
-    assert f"CV & 1 & {names['rows']['joint_ade'][0]:.3f}" in printed.getvalue().replace(
-        "\\textbf{", ""
+    assert (
+        f"CV & 1 & {names['rows']['joint_ade'][0]:.3f}"
+        in printed.getvalue().replace("\\textbf{", "")
     )
     back = names["rows"].to_pandas()
     assert back["joint_ade"].tolist() == names["rows"]["joint_ade"].to_list()
@@ -230,7 +272,10 @@ def test_from_a_pandas_frame_to_a_latex_table_in_six_lines(tmp_path, monkeypatch
 
 def test_a_table_fits_the_terminal():
     rows = rows_frame(
-        [row("constant velocity", "eth", 0.431, p=0.01), row("SGAN", "eth", 0.3, "a.pt")]
+        [
+            row("constant velocity", "eth", 0.431, p=0.01),
+            row("SGAN", "eth", 0.3, "a.pt"),
+        ]
     )
     for width in (60, 80):
         lines = [line.rstrip() for line in format_table(rows, width=width).splitlines()]
@@ -248,7 +293,13 @@ def test_a_table_fits_the_terminal():
 def test_columns_that_do_not_fit_are_in_further_tables():
     """At least one, else as many as fit: with names of 5 characters ADE and k take 5 + 13 + 4."""
     rows = rows_frame([row("SGAN", "eth", 0.3)])
-    ade, people, k, rate, delay = heads_in_order = ["ADE", "in collision", "k", "a second", "in ms"]
+    ade, people, k, rate, delay = heads_in_order = [
+        "ADE",
+        "in collision",
+        "k",
+        "a second",
+        "in ms",
+    ]
     for width, tables in (
         (1, [[name] for name in heads_in_order]),
         (21, [[ade], [people], [k, rate], [delay]]),
@@ -257,7 +308,11 @@ def test_columns_that_do_not_fit_are_in_further_tables():
     ):
         for complete in (True, False):
             lines = format_table(rows, width=width, whole=complete).splitlines()
-            heads = [re.split(r"  +", line)[1:] for line in lines if line.startswith("model ")]
+            heads = [
+                re.split(r"  +", line)[1:]
+                for line in lines
+                if line.startswith("model ")
+            ]
             assert heads == (tables if complete else tables[:1])
 
 

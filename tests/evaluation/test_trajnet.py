@@ -60,17 +60,24 @@ def saved(path, recordings, out, samples=3, kind="constant_velocity_sampled"):
 
     tracks = read_any(path, ReadOptions(allow=tuple(GUARDS))) if path else recordings
     entries = [(None, baseline(kind, 8, 12))]
-    return save_forecasts(out, [make_test(Case("hall", 8, 12), entries, tracks)], samples, 0)
+    return save_forecasts(
+        out, [make_test(Case("hall", 8, 12), entries, tracks)], samples, 0
+    )
 
 
 def test_official_scenes_are_forecast_as_given(official, forecast):
     truth = forecast.with_name("out_truth.ndjson")
-    assert rows_of(truth, "scene") == rows_of(official, "scene") == rows_of(forecast, "scene")
+    assert (
+        rows_of(truth, "scene")
+        == rows_of(official, "scene")
+        == rows_of(forecast, "scene")
+    )
     assert read_scenes(truth) == read_scenes(official)
     assert read_scenes(official)[0].tag == [3, [1, 3]]
     places = {(row["f"], row["p"]): row for row in rows_of(official)}
     assert {(row["f"], row["p"]): row for row in rows_of(truth)} == places
-    # Whoever was seen at any observed step is forecast, in every sample, at the scene's frames.
+    # Whoever was seen at any observed step is forecast, in every sample, at the scene's
+    # frames.
     for scene, people, first in ((40, {5, 7, 9, 12}, 1180), (41, {5, 7, 9}, 1280)):
         rows = [row for row in rows_of(forecast) if row["scene_id"] == scene]
         assert {row["p"] for row in rows} == people
@@ -94,7 +101,11 @@ def test_forecasts_of_official_scenes_are_scored(official, tmp_path):
     # Steps at which a person was not seen are walked on: 12 was last seen at step 3.
     assert ends[1160, 12] == pytest.approx((0.4 * 20, 12))
     assert ends[1160, 9] == pytest.approx((0.4 * 20, 9))
-    options = {"forecasts": forecast, "baselines": ["constant_velocity"], "allow": tuple(GUARDS)}
+    options = {
+        "forecasts": forecast,
+        "baselines": ["constant_velocity"],
+        "allow": tuple(GUARDS),
+    }
     with pytest.raises(
         InputError, match="people in windows have no forecast, and 2 of 7 forecasts"
     ):
@@ -117,7 +128,9 @@ def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
         (780 + 10 * at, 970 + 10 * at, 4, 2.5) for at in range(3)
     ]
     assert {row["p"] for row in rows_of(truth)} == {4, 8}
-    assert {row["f"] for row in rows_of(truth)} == {780 + 10 * step for step in range(22)}
+    assert {row["f"] for row in rows_of(truth)} == {
+        780 + 10 * step for step in range(22)
+    }
     rows = nj.evaluate((), walk, forecasts=forecast, baselines=["constant_velocity"])
     assert rows["agents"].to_list() == [6, 6]
     # One step does not say how far frames are apart: the frame before counts.
@@ -133,11 +146,16 @@ def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
         for name in ("one", "two")
     ]
     forecast, truth = saved(None, recordings, tmp_path / "two.ndjson")
-    assert [(scene.start, scene.person) for scene in read_scenes(forecast)] == [(0, 0), (20, 2)]
+    assert [(scene.start, scene.person) for scene in read_scenes(forecast)] == [
+        (0, 0),
+        (20, 2),
+    ]
     assert {row["p"] for row in rows_of(truth)} == {0, 1, 2, 3}
     # They are those that the evaluation scores: with its noise.
     (scored,) = saved(None, recordings, tmp_path / "two.npz")
-    np.testing.assert_allclose(read_predictions(forecast)[0], np.load(scored)["samples"], atol=1e-3)
+    np.testing.assert_allclose(
+        read_predictions(forecast)[0], np.load(scored)["samples"], atol=1e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -147,7 +165,10 @@ def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
         (lambda rows: [*rows, rows[0]], "repeats sample 0 of person 5"),
         (lambda rows: [{**rows[0], "x": None}, *rows[1:]], "row 1: x is not a number"),
         (lambda rows: [], "the file has no"),
-        (lambda rows: [row for row in rows if row["f"] < 1300], "forecasts of 3 x 1 and 3 x 6"),
+        (
+            lambda rows: [row for row in rows if row["f"] < 1300],
+            "forecasts of 3 x 1 and 3 x 6",
+        ),
     ],
 )
 def test_files_that_are_no_forecasts_are_refused(forecast, tmp_path, change, message):

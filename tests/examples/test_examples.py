@@ -16,7 +16,13 @@ from tests.repository import ROOT, exhaustive
 FOLDER = ROOT / "examples"
 TESTED = {
     *("which_pair_matters", "own_loop", "own_weighting", "closest"),
-    *("costmap", "evaluate_tracks", "forecast_frames", "train_model", "weighting_gradient"),
+    *(
+        "costmap",
+        "evaluate_tracks",
+        "forecast_frames",
+        "train_model",
+        "weighting_gradient",
+    ),
     "encounter_pooling",  # by tests/models/test_network_plugin.py
     "peer_forecasts",  # by tests/examples/test_peer_forecasts.py
     "run_exported",  # by tests/interop/test_export.py
@@ -48,7 +54,9 @@ def test_a_loop_of_ones_own(capsys, monkeypatch):
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     first, last = (float(row[2]) for row in rows)
     assert last < first / 2
-    assert all(abs(float(row[-1])) > 1e-3 for row in rows)  # The gradient by a symbol's weight.
+    assert all(
+        abs(float(row[-1])) > 1e-3 for row in rows
+    )  # The gradient by a symbol's weight.
 
 
 @mock.patch.dict(WEIGHTINGS)
@@ -62,7 +70,12 @@ def test_a_weighting_of_ones_own_is_trained(monkeypatch):
 def tracks(tmp_path_factory):
     """Four people who cross each other's way for 16 s."""
     rows = [
-        (10 * step, person, (-1) ** person * (0.4 * step - 8), 0.7 * person + 0.01 * step)
+        (
+            10 * step,
+            person,
+            (-1) ** person * (0.4 * step - 8),
+            0.7 * person + 0.01 * step,
+        )
         for step in range(40)
         for person in range(4)
     ]
@@ -80,15 +93,30 @@ NUMBER, POSITIVE = r"([0-9.]+) *(?:± *[0-9.]+)? *", r"[0-9.]*[1-9][0-9.e-]*"
     ("name", "arguments", "prints"),
     [
         ("evaluate_tracks", ["TRACKS", MODEL], rf"\nSGAN +{NUMBER}{NUMBER}"),
-        ("forecast_frames", ["TRACKS", MODEL], r"^2\.8 s: 4 people, samples \(20, 4, 8, 2\)\n"),
-        ("weighting_gradient", [], rf"log_speed: {POSITIVE}\n.* by log_temperature: {POSITIVE}\n"),
+        (
+            "forecast_frames",
+            ["TRACKS", MODEL],
+            r"^2\.8 s: 4 people, samples \(20, 4, 8, 2\)\n",
+        ),
+        (
+            "weighting_gradient",
+            [],
+            rf"log_speed: {POSITIVE}\n.* by log_temperature: {POSITIVE}\n",
+        ),
         exhaustive("train_model", ["OUT", 2], "ADE"),
     ],
 )
-def test_a_script_of_ten_lines(name, arguments, prints, tracks, tmp_path, capsys, monkeypatch):
+def test_a_script_of_ten_lines(
+    name, arguments, prints, tracks, tmp_path, capsys, monkeypatch
+):
     path, places = FOLDER / f"{name}.py", {"TRACKS": tracks, "OUT": tmp_path / "run"}
     body = ast.parse(path.read_text()).body[1:]
-    lines = {node.lineno for part in body for node in ast.walk(part) if hasattr(node, "lineno")}
+    lines = {
+        node.lineno
+        for part in body
+        for node in ast.walk(part)
+        if hasattr(node, "lineno")
+    }
     assert len(lines) <= 14, "imports and ten lines"
     words = [str(places.get(argument, argument)) for argument in arguments]
     monkeypatch.setattr("sys.argv", [str(path), *words])
@@ -123,7 +151,9 @@ def test_forecasts_become_a_costmap(tmp_path):
     # The first may turn to the left or to the right; the other stands.
     samples = observed[:, -1:] + np.array([[[[1, 1]], [[0, 0]]], [[[1, -1]], [[0, 0]]]])
     models = {"NeuroSyM": ModelForecast(samples, samples.mean(axis=0), 0)}
-    forecast = Forecast(1e9, 1, np.arange(2), observed, models, {}, 0.0, np.zeros(2, int))
+    forecast = Forecast(
+        1e9, 1, np.arange(2), observed, models, {}, 0.0, np.zeros(2, int)
+    )
     with BagWriter(tmp_path / "forecasts.db3") as bag:
         message = samples_message(bag.new, forecast, "NeuroSyM", 0.4, "odom")
         bag.write(costmap.TOPIC, 1e9, message)
@@ -134,7 +164,9 @@ def test_forecasts_become_a_costmap(tmp_path):
     corner = grid.info.origin.position
 
     def at(x, y):
-        return per_cent[int((y - corner.y) / costmap.CELL), int((x - corner.x) / costmap.CELL)]
+        return per_cent[
+            int((y - corner.y) / costmap.CELL), int((x - corner.x) / costmap.CELL)
+        ]
 
     assert at(1, 0) == at(1, 0.3) == at(9, 5) == 100
     assert at(2, 1) == at(2, -1) == round(50 * np.exp(-0.4 / costmap.FADE))

@@ -22,7 +22,9 @@ def walk(tmp_path):
         for person in (3, 4)
     }
     path = tmp_path / "walk.txt"
-    path.write_text("".join(f"{f}\t{p}\t{x:.2f}\t{y:.2f}\n" for (f, p), (x, y) in xy.items()))
+    path.write_text(
+        "".join(f"{f}\t{p}\t{x:.2f}\t{y:.2f}\n" for (f, p), (x, y) in xy.items())
+    )
     return path, xy
 
 
@@ -53,13 +55,16 @@ def test_agentformer(walk, tmp_path):
 
 
 def futures(walk, frame, person, shift=0.0):
-    return np.array([[np.array(walk[1][frame + 10 * n, person]) + shift for n in range(1, 9)]])
+    return np.array(
+        [[np.array(walk[1][frame + 10 * n, person]) + shift for n in range(1, 9)]]
+    )
 
 
 def test_trajectron(walk, tmp_path):
     predictions = {
         (frame - 100) // 10: {
-            f"PEDESTRIAN/{person}": futures(walk, frame, person, -5.0)[None] for person in (3, 4)
+            f"PEDESTRIAN/{person}": futures(walk, frame, person, -5.0)[None]
+            for person in (3, 4)
         }
         for frame in FRAMES
     }
@@ -69,7 +74,8 @@ def test_trajectron(walk, tmp_path):
 
 def test_loaders_like_sgans(walk, tmp_path):
     scenes = [
-        np.stack([futures(walk, frame, person)[0] for person in (3, 4)])[None] for frame in FRAMES
+        np.stack([futures(walk, frame, person)[0] for person in (3, 4)])[None]
+        for frame in FRAMES
     ]
     arrays = peers.in_loader_order(scenes, walk[0])
     assert arrays["frames"].tolist() == [170, 170, 180, 180, 190, 190]

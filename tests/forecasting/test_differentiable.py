@@ -26,10 +26,14 @@ FORECAST = jax.jit(forecast, static_argnums=0)
 
 def model_of(weighting):
     pooling = "as_described" if weighting else "pool_net"
-    config = GeneratorConfig(pooling=f"{pooling},hidden_dim=16", weighting=weighting, **LENGTHS)
+    config = GeneratorConfig(
+        pooling=f"{pooling},hidden_dim=16", weighting=weighting, **LENGTHS
+    )
     model = random_model(config, std=0.3)
     assert ("weighting" in model.params) == bool(weighting)
-    return dataclasses.replace(model, params=with_weighting(model.params, config.weighting))
+    return dataclasses.replace(
+        model, params=with_weighting(model.params, config.weighting)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +50,13 @@ def test_it_is_predict_and_padding_and_a_batch_change_nothing(weighting):
     network = model.config, model.params
     forecast = FORECAST(*network, OBSERVED, NOISE)
     assert_allclose(forecast, predict(model, OBSERVED, samples=4), atol=1e-5)
-    padded, valid = np.concatenate([OBSERVED, np.full((2, 5, 2), 1e6)]), np.arange(5) < 3
-    assert_allclose(FORECAST(*network, padded, NOISE, valid=valid)[:, :3], forecast, atol=1e-5)
+    padded, valid = (
+        np.concatenate([OBSERVED, np.full((2, 5, 2), 1e6)]),
+        np.arange(5) < 3,
+    )
+    assert_allclose(
+        FORECAST(*network, padded, NOISE, valid=valid)[:, :3], forecast, atol=1e-5
+    )
     pair = np.stack([OBSERVED, OBSERVED + 2.0])
     batch = jax.vmap(lambda observed: FORECAST(*network, observed, NOISE))(pair)
     assert_allclose(batch, np.stack([forecast, forecast + 2.0]), atol=1e-5)
@@ -66,11 +75,17 @@ def test_gradients(soft, given):
         params = jax.tree.map(jnp.float64, soft.params)
         first = rng.uniform(0.2, 1, (3, 3, 5)) if given else params
         arguments = jax.tree.map(jnp.float64, (first, OBSERVED, NOISE))
-        along = jax.tree.map(lambda leaf: jnp.asarray(rng.normal(size=leaf.shape)), arguments)
+        along = jax.tree.map(
+            lambda leaf: jnp.asarray(rng.normal(size=leaf.shape)), arguments
+        )
 
         def value(step):
-            first, observed, noise = jax.tree.map(lambda a, b: a + step * b, arguments, along)
-            how = (params, observed, noise, first) if given else (first, observed, noise)
+            first, observed, noise = jax.tree.map(
+                lambda a, b: a + step * b, arguments, along
+            )
+            how = (
+                (params, observed, noise, first) if given else (first, observed, noise)
+            )
             return (FORECAST(soft.config, *how) ** 2).mean()
 
         slope = jax.grad(value)(0.0)

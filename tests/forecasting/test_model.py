@@ -44,7 +44,11 @@ CONFIGS = {
     "as_described": DESCRIBED,
     "ros": {"pooling": "neurosym_ros,hidden_dim=32", "weighting": "cnd_shipped"},
     # Symbols of predicted steps, too.
-    "symbols, every step": {**DESCRIBED, "pool_every_timestep": True, "weighting": "quantised"},
+    "symbols, every step": {
+        **DESCRIBED,
+        "pool_every_timestep": True,
+        "weighting": "quantised",
+    },
 }
 QUICK = ("pool_net", "symbols, every step", "noise of agents")
 COVERED = ("every step", "as_described")
@@ -60,13 +64,19 @@ def model_of(name: str) -> Model:
 def windows_of(recording: str, shift: np.ndarray | float = 0.0) -> Windows:
     """Fourteen frames of up to nine people who come and go; coordinates have 4 decimals."""
     rng = np.random.default_rng(len(recording))
-    walks = rng.uniform(-2, 2, (9, 1, 2)) + rng.normal(0, 0.3, (9, 14, 2)).cumsum(axis=1)
+    walks = rng.uniform(-2, 2, (9, 1, 2)) + rng.normal(0, 0.3, (9, 14, 2)).cumsum(
+        axis=1
+    )
     # On a coarse grid, so that neighbours lie on the social grid's lines.
     walks[:4] = np.round(walks[:4] * 4) / 4
     first, last = rng.integers(0, 4, 9), rng.integers(9, 15, 9)
-    agent, frame = np.nonzero((np.arange(14) >= first[:, None]) & (np.arange(14) < last[:, None]))
+    agent, frame = np.nonzero(
+        (np.arange(14) >= first[:, None]) & (np.arange(14) < last[:, None])
+    )
     position = np.round(walks, 4)[agent, frame] + shift
-    return cut_windows([make_tracks(recording, frame * 0.4, agent, position)], 4, 4, min_agents=1)
+    return cut_windows(
+        [make_tracks(recording, frame * 0.4, agent, position)], 4, 4, min_agents=1
+    )
 
 
 @pytest.mark.parametrize(
@@ -79,16 +89,26 @@ def test_many_scenes_are_forecast_as_each_alone(name):
     scenes = [s for w in parts for s in np.split(w.position[:, :4], w.bounds[1:-1])]
     assert len({len(scene) for scene in scenes}) > 2
     frames = np.concatenate([windows.identity[:, 1].astype(int) for windows in parts])
-    forecasts = predict_scenes(model, scenes, samples=K, seed=5, recording="crowd", frames=frames)
+    forecasts = predict_scenes(
+        model, scenes, samples=K, seed=5, recording="crowd", frames=frames
+    )
     assert len(forecasts) == len(scenes)
     for number in (0, len(scenes) // 3, len(scenes) - 1):
-        options = {"samples": K, "seed": 5, "recording": "crowd", "frame": frames[number]}
+        options = {
+            "samples": K,
+            "seed": 5,
+            "recording": "crowd",
+            "frame": frames[number],
+        }
         alone, likely = predict_representatives(model, scenes[number], **options)
         assert likely.tolist() == [1 / K] * K
         assert alone.dtype == np.float64
         assert_allclose(forecasts[number], alone, rtol=0, atol=1e-5)
         assert_allclose(
-            predict(model, scenes[number] - UTM, **options) + UTM, alone, rtol=0, atol=1e-5
+            predict(model, scenes[number] - UTM, **options) + UTM,
+            alone,
+            rtol=0,
+            atol=1e-5,
         )
     scene = make_scene(scenes[number], recording="crowd", frame=frames[number])
     forecaster = SceneForecaster(model.forecaster, model.params, samples=K, seed=5)
@@ -107,13 +127,19 @@ def test_agents_are_decoded_in_parts(monkeypatch):
     model, scenes = model_of("pool_net"), [np.zeros((5, 4, 2)), np.ones((6, 4, 2))]
     complete = predict_scenes(model, scenes, samples=K)
     monkeypatch.setattr(batched, "PART", 4)
-    for part_forecast, expected in zip(predict_scenes(model, scenes, samples=K), complete):
+    for part_forecast, expected in zip(
+        predict_scenes(model, scenes, samples=K), complete
+    ):
         assert_allclose(part_forecast, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(
     "name",
-    [exhaustive(name) if name in COVERED else name for name in CONFIGS if name != "uniform noise"],
+    [
+        exhaustive(name) if name in COVERED else name
+        for name in CONFIGS
+        if name != "uniform noise"
+    ],
 )
 def test_padding_and_permutation(name):
     """Order of agents: the noise of an agent goes with its slot, so only global noise permutes."""
@@ -137,7 +163,9 @@ def test_padding_and_permutation(name):
 def test_a_model_shows_itself_in_five_lines():
     weighting = Quantised(speed=0.25)
     config = GeneratorConfig(pooling="as_described", weighting=weighting, pred_len=12)
-    model = Model(config, {"layer": {"kernel": np.zeros((40, 50)), "bias": np.zeros(50)}}, "zara1")
+    model = Model(
+        config, {"layer": {"kernel": np.zeros((40, 50)), "bias": np.zeros(50)}}, "zara1"
+    )
     assert repr(model).splitlines() == [
         "Model NeuroSyM, quantised,speed=0.25",
         "  family: generator",
@@ -154,24 +182,59 @@ GOOD, PAIR = np.zeros((1, 4, 2)), np.zeros((2, 4, 2))
 @pytest.mark.parametrize(
     ("forecast", "observed", "how", "message"),
     [
-        (predict, np.zeros((2, 8, 2)), {}, "observed has 8 steps; the model observes 4"),
+        (
+            predict,
+            np.zeros((2, 8, 2)),
+            {},
+            "observed has 8 steps; the model observes 4",
+        ),
         (predict, PAIR + np.nan, {}, "agent 0, step 0 is not finite"),
         (predict, PAIR[0], {}, "observed must be"),
         (predict, PAIR, {"samples": 0}, "samples must be at least 1, not 0"),
         (predict, PAIR, {"samples": 2.5}, "samples must be a whole number, not 2.5"),
         (predict, PAIR, {"seed": -1}, r"seed must lie in \[0, 2\*\*32\), not -1"),
-        (predict_scenes, [GOOD, np.zeros((1, 5, 2))], {}, r"observed\[1\] has 5 steps; the model"),
+        (
+            predict_scenes,
+            [GOOD, np.zeros((1, 5, 2))],
+            {},
+            r"observed\[1\] has 5 steps; the model",
+        ),
         (predict_scenes, [GOOD, GOOD + np.inf], {}, r"observed\[1\]: agent 0, step 0"),
-        (predict_scenes, [GOOD, GOOD[:0]], {}, r"observed\[1\]: a scene needs at least one agent"),
-        (predict_scenes, [GOOD] * 2, {"frames": [0]}, "1 frames are given for 2 scenes"),
-        (predict_scenes, [GOOD], {"frames": [0.5]}, r"frame must be a whole number, not array\("),
+        (
+            predict_scenes,
+            [GOOD, GOOD[:0]],
+            {},
+            r"observed\[1\]: a scene needs at least one agent",
+        ),
+        (
+            predict_scenes,
+            [GOOD] * 2,
+            {"frames": [0]},
+            "1 frames are given for 2 scenes",
+        ),
+        (
+            predict_scenes,
+            [GOOD],
+            {"frames": [0.5]},
+            r"frame must be a whole number, not array\(",
+        ),
         (predict, PAIR, {"frame": "a"}, "frame must be a whole number, not 'a'"),
         (predict, PAIR, {"frame": 1.5}, "frame must be a whole number, not 1.5"),
         (predict, PAIR, {"recording": 3}, "recording must be text, not 3"),
         (predict, PAIR, {"seed": None}, r"seed must be a whole number, not None"),
-        (predict, PAIR, {"seed": 10**400}, "seed must be a whole number, not an integer of 1329"),
+        (
+            predict,
+            PAIR,
+            {"seed": 10**400},
+            "seed must be a whole number, not an integer of 1329",
+        ),
         (predict, PAIR, {"samples": 10**9}, "people at once .* GB are free: ask for"),
-        (predict_scenes, [PAIR], {"samples": 10**9}, "2 people at once .* GB are free: ask for"),
+        (
+            predict_scenes,
+            [PAIR],
+            {"samples": 10**9},
+            "2 people at once .* GB are free: ask for",
+        ),
     ],
 )
 def test_refusals(forecast, observed, how, message):

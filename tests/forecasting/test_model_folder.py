@@ -42,7 +42,9 @@ def sign(folder, change=lambda config: None, params=None):
     if params is not None:
         (folder / "params.safetensors").write_bytes(params)
     rest = json.dumps(config).removeprefix("{").encode()
-    others = [(folder / name).read_bytes() for name in ("README.md", "params.safetensors")]
+    others = [
+        (folder / name).read_bytes() for name in ("README.md", "params.safetensors")
+    ]
     sha256 = hashlib.sha256(b"".join([rest, *others])).hexdigest().encode()
     (folder / "config.json").write_bytes(b'{\n  "sha256": "' + sha256 + b'",\n' + rest)
 
@@ -58,17 +60,30 @@ def refusal(folder):
 
 def test_round_trip(saved):
     loaded = load_model(saved)
-    assert (loaded.config, loaded.dataset, loaded.family) == (MODEL.config, "zara1", "generator")
+    assert (loaded.config, loaded.dataset, loaded.family) == (
+        MODEL.config,
+        "zara1",
+        "generator",
+    )
     jax.tree.map(assert_array_equal, loaded.params, MODEL.params)
-    assert {leaf.dtype for leaf in jax.tree.leaves(loaded.params)} == {np.dtype(np.float32)}
+    assert {leaf.dtype for leaf in jax.tree.leaves(loaded.params)} == {
+        np.dtype(np.float32)
+    }
     files = {"README.md", "config.json", "params.safetensors"}
     assert {path.name for path in saved.iterdir()} == files
-    assert "\n---\n\n# SGAN, to be tested on zara1\n" in (saved / "README.md").read_text()
+    assert (
+        "\n---\n\n# SGAN, to be tested on zara1\n" in (saved / "README.md").read_text()
+    )
     assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
     # The digest can be checked without the package.
     command = "(tail -n +3 config.json; cat README.md params.safetensors) | sha256sum"
-    output = subprocess.run(command, shell=True, cwd=saved, capture_output=True, check=True).stdout
-    assert output.split()[0].decode() == json.loads((saved / "config.json").read_text())["sha256"]
+    output = subprocess.run(
+        command, shell=True, cwd=saved, capture_output=True, check=True
+    ).stdout
+    assert (
+        output.split()[0].decode()
+        == json.loads((saved / "config.json").read_text())["sha256"]
+    )
 
 
 def flipped(content, bit):
@@ -120,32 +135,74 @@ def header(**entries):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda all: all["config"].update(embedding_dim=8), "describes another network"),
+        (
+            lambda all: all["config"].update(embedding_dim=8),
+            "describes another network",
+        ),
         (lambda all: all["config"].update(colour=1), "unknown field 'colour'"),
         (lambda all: all.update(config=[1]), "config must be an object, not (1,)"),
-        (lambda all: all.update(format=True), "format must be a whole number, not True"),
+        (
+            lambda all: all.update(format=True),
+            "format must be a whole number, not True",
+        ),
         (lambda all: all.update(format=2), "format 2 is not the format 3"),
         (lambda all: all.update(seen="A" * 15), "seen is not a fingerprint"),
         (lambda all: all.update(forecaster="nobody"), "unknown forecaster 'nobody'"),
         (lambda all: all.pop("dataset"), "the field 'dataset' is missing"),
-        (lambda all: all.update(dataset={"a": 1}), "dataset must be text or be null, not {'a': 1}"),
+        (
+            lambda all: all.update(dataset={"a": 1}),
+            "dataset must be text or be null, not {'a': 1}",
+        ),
         (lambda all: all.update(plugins=3), "plugins must be a list, not 3"),
         (lambda all: all.update(plugins="os"), "plugins must be a list"),
-        (lambda all: all.update(data={"a": 1}), "data must be an object, each value of which"),
-        (lambda all: all.update(neighbours=10**400), "neighbours must be a finite number"),
-        (lambda all: all["config"].update(period=1e308), "period must lie in (0, 3600]"),
-        (lambda all: all["config"].update(pred_len=10**9), "pred_len must lie in [1, 65536]"),
-        (lambda all: all["config"].update(pred_len=10**400), "not an integer of 1329 bits"),
-        (lambda all: all["config"].update(pooling=nested(500)), "pooling must be a Pooling"),
-        (lambda all: all.update({f"k{n}": 0 for n in range(60_000)}), "unknown field 'k0'"),
+        (
+            lambda all: all.update(data={"a": 1}),
+            "data must be an object, each value of which",
+        ),
+        (
+            lambda all: all.update(neighbours=10**400),
+            "neighbours must be a finite number",
+        ),
+        (
+            lambda all: all["config"].update(period=1e308),
+            "period must lie in (0, 3600]",
+        ),
+        (
+            lambda all: all["config"].update(pred_len=10**9),
+            "pred_len must lie in [1, 65536]",
+        ),
+        (
+            lambda all: all["config"].update(pred_len=10**400),
+            "not an integer of 1329 bits",
+        ),
+        (
+            lambda all: all["config"].update(pooling=nested(500)),
+            "pooling must be a Pooling",
+        ),
+        (
+            lambda all: all.update({f"k{n}": 0 for n in range(60_000)}),
+            "unknown field 'k0'",
+        ),
         # Parameters that promise what is not there, or one that lies in another.
-        (header(**{"a": ONE, "a/b": TWO}) + bytes(8), "name of a parameter and of a folder"),
-        (header(**{"a/b": ONE, "a": TWO}) + bytes(8), "name of a parameter and of a folder"),
+        (
+            header(**{"a": ONE, "a/b": TWO}) + bytes(8),
+            "name of a parameter and of a folder",
+        ),
+        (
+            header(**{"a/b": ONE, "a": TWO}) + bytes(8),
+            "name of a parameter and of a folder",
+        ),
         (header(**{"/".join("a" * 5000): ONE}) + bytes(4), "a path of 5000 parts"),
         (b"", "cannot be read"),
         (header(), "describes another network"),
-        (header(a={"dtype": "F32", "shape": [2**40], "data_offsets": [0, 2**42]}), "cannot be"),
-        (header(a={"dtype": "BF16", "shape": [1], "data_offsets": [0, 2]}) + b"00", "numbers"),
+        (
+            header(a={"dtype": "F32", "shape": [2**40], "data_offsets": [0, 2**42]}),
+            "cannot be",
+        ),
+        (
+            header(a={"dtype": "BF16", "shape": [1], "data_offsets": [0, 2]}) + b"00",
+            "numbers",
+        ),
         ((2**40).to_bytes(8, "little") + b"{}", "cannot be read"),
     ],
 )
@@ -155,7 +212,9 @@ def test_wrong_values_under_a_right_digest(copy, change, message):
 
 
 def test_parameters_of_a_forecaster_that_has_no_initial_ones(tmp_path):
-    save_model(tmp_path / "m", Model(Lengths(), {"speed": 1.5}, None, "constant_velocity"))
+    save_model(
+        tmp_path / "m", Model(Lengths(), {"speed": 1.5}, None, "constant_velocity")
+    )
     assert load_model(tmp_path / "m").params == {"speed": 1.5}
 
 
@@ -171,7 +230,14 @@ def test_parameters_that_are_not_finite(copy, tmp_path):
     assert "not finite: params/encoder/lstm/input_bias" in refusal(copy)
     assert not (tmp_path / "new").exists()
     # Nor are those written that would not come back.
-    odd = ((1, 2), {"a": [1.0]}, {"a/b": np.zeros(1)}, {"a": {}}, {1: np.zeros(1)}, {"a": "b"})
+    odd = (
+        (1, 2),
+        {"a": [1.0]},
+        {"a/b": np.zeros(1)},
+        {"a": {}},
+        {1: np.zeros(1)},
+        {"a": "b"},
+    )
     for params in odd:
         with pytest.raises(InputError, match="parameter"):
             flat_parameters(params)
@@ -179,7 +245,10 @@ def test_parameters_that_are_not_finite(copy, tmp_path):
 
 def test_six_misfits_are_named_and_the_others_counted():
     six, seven = ({name: np.zeros(2) for name in "abcdefg"[:count]} for count in (6, 7))
-    for arrays, end in ((six, "'f' is (2,), not expected"), (seven, "not expected and 1 more")):
+    for arrays, end in (
+        (six, "'f' is (2,), not expected"),
+        (seven, "not expected and 1 more"),
+    ):
         with pytest.raises(InputError, match=f"{re.escape(end)}$"):
             refuse_misfit(arrays, {}, "misfits")
 

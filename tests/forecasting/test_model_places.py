@@ -35,7 +35,9 @@ def downloads(tmp_path, monkeypatch):
 def test_a_path_goes_before_a_name(downloads):
     for name in (NAME, RECOMMENDED):
         shutil.copytree(SHIPPED / "sgan_eth_8", name, dirs_exist_ok=True)
-        with pytest.warns(InputWarning, match=f"{name}: the one in this folder, not the model"):
+        with pytest.warns(
+            InputWarning, match=f"{name}: the one in this folder, not the model"
+        ):
             assert find_model(name) == Path(name)
         with pytest.warns(InputWarning):
             assert load_model(name).name == "SGAN"
@@ -58,7 +60,8 @@ def test_folders_of_several(downloads):
     for name in ("zara1_8_model.pt", "eth_12_model.pt", "notes.txt"):
         (downloads / "sgan-p-models" / name).write_text("")
     paths = [
-        str(downloads / "sgan-p-models" / f"{name}_model.pt") for name in ("eth_12", "zara1_8")
+        str(downloads / "sgan-p-models" / f"{name}_model.pt")
+        for name in ("eth_12", "zara1_8")
     ]
     for name in ("sgan-20vp", "sgan-p-models", downloads / "sgan-p-models"):
         assert find_checkpoints([name]) == paths
@@ -67,7 +70,9 @@ def test_folders_of_several(downloads):
 
 
 def test_shipped_and_downloaded_models_are_listed(downloads, shared, capsys):
-    shutil.copytree(shared / "checkpoints" / "sgan-p-models", downloads / "sgan-p-models")
+    shutil.copytree(
+        shared / "checkpoints" / "sgan-p-models", downloads / "sgan-p-models"
+    )
     run(all=True)
     first, _, head, *lines = capsys.readouterr().out.splitlines()
     assert first.startswith("recommended: take this one")
@@ -88,8 +93,12 @@ def shipped(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "..")
     for name in ("anchors_zara1_12", "anchors_general_8", "anchor_table_zara1_12"):
         *_, dataset, pred_len = name.split("_")
-        model = random_model(AnchorTableConfig(pred_len=int(pred_len)), dataset, std=0.1)
-        save_model(tmp_path / name, dataclasses.replace(model, data={"ETH/UCY": "unstated"}))
+        model = random_model(
+            AnchorTableConfig(pred_len=int(pred_len)), dataset, std=0.1
+        )
+        save_model(
+            tmp_path / name, dataclasses.replace(model, data={"ETH/UCY": "unstated"})
+        )
     return tmp_path
 
 

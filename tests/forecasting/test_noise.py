@@ -7,7 +7,9 @@ from neurosym_jax.forecasting.noise import CHUNK, NoiseSpec, draw_noise, scene_n
 
 # Few shapes: each is a second of compiling.
 GAUSSIAN, UNIFORM = NoiseSpec(2), NoiseSpec(1, per_agent=True, distribution="uniform")
-SPECS = pytest.mark.parametrize("spec", [GAUSSIAN, UNIFORM], ids=["gaussian", "uniform"])
+SPECS = pytest.mark.parametrize(
+    "spec", [GAUSSIAN, UNIFORM], ids=["gaussian", "uniform"]
+)
 IDENTITY = np.array([[1, 2], [3, 4], [2**32 - 1, 0]], np.uint32)
 
 
@@ -34,7 +36,9 @@ def test_host_and_device_agree(spec):
     assert drawn.shape == ((2, 3, 4, 1) if spec.per_agent else (2, 3, 2))
     on_device = jax.jit(scene_noise, static_argnums=(0, 3, 4))
     for scene, identity in enumerate(IDENTITY):
-        assert_array_equal(drawn[:, scene], on_device(spec, jax.random.key(5), identity, 2, 4))
+        assert_array_equal(
+            drawn[:, scene], on_device(spec, jax.random.key(5), identity, 2, 4)
+        )
     with jax.enable_x64(True):
         wide = draw_noise(spec, 5, IDENTITY, 2, 4)
     assert wide.dtype == np.float32

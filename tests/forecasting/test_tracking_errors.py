@@ -17,7 +17,8 @@ def repaired(track):
     """Of one track by numpy, which jax must equal."""
     tracks, offsets = repair_tracks(track[None], 0.4)
     for mine, other in zip(
-        (tracks, offsets), jax.jit(repair_tracks, static_argnums=1)(jnp.asarray(track[None]), 0.4)
+        (tracks, offsets),
+        jax.jit(repair_tracks, static_argnums=1)(jnp.asarray(track[None]), 0.4),
     ):
         np.testing.assert_allclose(mine, other, atol=1e-4)
     return tracks[0], offsets[0]
@@ -52,7 +53,9 @@ def test_two_wrong_positions_and_a_track_of_nothing_else():
 
 
 def test_what_people_do_keeps_its_bits():
-    turn = np.cumsum([[1.2, 0]] * 4 + [[0.6, 0.2], [-0.3, 0.2], [-0.6, 0], [-0.6, 0]], 0)
+    turn = np.cumsum(
+        [[1.2, 0]] * 4 + [[0.6, 0.2], [-0.3, 0.2], [-0.6, 0], [-0.6, 0]], 0
+    )
     stop = np.cumsum([[0.6, 0]] * 6 + [[0, 0]] * 2, 0)
     run = TIME * [1.5, 0]
     noise = np.random.default_rng(0).normal(size=(8, 2)) * 0.1
@@ -63,7 +66,9 @@ def test_what_people_do_keeps_its_bits():
 
 
 def test_displacements_are_limited_smoothly_and_in_their_direction():
-    ahead = jnp.array([0.1, 0.9, 1.9, 3.0, 1e6])[:, None, None, None] * jnp.array([0.6, 0.8])
+    ahead = jnp.array([0.1, 0.9, 1.9, 3.0, 1e6])[:, None, None, None] * jnp.array(
+        [0.6, 0.8]
+    )
     limited = limit_displacement(ahead, jnp.zeros((1, 2)), 0.4)[:, 0, 0]
     distance = jnp.linalg.norm(limited, axis=-1)
     np.testing.assert_allclose(distance[:2], [0.1, 0.9], rtol=1e-3)

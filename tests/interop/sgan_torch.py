@@ -1,6 +1,7 @@
 """SGAN in torch, as its paper describes it, with the released code's names and arguments.
 
-Tests change a line of it, as users change the original, and see what loading and parity say.
+Tests change a line of it, as users change the original, and see what loading and parity
+say.
 """
 
 import functools
@@ -34,7 +35,9 @@ class PoolHiddenNet(nn.Module):
     def __init__(self, embedding_dim, h_dim, bottleneck_dim, dropout):
         super().__init__()
         self.spatial_embedding = nn.Linear(2, embedding_dim)
-        self.mlp_pre_pool = make_mlp([embedding_dim + h_dim, 512, bottleneck_dim], dropout)
+        self.mlp_pre_pool = make_mlp(
+            [embedding_dim + h_dim, 512, bottleneck_dim], dropout
+        )
 
     def forward(self, hidden, bounds, position):
         hidden, pooled = hidden.reshape(-1, hidden.shape[-1]), []
@@ -42,7 +45,9 @@ class PoolHiddenNet(nn.Module):
             h, p = hidden[start:end], position[start:end]
             offsets = self.spatial_embedding((p[None] - p[:, None]).reshape(-1, 2))
             pairs = torch.cat([offsets, h.repeat(len(h), 1)], dim=1)
-            pooled.append(self.mlp_pre_pool(pairs).reshape(len(h), len(h), -1).max(1)[0])
+            pooled.append(
+                self.mlp_pre_pool(pairs).reshape(len(h), len(h), -1).max(1)[0]
+            )
         return torch.cat(pooled)
 
 
@@ -63,7 +68,10 @@ class Decoder(nn.Module):
             position = position + move
             if self.pool_net is not None:
                 pooled = self.pool_net(state[0], bounds, position)
-                state = (self.mlp(torch.cat([state[0][0], pooled], dim=1))[None], state[1])
+                state = (
+                    self.mlp(torch.cat([state[0][0], pooled], dim=1))[None],
+                    state[1],
+                )
             moves.append(move)
         return torch.stack(moves)
 
@@ -93,7 +101,9 @@ class TrajectoryGenerator(nn.Module):
         )  # fmt: skip
         self.pool_net = pooling(encoder_h_dim) if pooling_type else None
         pooled = bottleneck_dim if pooling_type else 0
-        self.needs_mlp = bool(self.noise_dim or pooled or encoder_h_dim != decoder_h_dim)
+        self.needs_mlp = bool(
+            self.noise_dim or pooled or encoder_h_dim != decoder_h_dim
+        )
         if self.needs_mlp:
             widths = [encoder_h_dim + pooled, mlp_dim, decoder_h_dim - self.noise_dim]
             self.mlp_decoder_context = make_mlp(widths, dropout)

@@ -24,17 +24,34 @@ from neurosym_jax.models.sgan.torch_names import params_from_torch, params_to_to
 from tests.networks import random_model
 
 SMALL = GeneratorConfig(
-    pooling="none", embedding_dim=2, encoder_h_dim=3, decoder_h_dim=4, mlp_dim=5, noise_dim=1
+    pooling="none",
+    embedding_dim=2,
+    encoder_h_dim=3,
+    decoder_h_dim=4,
+    mlp_dim=5,
+    noise_dim=1,
 )
-SIZES = {"embedding_dim": 4, "encoder_h_dim": 6, "decoder_h_dim": 7, "mlp_dim": 9, "noise_dim": 2}
-ROS = GeneratorConfig(pooling="neurosym_ros,bottleneck_dim=5", weighting="ones", **SIZES)
+SIZES = {
+    "embedding_dim": 4,
+    "encoder_h_dim": 6,
+    "decoder_h_dim": 7,
+    "mlp_dim": 9,
+    "noise_dim": 2,
+}
+ROS = GeneratorConfig(
+    pooling="neurosym_ros,bottleneck_dim=5", weighting="ones", **SIZES
+)
 IJCNN = GeneratorConfig(pooling="neurosym_ijcnn,bottleneck_dim=5", **SIZES)
 CONFIGS = [
     SMALL,
     GeneratorConfig(),
     GeneratorConfig(pool_every_timestep=True, decoder_h_dim=40, embedding_dim=8),
-    GeneratorConfig(pooling="social,grid_size=4,neighborhood_size=3.5", noise_type="uniform"),
-    GeneratorConfig(pooling="none", noise_dim=0, noise_mix_type="ped", pred_len=12, mlp_dim=64),
+    GeneratorConfig(
+        pooling="social,grid_size=4,neighborhood_size=3.5", noise_type="uniform"
+    ),
+    GeneratorConfig(
+        pooling="none", noise_dim=0, noise_mix_type="ped", pred_len=12, mlp_dim=64
+    ),
     ROS,
     IJCNN,
 ]
@@ -63,7 +80,9 @@ def assert_same(a, b):
 def test_neurosym_has_a_pooling_that_is_never_used(config):
     params = model_of(config).params["params"]
     state = params_to_torch(params, config)
-    unused = {name: array for name, array in state.items() if name.startswith("pool_net_d.")}
+    unused = {
+        name: array for name, array in state.items() if name.startswith("pool_net_d.")
+    }
     assert unused["pool_net_d.spatial_embedding.weight"].shape == (4, 2)
     assert unused["pool_net_d.mlp_pre_pool.0.weight"].shape == (512, 10)
     assert len(unused) == 6
@@ -87,17 +106,33 @@ def test_misfits_of_our_tree_are_named_our_way():
     [
         (BIAS, DROP, f"'{BIAS}' is missing, not (2,)"),
         ("encoder.encoder.bias_hh_l0", np.zeros(11, "f"), "is (11,), not (12,)"),
-        ("pool_net_g.bias", np.zeros(1, "f"), "'pool_net_g.bias' is (1,), not expected"),
+        (
+            "pool_net_g.bias",
+            np.zeros(1, "f"),
+            "'pool_net_g.bias' is (1,), not expected",
+        ),
         (BIAS, np.zeros(2, int), f"'{BIAS}' is not floating point"),
         (BIAS, np.full(2, np.inf, "f"), f"not finite: {BIAS}"),
         (BIAS, np.ndarray, f"'{BIAS}' is no tensor"),
         (1, np.zeros(2), "g_state is not a state dict"),
-        ("mlp_decoder_context.1.running_mean", np.zeros(5, "f"), "our networks have no batch norm"),
+        (
+            "mlp_decoder_context.1.running_mean",
+            np.zeros(5, "f"),
+            "our networks have no batch norm",
+        ),
         ("obs_len", DROP, "obs_len is missing"),
         ("batch_norm", True, "batch_norm is True, and our networks have False only"),
-        ("activation", "leakyrelu", "activation is 'leakyrelu', and our networks have 'relu' only"),
+        (
+            "activation",
+            "leakyrelu",
+            "activation is 'leakyrelu', and our networks have 'relu' only",
+        ),
         ("num_layers", 2, "num_layers is 2"),
-        ("pooling_type", "attention", "one of 'none', 'pool_net', 'spool', not 'attention'"),
+        (
+            "pooling_type",
+            "attention",
+            "one of 'none', 'pool_net', 'spool', not 'attention'",
+        ),
         ("pooling_type", "pool_net", "'pool_net.spatial_embedding.bias' is missing"),
         ("pool_every_timestep", True, "needs a pooling"),
         ("pred_len", "12", "pred_len must be a whole number, not '12'"),
@@ -108,7 +143,9 @@ def test_misfits_of_our_tree_are_named_our_way():
 )
 def test_tensors_and_arguments_that_do_not_fit(name, value, message):
     tensor = "." in str(name) or name == 1
-    changed = contents_of(tensors={name: value}) if tensor else contents_of(**{name: value})
+    changed = (
+        contents_of(tensors={name: value}) if tensor else contents_of(**{name: value})
+    )
     with pytest.raises(InputError) as error:
         model_from_torch(changed)
     assert message in str(error.value)
@@ -116,7 +153,8 @@ def test_tensors_and_arguments_that_do_not_fit(name, value, message):
 
 
 @pytest.mark.parametrize(
-    ("contents", "part"), [({"g_state": {}}, "args"), ({"args": {}}, "g_state"), ([], "g_state")]
+    ("contents", "part"),
+    [({"g_state": {}}, "args"), ({"args": {}}, "g_state"), ([], "g_state")],
 )
 def test_contents_that_are_no_checkpoint(contents, part):
     with pytest.raises(InputError, match=f"has no {part}: not a checkpoint of SGAN"):
@@ -141,19 +179,28 @@ def test_dropout_takes_a_number_in_a_perceptron():
 
 
 def test_assumptions_are_stated(tmp_path, torch):
-    assert model_from_torch(contents_of()).assumed == ("forward as in the released code",)
+    assert model_from_torch(contents_of()).assumed == (
+        "forward as in the released code",
+    )
     contents = contents_of(activation=DROP, heads=4)
-    with pytest.raises(InputError, match=r"unknown argument 'heads'.*--ignore-arg heads"):
+    with pytest.raises(
+        InputError, match=r"unknown argument 'heads'.*--ignore-arg heads"
+    ):
         model_from_torch(contents)
     assumed = model_from_torch(contents, ["heads"]).assumed
-    assert assumed[1:] == ("activation relu", "the unknown argument heads changes nothing")
+    assert assumed[1:] == (
+        "activation relu",
+        "the unknown argument heads changes nothing",
+    )
     tensors = {k: torch.from_numpy(v) for k, v in contents["g_state"].items()}
     torch.save({**contents, "g_state": tensors}, tmp_path / "a.pt")
     with pytest.raises(InputError, match="--ignore-arg heads"):
         convert.run(tmp_path / "a.pt", tmp_path / "a")
     with pytest.raises(InputError, match="would lose args heads: --generator-only"):
         convert.run(tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",))
-    convert.run(tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",), generator_only=True)
+    convert.run(
+        tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",), generator_only=True
+    )
     assert "activation relu; the unknown" in (tmp_path / "a" / "README.md").read_text()
 
 
@@ -171,7 +218,10 @@ def test_a_released_file_says_neither_network_nor_weighting():
     [
         (GeneratorConfig(pooling="pool_net,hidden_dim=64"), "fixed at 512, not 64"),
         (dataclasses.replace(ROS, weighting="learned"), "learned: no torch has them"),
-        (dataclasses.replace(ROS, pooling="as_described"), "ones has no counterpart in torch"),
+        (
+            dataclasses.replace(ROS, pooling="as_described"),
+            "ones has no counterpart in torch",
+        ),
         (dataclasses.replace(ROS, pool_every_timestep=True), "at observed steps only"),
     ],
 )
@@ -217,7 +267,9 @@ def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form):
     # As cuDNN leaves them: weights that are slices of one storage, at an offset.
     flat = torch.from_numpy(np.concatenate([array.ravel() for array in state.values()]))
     parts = flat.split([array.size for array in state.values()])
-    tensors = {name: part.reshape(state[name].shape) for name, part in zip(state, parts)}
+    tensors = {
+        name: part.reshape(state[name].shape) for name, part in zip(state, parts)
+    }
     name = "mlp_decoder_context.0.weight"
     tensors[name] = torch.from_numpy(state[name].T.copy()).double().T
     layer = torch.nn.Linear(2, 2)
@@ -240,7 +292,9 @@ def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form):
     assert loaded.config == SMALL
     assert_same(loaded.params, model.params)
     lost = "would lose G_losses, counters, norm_g, g_best_state, g_optim_state, d_state, empty, "
-    with pytest.raises(InputError, match=f"{lost}args d_type, args encoder_h_dim_d: --generator"):
+    with pytest.raises(
+        InputError, match=f"{lost}args d_type, args encoder_h_dim_d: --generator"
+    ):
         convert.run(tmp_path / "a.pt", tmp_path / "a")
     assert not (tmp_path / "a").exists()
     # Without them it is the identity, there and back.

@@ -20,15 +20,30 @@ EXAMPLE = ROOT / "examples" / "run_exported.py"
 def assert_same_forecasts(made, samples, peoples, rounded):
     """The program's forecasts are `predict`'s, to two units in the last place of metres."""
     program = jax.export.deserialize(bytearray(export_model(made, samples)))
-    rng, spec, steps = np.random.default_rng(1), made.forecaster.noise, made.config.obs_len
+    rng, spec, steps = (
+        np.random.default_rng(1),
+        made.forecaster.noise,
+        made.config.obs_len,
+    )
     for people in peoples:
-        walks = rng.normal(0, 0.3, (people, 1, 2)) + rng.normal(0, 0.05, (people, steps, 2))
+        walks = rng.normal(0, 0.3, (people, 1, 2)) + rng.normal(
+            0, 0.05, (people, steps, 2)
+        )
         walks = rng.uniform(-2, 2, (people, 1, 2)) + np.cumsum(walks, axis=1)
-        # Both subtract the same float32 numbers without rounding where these are of a coarse grid.
-        observed = (np.round(walks * 1024) / 1024 if rounded else walks).astype(np.float32)
+        # Both subtract the same float32 numbers without rounding where these are of a
+        # coarse grid.
+        observed = (np.round(walks * 1024) / 1024 if rounded else walks).astype(
+            np.float32
+        )
         identity, slots = make_scene(observed).identity, people if spec.per_agent else 1
-        noise = np.asarray(scene_noise(spec, jax.random.key(0), identity, samples, slots))
-        inputs = [noise if spec.per_agent else noise.reshape(samples, -1)] if spec.dim else []
+        noise = np.asarray(
+            scene_noise(spec, jax.random.key(0), identity, samples, slots)
+        )
+        inputs = (
+            [noise if spec.per_agent else noise.reshape(samples, -1)]
+            if spec.dim
+            else []
+        )
         forecasts, probabilities = program.call(observed, *inputs)
         expected, likely = predict_representatives(made, observed, samples=samples)
         within = {"atol": 2e-6, "rtol": 3e-7} if rounded else {"atol": 2e-5}

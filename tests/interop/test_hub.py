@@ -28,14 +28,22 @@ class Hub(BaseHTTPRequestHandler):
         body = self.rfile.read(int(self.headers["Content-Length"]))
         if "/preupload/" in self.path:
             small = {"uploadMode": "regular", "shouldIgnore": False}
-            self.reply({"files": [{"path": f["path"], **small} for f in json.loads(body)["files"]]})
+            self.reply(
+                {
+                    "files": [
+                        {"path": f["path"], **small} for f in json.loads(body)["files"]
+                    ]
+                }
+            )
             return
         if "/commit/" in self.path:
             lines = [json.loads(line) for line in body.splitlines()]
             for file in (line["value"] for line in lines if line["key"] == "file"):
                 self.files[file["path"]] = base64.b64decode(file["content"])
         url = f"http://{self.headers['Host']}/me/walkers"
-        self.reply({"url": url, "commitUrl": f"{url}/commit/{COMMIT}", "commitOid": COMMIT})
+        self.reply(
+            {"url": url, "commitUrl": f"{url}/commit/{COMMIT}", "commitOid": COMMIT}
+        )
 
     def do_GET(self):
         name = self.path.split("/")[-1]
@@ -45,9 +53,13 @@ class Hub(BaseHTTPRequestHandler):
             headers = {"ETag": f'"{name}"', "X-Repo-Commit": COMMIT}
             self.reply(self.files[name], **headers)
         elif "/tree/" in self.path:
-            sizes = {name: len(content) for name, content in self.files.items()} | {"film.mp4": 9}
+            sizes = {name: len(content) for name, content in self.files.items()} | {
+                "film.mp4": 9
+            }
             file = {"type": "file", "oid": "0" * 40}
-            self.reply([{**file, "path": name, "size": size} for name, size in sizes.items()])
+            self.reply(
+                [{**file, "path": name, "size": size} for name, size in sizes.items()]
+            )
         else:
             siblings = [{"rfilename": file} for file in (*self.files, "film.mp4")]
             self.reply({"id": "me/walkers", "sha": COMMIT, "siblings": siblings})
@@ -85,7 +97,10 @@ TASK = "time-series-forecasting"
         ({}, "unknown"),
         ({"simulations": "MIT"}, "mit"),
         ({"ETH/UCY": "unstated"}, "unknown"),
-        (licences_of(["Stanford"]), "cc-by-nc-sa-3.0"),  # As training names a folder of SDD.
+        (
+            licences_of(["Stanford"]),
+            "cc-by-nc-sa-3.0",
+        ),  # As training names a folder of SDD.
         ({"SDD": "CC BY-NC-SA 3.0, restricted", "ETH/UCY": "unstated"}, "other"),
     ],
 )
@@ -109,7 +124,11 @@ def test_folders_have_the_header_of_the_hub(model, tmp_path, data, licence):
 def run(code, tmp_path, endpoint):
     """What `code` prints, and the last line of its error, in a process whose Hub is `endpoint`."""
     pytest.importorskip("huggingface_hub", reason="huggingface_hub is not installed")
-    hub = {"HF_ENDPOINT": endpoint, "HF_TOKEN": "hf_a", "HF_HOME": str(tmp_path / "cache")}
+    hub = {
+        "HF_ENDPOINT": endpoint,
+        "HF_TOKEN": "hf_a",
+        "HF_HOME": str(tmp_path / "cache"),
+    }
     hub["HF_HUB_DISABLE_PROGRESS_BARS"] = "1"
     code = f"import neurosym_jax as nj\n{code}"
     done = run_python("-c", code, check=False, **hub)
@@ -128,9 +147,13 @@ def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
     assert sorted(files) == ["README.md", "config.json", "params.safetensors"]
     for name, content in files.items():
         assert (tmp_path / "back" / name).read_bytes() == content
-    assert "me/nobody: " in run("nj.interop.from_pretrained('me/nobody')", tmp_path, endpoint)
+    assert "me/nobody: " in run(
+        "nj.interop.from_pretrained('me/nobody')", tmp_path, endpoint
+    )
     files["README.md"] += b"edited in the browser"
-    again = run("nj.interop.from_pretrained('me/walkers')", tmp_path / "again", endpoint)
+    again = run(
+        "nj.interop.from_pretrained('me/walkers')", tmp_path / "again", endpoint
+    )
     assert "damaged: its files do not match the digest" in again
 
 
@@ -138,7 +161,9 @@ def test_a_missing_model_is_named_in_one_line(monkeypatch):
     with pytest.raises(InputError, match="absent: no such checkpoint"):
         from_pretrained("absent")
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)
-    with pytest.raises(InputError, match=r"me/walkers: the Hub needs huggingface_hub: .*\[hub\]"):
+    with pytest.raises(
+        InputError, match=r"me/walkers: the Hub needs huggingface_hub: .*\[hub\]"
+    ):
         from_pretrained("me/walkers")
     with pytest.raises(InputError, match="the Hub needs"):
         push_to_hub(load_model("sgan_simulations_8"), "me/walkers")

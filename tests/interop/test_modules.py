@@ -24,9 +24,16 @@ ARGUMENTS = {
     "neighborhood_size": 2.0, "grid_size": 4,
 }  # fmt: skip
 EQUAL = "equal"
-OTHER_SIZES = {"mlp_dim": 20, "bottleneck_dim": 9, "embedding_dim": 3, "encoder_h_dim": 5}
+OTHER_SIZES = {
+    "mlp_dim": 20,
+    "bottleneck_dim": 9,
+    "embedding_dim": 3,
+    "encoder_h_dim": 5,
+}
 RELU = ("nn.ReLU()", "nn.LeakyReLU()")
-ANOTHER_WAY = "its layers agree alone, the module's forward puts them together in another way"
+ANOTHER_WAY = (
+    "its layers agree alone, the module's forward puts them together in another way"
+)
 
 
 def network_of(torch, arguments, change=None):
@@ -43,7 +50,10 @@ def network_of(torch, arguments, change=None):
     return network
 
 
-HEAD = "nn.Linear(h_dim, 2)\n", "nn.Linear(h_dim, 2)\n        self.head = nn.Linear(1, 3)\n"
+HEAD = (
+    "nn.Linear(h_dim, 2)\n",
+    "nn.Linear(h_dim, 2)\n        self.head = nn.Linear(1, 3)\n",
+)
 FIRST = "        self.encoder = nn.LSTM(embedding_dim, h_dim)\n"
 SECOND = "        self.spatial_embedding = nn.Linear(2, embedding_dim)\n"
 CONTEXT = "torch.cat([context, pooled]", "torch.cat([pooled, context]"
@@ -60,19 +70,37 @@ UNCALLED = "self.spatial_embedding(move)[None]", "move.new_zeros(1, len(move), 6
         (RELU, {}, "pool_net.mlp_pre_pool (alone): activation LeakyReLU, ours is ReLU"),
         (("512", "300"), OTHER_SIZES, EQUAL),
         ((FIRST + SECOND, SECOND + FIRST), {}, EQUAL),
-        (("LSTM(embedding_dim, h_dim", "LSTM(embedding_dim, h_dim, 2"), {}, "refused: the gene"),
+        (
+            ("LSTM(embedding_dim, h_dim", "LSTM(embedding_dim, h_dim, 2"),
+            {},
+            "refused: the gene",
+        ),
         (None, {"dropout": 0.5, "noise_dim": (0,)}, EQUAL),
         (None, {"noise_mix_type": "ped", "pooling_type": None}, EQUAL),
         (None, {"obs_len": 5, "pred_len": 3, "pool_every_timestep": True}, EQUAL),
-        (HEAD, {}, "refused: the generator's parameters do not fit its configuration: 'decoder.he"),
+        (
+            HEAD,
+            {},
+            "refused: the generator's parameters do not fit its configuration: 'decoder.he",
+        ),
         (CONTEXT, {}, f"mlp_decoder_context: {ANOTHER_WAY}"),
         (NOISE, {}, f"decoder, first state: {ANOTHER_WAY}"),
-        (NO_LAST_RELU, {}, "pool_net.mlp_pre_pool (alone): no ReLU after its last layer"),
+        (
+            NO_LAST_RELU,
+            {},
+            "pool_net.mlp_pre_pool (alone): no ReLU after its last layer",
+        ),
         (ROUNDED, {}, "obs_traj_rel: it is rounded to 2 decimals"),
-        (UNCALLED, {}, "decoder.spatial_embedding (alone): the checkpoint has it and the module"),
+        (
+            UNCALLED,
+            {},
+            "decoder.spatial_embedding (alone): the checkpoint has it and the module",
+        ),
     ],
 )
-def test_a_changed_module_is_equal_refused_or_told_apart(torch, change, arguments, outcome):
+def test_a_changed_module_is_equal_refused_or_told_apart(
+    torch, change, arguments, outcome
+):
     network = network_of(torch, ARGUMENTS | arguments, change)
     state = {name: value.numpy() for name, value in network.state_dict().items()}
     try:
@@ -95,7 +123,11 @@ def test_modules_are_compared_on_scenes_of_ones_own_and_left_as_they_are(torch):
     walk = np.cumsum(np.random.default_rng(0).normal(0, 0.3, (9, 8, 2)), axis=1) + 40
     parity = compare(network, model, [walk[:3], walk[3:]])
     assert parity.ok
-    assert next(row.shape for row in parity.rows if row.output == "pred_rel") == (9, 8, 2)
+    assert next(row.shape for row in parity.rows if row.output == "pred_rel") == (
+        9,
+        8,
+        2,
+    )
     assert not any(module._forward_hooks for module in network.modules())
     assert network.training
     assert torch.Tensor.cuda is cuda
@@ -104,7 +136,10 @@ def test_modules_are_compared_on_scenes_of_ones_own_and_left_as_they_are(torch):
     (first,) = [row for row in compare(network, model, [walk]).rows if row.reason]
     assert first.output == "decoder.hidden2pos (alone)"
     assert first.max_abs == pytest.approx(0.1, rel=1e-3)
-    for scenes, message in (([walk[:, 1:]], "has 7 steps"), ([walk[0]], r"must be \[agents")):
+    for scenes, message in (
+        ([walk[:, 1:]], "has 7 steps"),
+        ([walk[0]], r"must be \[agents"),
+    ):
         with pytest.raises(InputError, match=message):
             compare(network, model, scenes)
     with pytest.raises(InputError, match="has no counterpart in torch"):
@@ -152,7 +187,9 @@ def test_a_module_that_does_not_run(module, python, message):
 
 def test_people_of_the_default_scenes_are_in_each_others_grid_of_social_pooling():
     distances = [
-        np.abs(walk[:, None, time] - walk[:, time]).max(axis=-1)[np.triu_indices(len(walk), 1)]
+        np.abs(walk[:, None, time] - walk[:, time]).max(axis=-1)[
+            np.triu_indices(len(walk), 1)
+        ]
         for walk in torch_side.random_walks(16, 0)
         for time in (7, -1)
     ]

@@ -33,9 +33,9 @@ def assert_same_forecasts(model, peoples, samples=20):
     program = jax.jit(program_of(model, samples))
     rng = np.random.default_rng(0)
     for people in peoples:
-        walks = rng.normal(0, 3, (people, 1, 2)) + rng.normal(0, 0.4, (people, 1, 2)) * np.arange(
-            model.config.obs_len
-        ).reshape(1, -1, 1)
+        walks = rng.normal(0, 3, (people, 1, 2)) + rng.normal(
+            0, 0.4, (people, 1, 2)
+        ) * np.arange(model.config.obs_len).reshape(1, -1, 1)
         observed = (walks + rng.normal(0, 0.05, walks.shape)).astype(np.float32)
         observed[-1, 2] += 9 * (people > 2)  # A tracking error, which is repaired.
         slots = (people,) if spec.per_agent else ()
@@ -59,16 +59,27 @@ def test_every_shipped_model(name):
     assert_same_forecasts(load_model(name), (1, 2, 7, 64))
 
 
-SMALL_SIZES = {"obs_len": 4, "pred_len": 3, "embedding_dim": 4, "encoder_h_dim": 6, "mlp_dim": 8}
+SMALL_SIZES = {
+    "obs_len": 4,
+    "pred_len": 3,
+    "embedding_dim": 4,
+    "encoder_h_dim": 6,
+    "mlp_dim": 8,
+}
 CONFIGS = {
     "no pooling": GeneratorConfig(**SMALL_SIZES, pooling="none"),
     "social pooling, noise per agent": GeneratorConfig(
         **SMALL_SIZES, pooling="social", noise_mix_type="ped"
     ),
     "soft, every step": GeneratorConfig(
-        **SMALL_SIZES, pooling="as_described", weighting="soft", pool_every_timestep=True
+        **SMALL_SIZES,
+        pooling="as_described",
+        weighting="soft",
+        pool_every_timestep=True,
     ),
-    "learned": GeneratorConfig(**SMALL_SIZES, pooling="neurosym_ros", weighting="learned"),
+    "learned": GeneratorConfig(
+        **SMALL_SIZES, pooling="neurosym_ros", weighting="learned"
+    ),
     "anchors, symbols": AnchorConfig(
         obs_len=4, pred_len=3, samples=5, symbols=True, weighting="cnd"
     ),
@@ -76,7 +87,11 @@ CONFIGS = {
 
 
 @pytest.mark.parametrize(
-    "name", [exhaustive(name) if name in ("no pooling", "learned") else name for name in CONFIGS]
+    "name",
+    [
+        exhaustive(name) if name in ("no pooling", "learned") else name
+        for name in CONFIGS
+    ],
 )
 def test_networks_that_do_not_ship(name):
     model = random_model(CONFIGS[name], std=0.3)
@@ -87,8 +102,12 @@ def test_operations_one_by_one():
     """What a later network may use: an output of each, beside jax, for two sizes of an axis."""
     table = np.random.default_rng(1).normal(size=(9, 3)).astype(np.float32)
     functions = {
-        "rows of a table": lambda x: jnp.asarray(table)[jnp.clip(x[:, 0].astype(int), 0, 8)],
-        "elements": lambda x: jnp.take_along_axis(x, jnp.argmax(x, axis=1)[:, None], axis=1),
+        "rows of a table": lambda x: jnp.asarray(table)[
+            jnp.clip(x[:, 0].astype(int), 0, 8)
+        ],
+        "elements": lambda x: jnp.take_along_axis(
+            x, jnp.argmax(x, axis=1)[:, None], axis=1
+        ),
         "pairs": lambda x: x[jnp.argmin(x, axis=0), jnp.arange(4)],
         "filled": lambda x: (
             jnp.asarray(table).at[x[:, 0].astype(int)].get(mode="fill", fill_value=7.0)
@@ -99,14 +118,22 @@ def test_operations_one_by_one():
         "reversed": lambda x: jnp.cumsum(x[:, ::-1], axis=1) + jnp.flip(x, 0),
         "padded": lambda x: jnp.pad(x, [(0, 0), (1, 2)], constant_values=3.0)[:, :-1],
         "last rows": lambda x: x[-1] + x[:1],
-        "a product of three axes": lambda x: jnp.einsum("ni,nj,ij->ij", x, x, x[0][:, None] * x[0]),
-        "a loop over people": lambda x: jax.lax.scan(lambda c, r: (c + r, c * r), x[0], x)[1],
+        "a product of three axes": lambda x: jnp.einsum(
+            "ni,nj,ij->ij", x, x, x[0][:, None] * x[0]
+        ),
+        "a loop over people": lambda x: jax.lax.scan(
+            lambda c, r: (c + r, c * r), x[0], x
+        )[1],
         "a loop backwards": lambda x: jax.lax.scan(
             lambda c, r: (c + r, c * r), x[0], x, reverse=True
         )[1],
-        "a long loop over nothing": lambda x: jax.lax.fori_loop(0, 70, lambda _, c: 1 - c / 2, x),
+        "a long loop over nothing": lambda x: jax.lax.fori_loop(
+            0, 70, lambda _, c: 1 - c / 2, x
+        ),
         "a mapping of steps": lambda x: jax.lax.map(lambda column: column.max(), x.T),
-        "logarithms": lambda x: jnp.log1p(jnp.abs(x)) + jnp.expm1(x) + jax.nn.softmax(x, axis=0),
+        "logarithms": lambda x: (
+            jnp.log1p(jnp.abs(x)) + jnp.expm1(x) + jax.nn.softmax(x, axis=0)
+        ),
         "finite": lambda x: jnp.where(jnp.isfinite(1 / (x - x[0])), x**3, -x),
         "signs": lambda x: jnp.sign(x).astype(jnp.int8) * jnp.arange(4, dtype=jnp.int8),
         "a constant": lambda x: jnp.zeros((2, 2)) + 3,
@@ -124,16 +151,22 @@ def test_operations_one_by_one():
     )
     for count in (1, 6):
         x = rng.normal(0, 2, (count, 4)).astype(np.float32)
-        for name, result, expected in zip(functions, session.run(None, {"x": x}), in_jax(x)):
+        for name, result, expected in zip(
+            functions, session.run(None, {"x": x}), in_jax(x)
+        ):
             assert result.shape == expected.shape, name
-            np.testing.assert_allclose(result, expected, rtol=1e-5, atol=1e-5, err_msg=name)
+            np.testing.assert_allclose(
+                result, expected, rtol=1e-5, atol=1e-5, err_msg=name
+            )
 
 
 def test_the_example_forecasts_a_file_without_jax(model, tmp_path):
     path, tracks = tmp_path / "model.onnx", tmp_path / "tracks.txt"
     path.write_bytes(export_onnx(model("pool_net")))
     steps = model("pool_net").config.obs_len + 2
-    rows = [(10 * t, who, 1000.0 + 0.4 * t, who) for who in (3, 8) for t in range(steps)]
+    rows = [
+        (10 * t, who, 1000.0 + 0.4 * t, who) for who in (3, 8) for t in range(steps)
+    ]
     np.savetxt(tracks, [*rows, (0, 9, 5.0, 5.0)])  # The third person has gone.
     code = (
         f"import runpy, sys; sys.argv = ['run', {str(path)!r}, {str(tracks)!r}]; "
@@ -149,13 +182,23 @@ def test_the_example_forecasts_a_file_without_jax(model, tmp_path):
 def test_the_command_and_what_is_refused(tmp_path, capsys, monkeypatch):
     run(SMALL, tmp_path / "a.onnx")
     assert "any number of forecasts of any number of people" in capsys.readouterr().out
-    settings = session_of((tmp_path / "a.onnx").read_bytes()).get_modelmeta().custom_metadata_map
-    assert settings == {"model": "SGAN, no pooling", "period": "0.4", "noise": "gaussian"}
+    settings = (
+        session_of((tmp_path / "a.onnx").read_bytes())
+        .get_modelmeta()
+        .custom_metadata_map
+    )
+    assert settings == {
+        "model": "SGAN, no pooling",
+        "period": "0.4",
+        "noise": "gaussian",
+    }
     with pytest.raises(InputError, match=r"a\.onnx: exists already"):
         run(SMALL, tmp_path / "a.onnx")
     argument = {"x": jax.ShapeDtypeStruct((3,), jnp.float32)}
     with pytest.raises(InputError, match="ONNX: the operation sort has no translation"):
         to_onnx(lambda x: (jnp.sort(x),), argument, ["y"], {})
     monkeypatch.setitem(__import__("sys").modules, "onnx", None)
-    with pytest.raises(InputError, match=r"needs onnx: pip install 'neurosym-jax\[onnx\]'"):
+    with pytest.raises(
+        InputError, match=r"needs onnx: pip install 'neurosym-jax\[onnx\]'"
+    ):
         run(SMALL, tmp_path / "b.onnx")

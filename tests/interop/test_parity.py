@@ -62,7 +62,9 @@ ROUNDING = {"pred_rel": 2e-6, "pred_abs": TOLERANCE}
 def test_stored_cases(folder):
     parity = run_parity(GOLDEN / folder)
     assert parity.ok, parity
-    assert all(row.max_abs < ROUNDING.get(row.output, TOLERANCE) for row in parity.rows), parity
+    assert all(
+        row.max_abs < ROUNDING.get(row.output, TOLERANCE) for row in parity.rows
+    ), parity
     scores = {"d_scores_fake"} if folder == "fresh" else set()
     assert {row.output for row in parity.rows} == {"pred_rel", "pred_abs"} | scores
 
@@ -84,7 +86,10 @@ def test_released_code(golden):
     rows = {f"{row.case} {row.output}": row for row in parity.rows}
     assert len(rows) == 40
     exact = [
-        *(f"qtc.npz {name}" for name in ("qtc_reference", "qtc_signed", "qtc_signed_q005")),
+        *(
+            f"qtc.npz {name}"
+            for name in ("qtc_reference", "qtc_signed", "qtc_signed_q005")
+        ),
         "qtc.npz alpha_reference",
         *(f"neurosym_ijcnn_{case}.npz alpha_rows_used" for case in (0, 1)),
     ]
@@ -93,13 +98,17 @@ def test_released_code(golden):
     shipped = [f"neurosym_{name}.npz alpha" for name in ("ros_0", "ros_2", "ijcnn_1")]
     assert max(rows[name].max_abs for name in shipped) < 1e-9
     assert all(
-        row.max_abs < ROUNDING["pred_rel"] for row in parity.rows if row.output == "pred_rel"
+        row.max_abs < ROUNDING["pred_rel"]
+        for row in parity.rows
+        if row.output == "pred_rel"
     )
     # Training proves little where clipping does not act or nothing moves.
     with np.load(golden / "train_step.npz") as arrays:
         assert arrays["g_grad_norm"] > 1
         moved = [
-            np.abs(arrays[n] - arrays[n.replace("1/", "0/")]) for n in arrays if n[1:3] == "1/"
+            np.abs(arrays[n] - arrays[n.replace("1/", "0/")])
+            for n in arrays
+            if n[1:3] == "1/"
         ]
     assert min(change.max() for change in moved) > 5e-5
 
@@ -108,7 +117,10 @@ def test_far_from_the_origin(tmp_path):
     """In float32 positions are good to 1e-5 only if scenes are centred first."""
 
     def move(arrays):
-        moved = {n: arrays[n].astype(float) + np.array([100, -300]) for n in ("traj", "pred_abs")}
+        moved = {
+            n: arrays[n].astype(float) + np.array([100, -300])
+            for n in ("traj", "pred_abs")
+        }
         return {**arrays, **moved}
 
     parity = run_parity(copied(tmp_path, GOLDEN / "fresh", POOLED, move))
@@ -123,7 +135,11 @@ OF_CRITIC = {"d_scores_fake"}
 @pytest.mark.parametrize(
     ("file", "change", "missed"),
     [
-        (POOLED, altered("g_state/decoder.decoder.weight_hh_l0", ..., 1e-2), OF_FORECAST),
+        (
+            POOLED,
+            altered("g_state/decoder.decoder.weight_hh_l0", ..., 1e-2),
+            OF_FORECAST,
+        ),
         (POOLED, altered("d_state/real_classifier.0.bias", ..., 1e-2), OF_CRITIC),
         # Torch's displacements are also what the discriminator is given.
         (POOLED, altered("pred_rel", ..., 1e-2), {"pred_rel", *OF_CRITIC}),
@@ -132,16 +148,31 @@ OF_CRITIC = {"d_scores_fake"}
         ("qtc.npz", altered("qtc_signed", (3, 1, 2), 1), {"qtc_signed"}),
         ("qtc.npz", altered("alpha_reference", (0, 0), 0.01), {"alpha_reference"}),
         ("neurosym_ros_0.npz", altered("alpha", (1, 3), 0.5), {"alpha", "pred_rel"}),
-        ("neurosym_ijcnn_0.npz", altered("alpha", (1, 3), 0.5), {"alpha_rows_used", "pred_rel"}),
+        (
+            "neurosym_ijcnn_0.npz",
+            altered("alpha", (1, 3), 0.5),
+            {"alpha_rows_used", "pred_rel"},
+        ),
         ("neurosym_ijcnn_0.npz", altered("alpha", (30, 3), 0.5), set()),
-        ("neurosym_ijcnn_0.npz", altered(f"g_state/pool_net_g.{BIAS}", ..., 0.1), {"pred_rel"}),
+        (
+            "neurosym_ijcnn_0.npz",
+            altered(f"g_state/pool_net_g.{BIAS}", ..., 0.1),
+            {"pred_rel"},
+        ),
         # These compile a training step.
         exhaustive("train_step.npz", altered("d_loss", ..., 0.1), {"d_loss"}),
-        exhaustive("train_step.npz", altered("g1/decoder.hidden2pos.bias", ..., 0.1), {"g1"}),
-        # A discriminator that has learned nothing hardly tells one forecast from another.
-        exhaustive("train_step.npz", replaced("noise_d", np.negative), {"d_grad", "d1"}),
         exhaustive(
-            "train_step.npz", replaced("noise_g", np.negative), {"g_l2_loss", CLIPPED, "g1"}
+            "train_step.npz", altered("g1/decoder.hidden2pos.bias", ..., 0.1), {"g1"}
+        ),
+        # A discriminator that has learned nothing hardly tells one forecast from
+        # another.
+        exhaustive(
+            "train_step.npz", replaced("noise_d", np.negative), {"d_grad", "d1"}
+        ),
+        exhaustive(
+            "train_step.npz",
+            replaced("noise_g", np.negative),
+            {"g_l2_loss", CLIPPED, "g1"},
         ),
     ],
 )
@@ -150,11 +181,17 @@ def test_a_planted_difference_is_found(request, tmp_path, file, change, missed):
     parity = run_parity(copied(tmp_path, source, file, change))
     misses = {row.output for row in parity.rows if not row.ok}
     # A training step has many outputs that depend on its noise.
-    assert missed <= misses <= (misses if {"d1", "g1"} & missed and len(missed) > 1 else missed)
+    assert (
+        missed
+        <= misses
+        <= (misses if {"d1", "g1"} & missed and len(missed) > 1 else missed)
+    )
     assert ("MISS" in str(parity)) == (not parity.ok) == bool(missed)
 
 
-def test_one_element_decides_tolerance_is_inclusive_and_nothing_compared_is_no_proof(tmp_path):
+def test_one_element_decides_tolerance_is_inclusive_and_nothing_compared_is_no_proof(
+    tmp_path,
+):
     copied(tmp_path, GOLDEN / "fresh", NONE, altered("pred_abs", (3, 1, 0), 1e-3))
     row = next(r for r in run_parity(tmp_path).rows if r.output == "pred_abs")
     assert not row.ok
@@ -167,7 +204,9 @@ def test_one_element_decides_tolerance_is_inclusive_and_nothing_compared_is_no_p
 
 @pytest.mark.filterwarnings("ignore:overflow")
 def test_a_forecast_that_is_not_finite_is_a_miss(tmp_path):
-    broken = replaced("g_state/decoder.hidden2pos.bias", lambda a: np.full_like(a, 3e38))
+    broken = replaced(
+        "g_state/decoder.hidden2pos.bias", lambda a: np.full_like(a, 3e38)
+    )
     copied(tmp_path, GOLDEN / "fresh", NONE, broken)
     with jax.debug_nans(False):
         parity = run_parity(tmp_path)
@@ -182,7 +221,10 @@ def test_a_forecast_that_is_not_finite_is_a_miss(tmp_path):
         ('[{"model": "sgan"}]', r"manifest\.json: 'file' is missing"),
         ('[{"file": "absent.npz"}]', "'absent' is none of the cases sgan"),
         ('[{"file": "qtc.npz"}]', r"qtc\.npz: is no case .*No such file"),
-        *((f'[{{"file": "{n}.npz", "model": "sgan"}}]', rf"{n}\.npz: is no case") for n in "abc"),
+        *(
+            (f'[{{"file": "{n}.npz", "model": "sgan"}}]', rf"{n}\.npz: is no case")
+            for n in "abc"
+        ),
     ],
 )
 def test_bad_manifests(tmp_path, text, reason):
@@ -201,7 +243,10 @@ def test_bad_manifests(tmp_path, text, reason):
         ({"directory": GOLDEN / "fresh", "tolerance": -1.0}, "tolerance"),
         ({"directory": GOLDEN / "fresh", "tolerance": float("nan")}, "tolerance"),
         ({}, "give either"),
-        ({"directory": GOLDEN, "torch_module": "a.py:B"}, "--torch-module: has no effect"),
+        (
+            {"directory": GOLDEN, "torch_module": "a.py:B"},
+            "--torch-module: has no effect",
+        ),
         ({"torch_module": "a.py:B"}, "give either"),
     ],
 )
@@ -216,14 +261,34 @@ def test_bad_options(options, reason):
         (NONE, None, {"pooling_type": DROP}, "args: pooling_type is missing"),
         (NONE, None, {"d_type": "both"}, "kind"),
         (NONE, without("noise"), {}, "'noise' is missing"),
-        (NONE, without("d_state/encoder.encoder.bias_hh_l0"), {}, "bias_hh_l0' is missing"),
+        (
+            NONE,
+            without("d_state/encoder.encoder.bias_hh_l0"),
+            {},
+            "bias_hh_l0' is missing",
+        ),
         (NONE, replaced("noise", lambda a: a[1:]), {}, "is no case"),
         (NONE, replaced("scene_start_end", lambda a: a[:-1]), {}, "is no case"),
-        (NONE, replaced("traj", lambda a: np.array([{}], dtype=object)), {}, "is no case"),
+        (
+            NONE,
+            replaced("traj", lambda a: np.array([{}], dtype=object)),
+            {},
+            "is no case",
+        ),
         ("qtc.npz", without("qtc_signed"), {}, "'qtc_signed' is missing"),
         ("neurosym_ros_0.npz", replaced("alpha", lambda a: a[1:]), {}, "is no case"),
-        ("neurosym_ijcnn_1.npz", without("alpha_rows_used"), {}, "'alpha_rows_used' is missing"),
-        ("neurosym_ros_1.npz", None, {"pooling_type": "spool"}, "one of 'pool_net', not 'spool'"),
+        (
+            "neurosym_ijcnn_1.npz",
+            without("alpha_rows_used"),
+            {},
+            "'alpha_rows_used' is missing",
+        ),
+        (
+            "neurosym_ros_1.npz",
+            None,
+            {"pooling_type": "spool"},
+            "one of 'pool_net', not 'spool'",
+        ),
         ("train_step.npz", None, {"label_fake": DROP}, "'label_fake' is missing"),
     ],
 )

@@ -53,7 +53,9 @@ def test_legacy_form_reads_the_same(tmp_path):
     a, b = (load_torch_checkpoint(tmp_path / form) for form in FORMS)
     assert a.config == b.config
     for name, array in a.params["params"]["decoder"]["lstm"].items():
-        np.testing.assert_array_equal(array, b.params["params"]["decoder"]["lstm"][name])
+        np.testing.assert_array_equal(
+            array, b.params["params"]["decoder"]["lstm"][name]
+        )
 
 
 def test_not_a_file(tmp_path, monkeypatch):
@@ -81,7 +83,9 @@ def test_code_is_refused_by_name(tmp_path, wrap, protocol):
     path, trace = tmp_path / "a.pt", tmp_path / "trace"
     program = pickle.dumps({"g_state": {}, "args": Hostile(f"touch {trace}")}, protocol)
     path.write_bytes(wrap(program))
-    with pytest.raises(InputError, match=rf"a\.pt: refused.*'{os.system.__module__}\.system'"):
+    with pytest.raises(
+        InputError, match=rf"a\.pt: refused.*'{os.system.__module__}\.system'"
+    ):
         load_torch_checkpoint(path)
     assert not trace.exists()
 
@@ -117,7 +121,9 @@ PROGRAMS = [
     (b"ccollections\nOrderedDict\n]\x85R.", "made in a way torch does not"),
 ]
 for wrapped in (zip_file, legacy_file):
-    FOREIGN += [(wrapped(b"\x80\x02" + program), message) for program, message in PROGRAMS]
+    FOREIGN += [
+        (wrapped(b"\x80\x02" + program), message) for program, message in PROGRAMS
+    ]
 
 
 @pytest.mark.parametrize(("data", "message"), FOREIGN)
@@ -133,7 +139,10 @@ def test_parts_that_are_shared_thirty_times_take_no_time(tmp_path):
     value, path = [1], tmp_path / "a.pt"
     for _ in range(30):
         value = [value, value]
-    for arguments in ({"num_layers": value}, dict.fromkeys([*SAME, "pooling_type"], value)):
+    for arguments in (
+        {"num_layers": value},
+        dict.fromkeys([*SAME, "pooling_type"], value),
+    ):
         path.write_bytes(zip_file(pickle.dumps({"g_state": {}, "args": arguments}, 2)))
         since = time.perf_counter()
         with pytest.raises(InputError) as caught:
@@ -174,7 +183,13 @@ def tensor_program(offset=0, shape=(2, 2), strides=(2, 1), numel=4, view=None):
 @pytest.mark.parametrize(
     "description",
     [
-        *({"offset": 1}, {"offset": -1}, {"shape": (2, 3)}, {"shape": (2, -2)}, {"shape": (4,)}),
+        *(
+            {"offset": 1},
+            {"offset": -1},
+            {"shape": (2, 3)},
+            {"shape": (2, -2)},
+            {"shape": (4,)},
+        ),
         *({"strides": (3, 1)}, {"strides": (-2, 1)}, {"view": ("v", 1, 3)}),
         *({"numel": -1}, {"numel": 3}, {"numel": 5}),
         {"shape": (2**30, 2**30), "strides": (0, 0)},
@@ -185,7 +200,9 @@ def test_tensors_stay_within_their_storage(tmp_path, description):
     values = np.arange(4, dtype=np.float32)
     path.write_bytes(legacy_file(tensor_program(), ["0"], [values.tobytes()]))
     np.testing.assert_array_equal(read_torch_file(path), values.reshape(2, 2))
-    path.write_bytes(legacy_file(tensor_program(**description), ["0"], [values.tobytes()]))
+    path.write_bytes(
+        legacy_file(tensor_program(**description), ["0"], [values.tobytes()])
+    )
     with pytest.raises(InputError):
         read_torch_file(path)
 

@@ -31,7 +31,9 @@ class AttentionNetwork(nn.Module):
         share = jax.nn.softmax(jnp.where(others, -jnp.square(offset).sum(-1), -1e9))
         heard = (share * others) @ nn.Dense(config.hidden)(state)
         shape = (agents, config.samples, config.pred_len, 2)
-        change = nn.Dense(config.samples * config.pred_len * 2)(jnp.concatenate([state, heard], -1))
+        change = nn.Dense(config.samples * config.pred_len * 2)(
+            jnp.concatenate([state, heard], -1)
+        )
         ahead = steps[:, -1, None, None] + change.reshape(shape)
         return observed[:, -1, None] + jnp.cumsum(ahead, axis=2).swapaxes(0, 1)
 

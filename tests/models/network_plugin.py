@@ -29,7 +29,9 @@ class NearestNetwork(nn.Module):
     @nn.compact
     def __call__(self, hidden, position, valid):
         distance = jnp.square(position - position[:, None]).sum(axis=-1)
-        weight = jnp.exp(-distance / self.temperature) * valid * (1 - jnp.eye(len(valid)))
+        weight = (
+            jnp.exp(-distance / self.temperature) * valid * (1 - jnp.eye(len(valid)))
+        )
         return nn.Dense(self.width)(weight @ hidden)
 
 
@@ -56,8 +58,12 @@ class RNNNetwork(nn.Module):
 
     def setup(self):
         draw = nn.initializers.lecun_normal()
-        self.input_kernel = self.param("input_kernel", draw, (self.inputs, self.features))
-        self.recurrent_kernel = self.param("recurrent_kernel", draw, (self.features,) * 2)
+        self.input_kernel = self.param(
+            "input_kernel", draw, (self.inputs, self.features)
+        )
+        self.recurrent_kernel = self.param(
+            "recurrent_kernel", draw, (self.features,) * 2
+        )
         self.bias = self.param("bias", nn.initializers.zeros, (self.features,))
 
     def __call__(self, x):

@@ -40,7 +40,9 @@ def windows():
         walks.append(rng.normal(size=(2, 1, 2)) * 3 + pace * np.arange(16)[:, None])
     agents = np.arange(48)
     identity = np.stack([np.zeros(24), np.arange(24)], 1).astype(np.uint32)
-    return nj.data.Windows(np.concatenate(walks), agents, np.arange(0, 49, 2), identity, 8)
+    return nj.data.Windows(
+        np.concatenate(walks), agents, np.arange(0, 49, 2), identity, 8
+    )
 
 
 def run(*command):
@@ -53,7 +55,9 @@ def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
     config, rows = FORECASTERS["attention"].Config(), []
     args = {"config": config, "recipe": RECIPE, "read": ReadOptions(allow=("seen",))}
     with followed() as files:
-        uninterrupted = nj.train(windows, windows, tmp_path / "whole", on_row=rows.append, **args)
+        uninterrupted = nj.train(
+            windows, windows, tmp_path / "whole", on_row=rows.append, **args
+        )
     assert len(files) <= FILES, files
     assert rows[-1]["val_ade"] < 0.5 * rows[0]["loss"]
     errors = [row["val_ade"] for row in rows if "val_ade" in row]
@@ -73,18 +77,31 @@ def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
     assert loaded.name == "Attention over neighbours"
     observed = windows.position[:2, :8]
     forecast = nj.predict(loaded, observed, samples=3)
-    np.testing.assert_allclose(nj.forecast(config, loaded.params, observed), forecast, atol=1e-5)
+    np.testing.assert_allclose(
+        nj.forecast(config, loaded.params, observed), forecast, atol=1e-5
+    )
     exported = jax.export.deserialize(bytearray(nj.interop.export_model(loaded, 3)))
-    np.testing.assert_allclose(exported.call(observed.astype("f4"))[0], forecast, atol=1e-4)
+    np.testing.assert_allclose(
+        exported.call(observed.astype("f4"))[0], forecast, atol=1e-4
+    )
     faster = observed.copy()
     faster[1] = observed[1, -1:] + 1.5 * (observed[1] - observed[1, -1:])
-    assert np.abs(nj.predict(loaded, faster, samples=3)[:, 0] - forecast[:, 0]).max() > 1e-4
+    assert (
+        np.abs(nj.predict(loaded, faster, samples=3)[:, 0] - forecast[:, 0]).max()
+        > 1e-4
+    )
 
 
 def test_commands_know_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run("train", "--model", "attention", *TRAIN, "--steps", "4", "--out", "run")
-    quick = ("--dataset", "cross-path", "--baselines", "constant_velocity", "--no-figures")
+    quick = (
+        "--dataset",
+        "cross-path",
+        "--baselines",
+        "constant_velocity",
+        "--no-figures",
+    )
     run("evaluate", "--checkpoint", "run/model", "--samples", "3", *quick)
     assert "Attention over neighbours" in capsys.readouterr().out
     config = json.loads((tmp_path / "run/model/config.json").read_text())
@@ -113,8 +130,12 @@ def test_what_has_nothing_to_learn_is_refused(windows, tmp_path):
     config = nj.models.ConstantVelocity.Config()
     assert forecaster_of(config).title.startswith("constant velocity")
     with pytest.raises(nj.InputError, match="constant velocity has nothing to train"):
-        nj.train(windows, windows, tmp_path, config=config, read=ReadOptions(allow=("seen",)))
-    with pytest.raises(nj.InputError, match=r"does not fit attention, which takes \['attention'\]"):
+        nj.train(
+            windows, windows, tmp_path, config=config, read=ReadOptions(allow=("seen",))
+        )
+    with pytest.raises(
+        nj.InputError, match=r"does not fit attention, which takes \['attention'\]"
+    ):
         nj.train(
             windows,
             windows,

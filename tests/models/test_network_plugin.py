@@ -33,17 +33,29 @@ def run(*command):
     assert not end.value.code
 
 
-def test_a_pooling_and_a_cell_are_trained_saved_loaded_and_evaluated(tmp_path, monkeypatch, capsys):
+def test_a_pooling_and_a_cell_are_trained_saved_loaded_and_evaluated(
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     network = ("--network", "pooling=nearest", "pooling.temperature=0.5", "cell=rnn")
     sizes = ("--steps", "1", "--set", "batch_scenes=2", "best_k=1", "max_agents=4")
     train = ("train", "--dataset", "cross-path", *network, *sizes, "--out", "run")
-    evaluate = ("evaluate", "--checkpoint", "run/model", "--samples", "1", "--no-figures")
+    evaluate = (
+        "evaluate",
+        "--checkpoint",
+        "run/model",
+        "--samples",
+        "1",
+        "--no-figures",
+    )
     evaluate += ("--dataset", "cross-path", "--baselines", "constant_velocity")
     run(*train)
     model = load_model("run/model")
     kind = {"kind": "nearest", "bottleneck_dim": 8, "temperature": 0.5}
-    assert json.loads(Path("run/model/config.json").read_text())["config"]["pooling"] == kind
+    assert (
+        json.loads(Path("run/model/config.json").read_text())["config"]["pooling"]
+        == kind
+    )
     assert POOLINGS.name_of(model.config.pooling) == "nearest"
     assert "pooling=nearest,temperature=0.5, cell=rnn" in repr(model)
     run(*evaluate)
@@ -52,7 +64,9 @@ def test_a_pooling_and_a_cell_are_trained_saved_loaded_and_evaluated(tmp_path, m
 
 
 def test_what_is_refused():
-    with pytest.raises(InputError, match="'sgan': pooling=neurosym_ros makes it 'neurosym'"):
+    with pytest.raises(
+        InputError, match="'sgan': pooling=neurosym_ros makes it 'neurosym'"
+    ):
         make_config(changes=["pooling=neurosym_ros"])
     with pytest.raises(InputError, match="pooling 'nearest' has no symbols"):
         make_config("neurosym", changes=["pooling=nearest"])
@@ -66,5 +80,7 @@ def test_the_example_pools_neighbours():
     model, walks = random_model(config, std=0.5), np.zeros((2, 8, 2))
     walks[..., 0] = 0.3 * np.arange(8)
     walks[1, :, 1] = 1.0
-    forecast, alone = (predict(model, people, samples=2) for people in (walks, walks[:1]))
+    forecast, alone = (
+        predict(model, people, samples=2) for people in (walks, walks[:1])
+    )
     assert np.abs(forecast[:, :1] - alone).max() > 1e-3

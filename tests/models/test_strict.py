@@ -16,7 +16,13 @@ from neurosym_jax.training.catalogue import recipes_of
 from tests.networks import random_model
 
 SIZES = {"obs_len": 4, "pred_len": 3}
-SMALL = {**SIZES, "embedding_dim": 4, "encoder_h_dim": 8, "decoder_h_dim": 8, "mlp_dim": 8}
+SMALL = {
+    **SIZES,
+    "embedding_dim": 4,
+    "encoder_h_dim": 8,
+    "decoder_h_dim": 8,
+    "mlp_dim": 8,
+}
 POOLED = "bottleneck_dim=4,hidden_dim=16"
 CONFIGS = {
     "no pooling": GeneratorConfig(**SMALL, noise_dim=2, pooling="none"),
@@ -24,7 +30,10 @@ CONFIGS = {
     "social pooling": GeneratorConfig(**SMALL, noise_dim=2, pooling="social"),
     "NeuroSyM": GeneratorConfig(**SMALL, noise_dim=2, pooling=f"as_described,{POOLED}"),
     "NeuroSyM, soft": GeneratorConfig(
-        **SMALL, noise_dim=2, pooling=f"as_described,{POOLED}", weighting="soft,learned=true"
+        **SMALL,
+        noise_dim=2,
+        pooling=f"as_described,{POOLED}",
+        weighting="soft,learned=true",
     ),
     "NeuroSyM, every step": GeneratorConfig(
         **SMALL,
@@ -38,7 +47,9 @@ CONFIGS = {
     ),
     "anchor table": AnchorTableConfig(**SIZES, samples=3),
     "anchors": AnchorConfig(**SIZES, samples=3, hidden=8),
-    "anchors, symbols": AnchorConfig(**SIZES, samples=3, hidden=8, symbols=True, weighting="cnd"),
+    "anchors, symbols": AnchorConfig(
+        **SIZES, samples=3, hidden=8, symbols=True, weighting="cnd"
+    ),
 }
 
 
@@ -52,7 +63,12 @@ def strict():
         yield
 
 
-WALKS = np.random.default_rng(0).normal(0.2, 0.3, (3, 4, 2)).cumsum(axis=1).astype(np.float32)
+WALKS = (
+    np.random.default_rng(0)
+    .normal(0.2, 0.3, (3, 4, 2))
+    .cumsum(axis=1)
+    .astype(np.float32)
+)
 
 
 def noise_of(model, samples=2):
@@ -86,7 +102,9 @@ def test_a_training_step(name, schedule):
     if hasattr(recipe, "adversarial_weight"):
         recipe = dataclasses.replace(recipe, adversarial_weight=1.0, best_k=2)
     position = np.concatenate([WALKS, WALKS[:, :3] + 1], axis=1).astype(np.float64)
-    windows = Windows(position, np.arange(3), np.array([0, 3]), np.zeros((1, 2), np.uint32), 4)
+    windows = Windows(
+        position, np.arange(3), np.array([0, 3]), np.zeros((1, 2), np.uint32), 4
+    )
     advance = forecaster.rounds(windows, recipe, jax.random.key(1))
     state = jax.eval_shape(lambda: forecaster.init_state(recipe, jax.random.key(0)))
     after, metrics = jax.eval_shape(lambda state: advance(state, 0, 2), state)

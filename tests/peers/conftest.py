@@ -24,7 +24,8 @@ def unused(name: str) -> type:
 def peer(monkeypatch):
     """Return a function that puts checkouts on the path, or skips the test where they are absent.
 
-    They lie by their repositories' names in the folder that PEERS names; default: ../shared/peers.
+    They lie by their repositories' names in the folder that PEERS names; default:
+    ../shared/peers.
     """
     folder = Path(os.environ.get("PEERS", ROOT.parent / "shared/peers"))
 

@@ -34,13 +34,15 @@ def test_its_evaluation_agrees_to_six_digits(peer, shared, tmp_path, monkeypatch
     errors = script.evaluate(args, ordered, script.get_generator(checkpoint), 20)
     sizes, scenes = np.diff(np.array(data.seq_start_end)).ravel(), []
     for batch in range(0, len(sizes), size):
-        samples = np.stack([drawn.pop(0).numpy() for _ in range(20)]).transpose(0, 2, 1, 3)
+        samples = np.stack([drawn.pop(0).numpy() for _ in range(20)]).transpose(
+            0, 2, 1, 3
+        )
         scenes += np.split(samples, sizes[batch : batch + size].cumsum()[:-1], axis=1)
     adapters = runpy.run_path(str(ROOT / "examples/peer_forecasts.py"))
     np.savez(tmp_path / "theirs.npz", **adapters["in_loader_order"](scenes, recording))
-    (row,) = nj.evaluate((), recording, forecasts=tmp_path / "theirs.npz", baselines=[]).iter_rows(
-        named=True
-    )
+    (row,) = nj.evaluate(
+        (), recording, forecasts=tmp_path / "theirs.npz", baselines=[]
+    ).iter_rows(named=True)
     ours = [row["joint_ade"], row["joint_fde"]]
     theirs = [float(error) for error in errors]
     print(name, *(f"{error:.6f}" for error in [*theirs, *ours]))

@@ -55,7 +55,10 @@ def own_errors(forecast, truth):
 def test_its_evaluator_agrees_to_six_digits(peer, tmp_path, capsys, kind):
     folder = peer("trajnetplusplustools", "trajnetplusplusbaselines")
     evaluator = pytest.importorskip("evaluator.trajnet_evaluator")
-    source = folder / "trajnetplusplusbaselines/DATA_BLOCK/trajdata/train/crowds_zara01.ndjson"
+    source = (
+        folder
+        / "trajnetplusplusbaselines/DATA_BLOCK/trajdata/train/crowds_zara01.ndjson"
+    )
     first_scenes(source, path := tmp_path / "zara.ndjson")
     tracks = read_any(path, ReadOptions(allow=tuple(GUARDS)))
     test = make_test(Case("zara", 8, 12), [(None, baseline(kind, 8, 12))], tracks)
@@ -63,7 +66,12 @@ def test_its_evaluator_agrees_to_six_digits(peer, tmp_path, capsys, kind):
     assert read_scenes(forecast) == read_scenes(path)
     metrics, *_ = evaluator.eval(str(path), str(forecast), LENGTHS)
     assert metrics.N == SCENES
-    peer_metrics = [metrics.average_l2, metrics.final_l2, metrics.topk_ade, metrics.topk_fde]
+    peer_metrics = [
+        metrics.average_l2,
+        metrics.final_l2,
+        metrics.topk_ade,
+        metrics.topk_fde,
+    ]
     np.testing.assert_allclose(
         own_errors(forecast, truth), np.array(peer_metrics) / SCENES, atol=5e-7
     )
@@ -73,7 +81,11 @@ def test_its_evaluator_agrees_to_six_digits(peer, tmp_path, capsys, kind):
     # What happened is a file that it takes for the truth, too.
     again, *_ = evaluator.eval(str(truth), str(forecast), LENGTHS)
     assert vars_of(again) == pytest.approx(vars_of(metrics), abs=1e-3)
-    print(kind, *(f"{value / SCENES:.6f}" for value in peer_metrics), own_errors(forecast, truth))
+    print(
+        kind,
+        *(f"{value / SCENES:.6f}" for value in peer_metrics),
+        own_errors(forecast, truth),
+    )
 
 
 def vars_of(metrics):

@@ -9,7 +9,12 @@ from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.summary import labels
-from neurosym_jax.plotting import model_looks, plot_forecasts, plot_horizon_errors, save_figure
+from neurosym_jax.plotting import (
+    model_looks,
+    plot_forecasts,
+    plot_horizon_errors,
+    save_figure,
+)
 from neurosym_jax.plotting.style import INK, TRUTH
 
 MODELS = ("NeuroSyM (CND)", "SGAN", "constant velocity")
@@ -61,9 +66,16 @@ def test_forecasts_draw_every_agent_once_a_model(agents):
     figure = plot_forecasts(observed, truth, forecasts, "A title")
     (axes,), (legend,) = figure.axes, figure.legends
     assert legend_texts(figure) == ["start", "observed", "ground truth", *MODELS]
-    assert [len(labelled(axes, label)) for label in legend_texts(figure)] == [agents] * 6
+    assert [len(labelled(axes, label)) for label in legend_texts(figure)] == [
+        agents
+    ] * 6
     colours = [to_hex(line.get_color()).upper() for line in legend.get_lines()]
-    assert colours == [INK, INK, TRUTH, *(look["color"] for look in model_looks(MODELS).values())]
+    assert colours == [
+        INK,
+        INK,
+        TRUTH,
+        *(look["color"] for look in model_looks(MODELS).values()),
+    ]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert axes.get_title(loc="left") == "A title"
     assert axes.get_aspect() == 1
@@ -85,7 +97,9 @@ def test_a_model_has_one_look():
 def test_far_from_the_origin_without_truth_and_with_long_names():
     observed, truth = (track + np.array([5e5, 4.2e6]) for track in walk(4))
     title = "A long title that goes on and on, over the whole figure, and further still"
-    names = [f"NeuroSyM with weights from fold_{i} of the $alpha$ ablation" for i in range(6)]
+    names = [
+        f"NeuroSyM with weights from fold_{i} of the $alpha$ ablation" for i in range(6)
+    ]
     figure = plot_forecasts(observed, None, dict.fromkeys(names, truth), title)
     assert not labelled(figure.axes[0], "ground truth")
     assert_neat(figure, observed, truth)
@@ -107,7 +121,10 @@ def test_of_samples_the_one_of_least_joint_error_is_drawn():
 
 ERRORS = {"SGAN": [[0.2, 0.4], [0.1, 0.3], [0.4, 0.7]], "cv": [0.2, 0.8]}
 STEPS = np.arange(400)
-LOSSES = {"generator": (STEPS, 2.0 - STEPS / 400), "discriminator": ([0, 10], [1.4, np.nan])}
+LOSSES = {
+    "generator": (STEPS, 2.0 - STEPS / 400),
+    "discriminator": ([0, 10], [1.4, np.nan]),
+}
 DRAWN = {
     # a figure, points of its lines, and its legend
     "errors by horizon": (
@@ -157,7 +174,9 @@ def test_files_have_the_kind_of_their_name_and_the_style(tmp_path):
     assert pdf.startswith(b"%PDF")
     assert b"/Type3" not in pdf
     assert "<svg" in save_figure(figure, tmp_path / "errors.SVG").read_text()
-    with pytest.raises(InputError, match=r"errors.jpg: .* must end in .png, .pdf or .svg"):
+    with pytest.raises(
+        InputError, match=r"errors.jpg: .* must end in .png, .pdf or .svg"
+    ):
         save_figure(figure, tmp_path / "errors.jpg")
     assert dict(mpl.rcParams) == before
 
@@ -176,13 +195,17 @@ def test_checkpoints_where_they_tell_models_apart(paths, suffixes):
     assert labels(models) == ["cv", *(f"SGAN {name}".strip() for name in suffixes)]
 
 
-@pytest.mark.parametrize(("people", "title"), [(5, "zara"), (6, "zara, 12 of 15 pairs")])
+@pytest.mark.parametrize(
+    ("people", "title"), [(5, "zara"), (6, "zara, 12 of 15 pairs")]
+)
 def test_the_title_says_how_many_pairs_are_left_out(people, title):
     recording = make_tracks(
         "zara", [0, 1] * people, np.arange(people).repeat(2), np.eye(2 * people, 2)
     )
     codes, alpha = np.zeros((people, people, 1), int), np.ones((people, people, 2))
-    axes = plotting.plot_pairs(cut_windows([recording], 1, 1), codes, alpha, "zara").axes[1]
+    axes = plotting.plot_pairs(
+        cut_windows([recording], 1, 1), codes, alpha, "zara"
+    ).axes[1]
     assert axes.get_title("left") == f"QTC and alpha: {title}"
     assert len(axes.get_yticks()) == min(12, people * (people - 1) // 2)
 
@@ -191,9 +214,13 @@ def test_the_title_says_how_many_pairs_are_left_out(people, title):
 def test_an_underlay_lies_where_its_homography_says(tmp_path, horizon):
     """A camera that looks along y, with a red pixel; nothing is drawn behind the camera.
 
-    With the second homography rows from 50 on are above the horizon: sky is not drawn there either.
+    With the second homography rows from 50 on are above the horizon: sky is not drawn
+    there either.
     """
-    image, matrix = np.full((80, 60, 3), 0.2), np.array([[0.1, 0, 0], [0, 0.1, 0], [0, horizon, 1]])
+    image, matrix = (
+        np.full((80, 60, 3), 0.2),
+        np.array([[0.1, 0, 0], [0, 0.1, 0], [0, horizon, 1]]),
+    )
     image[40, 30] = 1, 0, 0
     imsave(tmp_path / "any.png", image)
     np.savetxt(tmp_path / "h.txt", matrix)

@@ -13,7 +13,9 @@ from neurosym_robot.tracking.following import Frame, frames_of_tracks
 def walkers(seconds: float, people: int = 3, **options: Any) -> list[Frame]:
     """Frames of people who cross each other's paths, ten a second, stamped from 1.7e9 s on."""
     tracks = simulate("cross-path", 1, seconds, people=people, **options)
-    return [frame._replace(stamp=frame.stamp + 1.7e9) for frame in frames_of_tracks(tracks)]
+    return [
+        frame._replace(stamp=frame.stamp + 1.7e9) for frame in frames_of_tracks(tracks)
+    ]
 
 
 def write_people(path: Path, frames: Iterable[Frame], topic: str = "/people") -> Path:

@@ -8,7 +8,10 @@ from tests.repository import ROOT, run_python
 from tests.test_architecture import imports
 
 PACKAGE = ROOT / "neurosym_robot"
-FILES = {path.relative_to(PACKAGE).as_posix(): imports(path) for path in PACKAGE.rglob("*.py")}
+FILES = {
+    path.relative_to(PACKAGE).as_posix(): imports(path)
+    for path in PACKAGE.rglob("*.py")
+}
 PACKAGES = {
     "tracking": {"tracking"},
     "input": {"tracking", "input"},
@@ -17,25 +20,45 @@ PACKAGES = {
     "ros": {"tracking", "input", "online", "dashboard", "ros"},
 }
 """What a package may import of the others, beside `ros.definitions`; `commands` import all."""
-LIBRARIES = {"rclpy": ("ros/", "commands/ros2.py"), "rosbags": ("ros/",), "tyro": ("commands/",)}
+LIBRARIES = {
+    "rclpy": ("ros/", "commands/ros2.py"),
+    "rosbags": ("ros/",),
+    "tyro": ("commands/",),
+}
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_package_imports_what_it_may(package):
-    names = {name for file in FILES if file.startswith(f"{package}/") for name, _ in FILES[file]}
-    names = {name for name in names if not name.startswith("neurosym_robot.ros.definitions")}
-    packages = {name.split(".")[1] for name in names if name.startswith("neurosym_robot.")}
+    names = {
+        name
+        for file in FILES
+        if file.startswith(f"{package}/")
+        for name, _ in FILES[file]
+    }
+    names = {
+        name for name in names if not name.startswith("neurosym_robot.ros.definitions")
+    }
+    packages = {
+        name.split(".")[1] for name in names if name.startswith("neurosym_robot.")
+    }
     assert packages & {*PACKAGES, "commands"} <= PACKAGES[package]
 
 
 def test_libraries_have_their_packages_and_are_imported_on_demand():
-    imports = [(file, name.split(".")[0], now) for file in FILES for name, now in FILES[file]]
+    imports = [
+        (file, name.split(".")[0], now) for file in FILES for name, now in FILES[file]
+    ]
     for library, packages in LIBRARIES.items():
         assert {
-            file for file, name, _ in imports if name == library if not file.startswith(packages)
+            file
+            for file, name, _ in imports
+            if name == library
+            if not file.startswith(packages)
         } == set()
     assert {
-        file for file, name, now in imports if now and name in ("rclpy", "rosbags", "rospy")
+        file
+        for file, name, now in imports
+        if now and name in ("rclpy", "rosbags", "rospy")
     } == set()
 
 
@@ -44,7 +67,9 @@ def test_the_core_joins_it_by_entry_points_alone():
         assert entry.value == "neurosym_robot.plugin"
     commands = {entry.name for entry in entry_points(group="neurosym_jax.commands")}
     files = {path.stem for path in PACKAGE.glob("commands/[a-z]*.py")}
-    assert files <= commands, "an entry point is missing, or the package is to be installed anew"
+    assert files <= commands, (
+        "an entry point is missing, or the package is to be installed anew"
+    )
 
 
 WITHOUT = """
@@ -58,7 +83,10 @@ main()
 @pytest.mark.slow
 def test_the_core_works_without_this_package(tmp_path):
     (tmp_path / "walk.txt").write_text("0 1 0 0\n10 1 0.5 0\n20 1 1.1 0\n")
-    for words, expected in ((["--help"], "evaluate"), (["inspect", "walk.txt"], "points 3")):
+    for words, expected in (
+        (["--help"], "evaluate"),
+        (["inspect", "walk.txt"], "points 3"),
+    ):
         done = run_python("-c", WITHOUT, *words, cwd=tmp_path)
         assert expected in done.stdout
         assert "Traceback" not in done.stderr

@@ -10,7 +10,9 @@ import pytest
 from neurosym_jax.__main__ import commands
 from tests.commands.walk import READ, assert_it_matters, options_of, write_data
 
-ROBOT = [name for name, module in commands().items() if module.startswith("neurosym_robot.")]
+ROBOT = [
+    name for name, module in commands().items() if module.startswith("neurosym_robot.")
+]
 C = "neurosym_robot.commands"
 NODE = "--model sgan_zara1_8"
 BASE = {
@@ -21,14 +23,18 @@ BASE = {
 }
 BAG = f"{{d}}/a/run.bag {NODE}"
 LINKS = {
-    f"--links.{name}": f"--links.{name} 0.7" for name in ("max-gap", "reach", "drift", "memory")
+    f"--links.{name}": f"--links.{name} 0.7"
+    for name in ("max-gap", "reach", "drift", "memory")
 }
 PAGE = {"--port": "--port 9", "--host": "--host there", "--map": "--map map.yaml"}
 
 
 def with_more(base, options, cases):
     """Cases in which an option needs another one."""
-    return {name: (f"{base} {options}", f"{base} {options} {case}") for name, case in cases.items()}
+    return {
+        name: (f"{base} {options}", f"{base} {options} {case}")
+        for name, case in cases.items()
+    }
 
 
 def live(base):
@@ -42,11 +48,20 @@ def live(base):
         "--stitch": "--stitch",
         **with_more(base, "--stitch", LINKS),
         **with_more(
-            base, "", {"--fixed-frame": "--fixed-frame map", "--robot-frame": "--robot-frame base"}
+            base,
+            "",
+            {
+                "--fixed-frame": "--fixed-frame map",
+                "--robot-frame": "--robot-frame base",
+            },
         ),
         **with_more(base, "--fixed-frame map", {"--reach": "--reach 3"}),
-        **with_more(base, "", {"--people": "--people tracks", "--only": "--only a.b=person"}),
-        **with_more(base, "--people tracks", {"--position": "--position at", "--id": "--id key"}),
+        **with_more(
+            base, "", {"--people": "--people tracks", "--only": "--only a.b=person"}
+        ),
+        **with_more(
+            base, "--people tracks", {"--position": "--position at", "--id": "--id key"}
+        ),
         "--dashboard": "--dashboard",
         **with_more(base, "--dashboard", PAGE),
         "--foxglove": "--foxglove 9",
@@ -72,7 +87,9 @@ def reading(command):
         cases[option] = (arguments, f"{arguments} {text}", *error)
     if command == "replay":
         return cases | {"--max-gap": "--max-gap 9"}
-    return cases | {"--max-gap": (base, f"{base} --max-gap 9", "--max-gap: has no effect")}
+    return cases | {
+        "--max-gap": (base, f"{base} --max-gap 9", "--max-gap: has no effect")
+    }
 
 
 CASES = {
@@ -84,7 +101,8 @@ CASES = {
         "--html": "--html here.html",
     }
     | reading("replay"),
-    "ros1": node(NODE) | {"--master": "--master http://there:1", "--remap": "--remap a:=b"},
+    "ros1": node(NODE)
+    | {"--master": "--master http://there:1", "--remap": "--remap a:=b"},
     "ros2": node(NODE)
     | {"--message": "--message Humans", "--ros-args": "--ros-args=-r"}
     | {"--autostart": "--no-autostart"},
@@ -111,15 +129,28 @@ def data(tmp_path_factory):
 def inner():
     """By command: what is recorded and not run, and what it returns."""
     made = mock.MagicMock()
-    made.return_value.status.table.return_value = made.return_value.table.return_value = ""
+    made.return_value.status.table.return_value = (
+        made.return_value.table.return_value
+    ) = ""
     names = ("load_models", "Predictor", "PeopleSource", "OnlineStitcher")
     views = ("Dashboard", "FoxgloveView", "Moments", "Newest")
-    shared: dict[str, Any] = {f"{C}._live_options.{name}": made for name in (*names, *views)}
+    shared: dict[str, Any] = {
+        f"{C}._live_options.{name}": made for name in (*names, *views)
+    }
     shared[f"{C}._live_options.signal.signal"] = None
-    replay_names = ("Analytics", "Status", "replay", "ForecastBag", "ReplayFile", "Newest")
+    replay_names = (
+        "Analytics",
+        "Status",
+        "replay",
+        "ForecastBag",
+        "ReplayFile",
+        "Newest",
+    )
     replay_names += ("wait_for_signal",)
     ros2_names = ("import_rclpy", "message_type", "ForecastNode")
-    mended = SimpleNamespace(tracks=SimpleNamespace(id=np.ones(1)), before=1, joined=0, ghosts=0)
+    mended = SimpleNamespace(
+        tracks=SimpleNamespace(id=np.ones(1)), before=1, joined=0, ghosts=0
+    )
     return {
         "replay": shared
         | {f"{C}.replay.{name}": made for name in replay_names}
@@ -131,8 +162,11 @@ def inner():
 
 
 @pytest.mark.parametrize(
-    ("command", "option"), [(name, option) for name in ROBOT for option in options_of(name)]
+    ("command", "option"),
+    [(name, option) for name in ROBOT for option in options_of(name)],
 )
 def test_it_changes_what_is_done(command, option, data, inner, tmp_path, capsys):
     case = CASES[command][option]
-    assert_it_matters(command, BASE[command], case, inner[command], data, tmp_path, capsys)
+    assert_it_matters(
+        command, BASE[command], case, inner[command], data, tmp_path, capsys
+    )

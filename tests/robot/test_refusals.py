@@ -53,7 +53,12 @@ def folder(tmp_path):
     """Tracks, a damaged file of tracks, pictures, and a bag of people and of text."""
     (tmp_path / "tracks.txt").write_text("0 1 0 0\n")
     (tmp_path / "odd.txt").write_text("0 1 0 0\n10 1 x 0\n")
-    sizes = {"room": b"3 2", "short": b"9 9", "large": b"8193 8192", "bomb": b"1000000 1000000"}
+    sizes = {
+        "room": b"3 2",
+        "short": b"9 9",
+        "large": b"8193 8192",
+        "bomb": b"1000000 1000000",
+    }
     for name, size in sizes.items():
         (tmp_path / f"{name}.pgm").write_bytes(b"P5\n%b\n255\n" % size + bytes(6))
     (tmp_path / "page.html").touch()
@@ -61,7 +66,9 @@ def folder(tmp_path):
         with BagWriter(tmp_path / f"{name}.bag") as bag:
             bag.write("/chatter", 1.0, bag.new("std_msgs/msg/String"))
             if name == "run":
-                bag.write(topic, 1.0, make_people(bag.new, Frame(2.0, np.ones(1, int), ONE)))
+                bag.write(
+                    topic, 1.0, make_people(bag.new, Frame(2.0, np.ones(1, int), ONE))
+                )
     return tmp_path
 
 
@@ -70,7 +77,11 @@ def read(path: Path, format: str | None = None) -> list[Frame]:
 
 
 def run(folder: Path, **options: Any) -> None:
-    replay.run(replay.Options(**{"recording": (folder / "run.bag",), "model": (SGAN,), **options}))
+    replay.run(
+        replay.Options(
+            **{"recording": (folder / "run.bag",), "model": (SGAN,), **options}
+        )
+    )
 
 
 def show(folder: Path, **options: Any) -> None:
@@ -79,7 +90,9 @@ def show(folder: Path, **options: Any) -> None:
 
 def write(folder: Path, stamp: float) -> None:
     with BagWriter(folder / "new" / "again.bag") as bag:
-        bag.write("/people", stamp, make_people(bag.new, Frame(stamp, np.ones(1, int), ONE)))
+        bag.write(
+            "/people", stamp, make_people(bag.new, Frame(stamp, np.ones(1, int), ONE))
+        )
 
 
 def twice() -> None:
@@ -94,9 +107,15 @@ def look(folder: Path, text: str) -> None:
 
 
 CASES = [
-    (lambda at: read(at / "run.bag", "bag,topic=/no"), "/no is not there.*: /chatter .*"),
+    (
+        lambda at: read(at / "run.bag", "bag,topic=/no"),
+        "/no is not there.*: /chatter .*",
+    ),
     (lambda at: read(at / "run.bag", "bag,topic=/chatter"), "or none that carries"),
-    (lambda at: read(at / "tracks.txt", "text,topic=/x"), "unknown field 'topic' for Text"),
+    (
+        lambda at: read(at / "tracks.txt", "text,topic=/x"),
+        "unknown field 'topic' for Text",
+    ),
     (lambda at: read(at / "none.bag"), "no such file"),
     (lambda at: read(at / "odd.txt"), "row 2"),
     (lambda at: read(at), "not a bag"),
@@ -106,10 +125,19 @@ CASES = [
     (lambda at: BagWriter(at / "tracks.txt" / "run.bag"), "cannot be written"),
     (lambda at: BagWriter(at / "run.bag"), "already there"),
     (lambda at: write(at, -1.0), "does not fit"),
-    (lambda at: run(at, read=ReadOptions(format="bag,topic=/nobody")), "/nobody is not there"),
+    (
+        lambda at: run(at, read=ReadOptions(format="bag,topic=/nobody")),
+        "/nobody is not there",
+    ),
     (lambda at: run(at, read=ReadOptions(unit="mm")), "unit is of no use for a bag"),
-    (lambda at: run(at, read=ReadOptions(format="text")), "is a bag, not format='text'"),
-    (lambda at: read(at / "run.bag", "bag,fixed_frame=map"), "of a stream is fixed_frame='map'"),
+    (
+        lambda at: run(at, read=ReadOptions(format="text")),
+        "is a bag, not format='text'",
+    ),
+    (
+        lambda at: read(at / "run.bag", "bag,fixed_frame=map"),
+        "of a stream is fixed_frame='map'",
+    ),
     (lambda at: run(at, recording=(at / "odd.txt",)), "row 2"),
     (lambda at: run(at, recording=(at / "none.bag",)), "no such file"),
     (lambda at: run(at, out=at / "run.bag"), "already there"),
@@ -118,15 +146,39 @@ CASES = [
     (lambda at: run(at, rate=math.nan), "rate must be positive"),
     (lambda at: run(at, at_least=2.0), r"a probability in \(0, 1\], not 2"),
     (lambda at: run(at, links=LINKS), "--links: has no effect without --stitch"),
-    (lambda at: run(at, reach=3), "--reach: has no effect without --fixed-frame or --robot-frame"),
+    (
+        lambda at: run(at, reach=3),
+        "--reach: has no effect without --fixed-frame or --robot-frame",
+    ),
     (lambda at: run(at, port=9, html=at), "--port: has no effect without --dashboard"),
-    (lambda at: run(at, host="all", html=at), "--host: .* without --dashboard or --foxglove"),
-    (lambda at: run(at, host="all", foxglove=at / "a.mcap"), "--host: .* on a file for Foxglove"),
-    (lambda at: run(at, map=at, out=at), "--map: has no effect without --dashboard or --html"),
-    (lambda at: run(at, at_least=0.7), "--at-least: has no effect without --out or --html or"),
-    (lambda at: show(at, fixed_frame="map"), "--fixed-frame: has no effect on a file of tracks"),
-    (lambda at: show(at, robot_frame="base"), "--robot-frame: has no effect on a file of tracks"),
-    (lambda at: show(at, fixed_frame="map", out=at, reach=3), "--reach: has no effect on a file"),
+    (
+        lambda at: run(at, host="all", html=at),
+        "--host: .* without --dashboard or --foxglove",
+    ),
+    (
+        lambda at: run(at, host="all", foxglove=at / "a.mcap"),
+        "--host: .* on a file for Foxglove",
+    ),
+    (
+        lambda at: run(at, map=at, out=at),
+        "--map: has no effect without --dashboard or --html",
+    ),
+    (
+        lambda at: run(at, at_least=0.7),
+        "--at-least: has no effect without --out or --html or",
+    ),
+    (
+        lambda at: show(at, fixed_frame="map"),
+        "--fixed-frame: has no effect on a file of tracks",
+    ),
+    (
+        lambda at: show(at, robot_frame="base"),
+        "--robot-frame: has no effect on a file of tracks",
+    ),
+    (
+        lambda at: show(at, fixed_frame="map", out=at, reach=3),
+        "--reach: has no effect on a file",
+    ),
     (lambda at: show(at, only="a=b"), "--only: has no effect on a file of tracks"),
     (lambda at: ReplayFile(at / "page.html", None), "already there"),
     (lambda at: ReplayFile(at / "a.txt", None), r"\.html"),
@@ -137,7 +189,10 @@ CASES = [
     (lambda at: load_models((SGAN, SGAN)), "differ in kind or name"),
     (lambda at: Predictor({}), "steps"),
     (lambda at: Predictor(load_models((SGAN,)), samples=0), "samples"),
-    (lambda at: Predictor(load_models((SGAN,)), samples=10**9), r"1000000000 samples needs .* GB"),
+    (
+        lambda at: Predictor(load_models((SGAN,)), samples=10**9),
+        r"1000000000 samples needs .* GB",
+    ),
     (lambda at: Predictor(load_models((SGAN,)), seed=-1), "seed"),
     (lambda at: Window(2, 0.0), "period"),
     (lambda at: Window(2, 0.4, timeout=0.5), "timeout"),

@@ -26,7 +26,9 @@ def cache(tmp_path):
     return cache
 
 
-def test_a_flipped_bit_anywhere_and_a_torn_entry_are_removed_and_told_once(cache, capsys):
+def test_a_flipped_bit_anywhere_and_a_torn_entry_are_removed_and_told_once(
+    cache, capsys
+):
     file = cache._path / "a.program"
     content = file.read_bytes()
     damaged = [content[:length] for length in (0, 31, 32, len(content) - 1)]
@@ -60,7 +62,9 @@ def test_beyond_the_limit_what_was_used_least_recently_goes(cache):
         os.utime(cache._path / f"{key}.program", (10 + at, 10 + at))
     assert cache.get("a")
     cache.put("d", bytes(200))
-    assert {path.name for path in cache._path.iterdir()} == {f"{key}.program" for key in "acd"}
+    assert {path.name for path in cache._path.iterdir()} == {
+        f"{key}.program" for key in "acd"
+    }
     assert [cache.get("a"), cache.get("b")] == [bytes(range(200)), None]
 
 

@@ -23,7 +23,12 @@ from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.runtime import workers
-from neurosym_jax.runtime.files import new_folder, refuse_unwritable, write_json, write_text
+from neurosym_jax.runtime.files import (
+    new_folder,
+    refuse_unwritable,
+    write_json,
+    write_text,
+)
 from neurosym_jax.runtime.process import (
     available_memory,
     cache_folder,
@@ -143,7 +148,9 @@ def test_an_evaluation_of_too_many_samples_names_what_to_lower():
     assert 1e8 < available_memory() < 1e14
     batches = make_batches(cut_windows(Synthetic().recordings("cross-path"), 8, 8))
     with pytest.raises(InputError, match="ask for fewer samples"):
-        score_forecaster(ConstantVelocitySampled(Lengths()), (), batches, samples=10**9, seed=0)
+        score_forecaster(
+            ConstantVelocitySampled(Lengths()), (), batches, samples=10**9, seed=0
+        )
 
 
 @contextlib.contextmanager
@@ -161,14 +168,18 @@ def dask_map():
 @pytest.mark.parametrize("elsewhere", [exhaustive(dask_map), process_map])
 def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch, elsewhere):
     """Real processes: tasks have the caller's plugins, and rows are the same."""
-    monkeypatch.setattr("neurosym_jax.plugins._loaded", {})  # Not the plugins of other tests.
+    monkeypatch.setattr(
+        "neurosym_jax.plugins._loaded", {}
+    )  # Not the plugins of other tests.
     code = "import os\ndef place(x):\n    return 2 * x, os.getpid(), len(os.sched_getaffinity(0))\n"
     (tmp_path / "doubling.py").write_text(code)
     load_plugin(str(tmp_path / "doubling.py"))
     (*_, plugin) = (name for name in sys.modules if name.startswith("doubling_"))
     double = sys.modules[plugin].place
     stamp, person = np.divmod(np.arange(40), 2)
-    tracks = make_tracks("walk", stamp * 0.4, person, np.stack([stamp, 1.0 * person], 1))
+    tracks = make_tracks(
+        "walk", stamp * 0.4, person, np.stack([stamp, 1.0 * person], 1)
+    )
     entries = [(None, baseline("constant_velocity_sampled", 4, 2))]
     tests = [make_test(Case(name, 4, 2), entries, [tracks]) for name in "ab"]
     settings = Settings(samples=2)

@@ -8,7 +8,12 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation.scenarios import ROOM, TrackerFaults, simulate, simulate_labelled
+from neurosym_jax.simulation.scenarios import (
+    ROOM,
+    TrackerFaults,
+    simulate,
+    simulate_labelled,
+)
 
 SCENARIOS = ["all-forward", "cross-path"]
 SEEDS = range(4)
@@ -35,7 +40,9 @@ def crossings(first, second):
         return np.sign(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
     p, q, r, s = first[:-1, None], first[1:, None], second[None, :-1], second[None, 1:]
-    return int(((side(p, q, r) != side(p, q, s)) & (side(r, s, p) != side(r, s, q))).sum())
+    return int(
+        ((side(p, q, r) != side(p, q, s)) & (side(r, s, p) != side(r, s, q))).sum()
+    )
 
 
 @pytest.mark.parametrize("people", [2, 8])
@@ -50,8 +57,12 @@ def test_people_walk_at_walking_speed_inside_the_room(scenario, people):
         assert 0.8 < np.median(speed) < 1.35
         # The rest is turning and waiting; no person just stands.
         assert (speed > 0.3).mean() > 0.7
-        # No jolts: a person changes velocity by less than 1 m/s within two tenths of a second.
-        jolt = np.linalg.norm(path[:, 4:] - 2 * path[:, 2:-2] + path[:, :-4], axis=-1) / 0.2
+        # No jolts: a person changes velocity by less than 1 m/s within two tenths of a
+        # second.
+        jolt = (
+            np.linalg.norm(path[:, 4:] - 2 * path[:, 2:-2] + path[:, :-4], axis=-1)
+            / 0.2
+        )
         assert jolt.max() < 1.0
         assert apart(path).min() > 0.3
 
@@ -94,14 +105,17 @@ def test_a_seed_is_the_walk_the_noise_and_the_losses_that_it_was_under_x64_too()
     assert_array_equal(double.id, tracks.id)
     # Ten seconds, in which rounding has no time to grow.
     early = tracks.stamp < 10
-    np.testing.assert_allclose(double.position[early], tracks.position[early], atol=1e-3)
+    np.testing.assert_allclose(
+        double.position[early], tracks.position[early], atol=1e-3
+    )
 
 
 def test_dropouts_have_their_rate_and_length():
     faults = TrackerFaults(dropout=0.02, dropout_seconds=1.0)
     tracks, person = simulate_labelled("all-forward", 2, people=8, faults=faults)
     assert_array_equal(tracks.id, person)
-    # An alternating renewal process: 1 s lost for every 1 / 0.02 frames kept, a bit more merged.
+    # An alternating renewal process: 1 s lost for every 1 / 0.02 frames kept, a bit
+    # more merged.
     assert len(tracks.id) / (8 * 1201) == pytest.approx(0.82, abs=0.05)
     gaps = np.diff(tracks.stamp)[(np.diff(tracks.id) == 0)]
     lost = gaps[gaps > 0.15] - 0.1
@@ -112,7 +126,8 @@ def test_dropouts_have_their_rate_and_length():
 def test_a_lost_person_returns_under_a_new_id():
     faults = TrackerFaults(dropout=0.01, id_switch=1.0)
     tracks, person = simulate_labelled("cross-path", 2, people=8, faults=faults)
-    # Every track is one unbroken piece of one person, and new ids count on from the true ones.
+    # Every track is one unbroken piece of one person, and new ids count on from the
+    # true ones.
     assert (np.diff(tracks.stamp)[np.diff(tracks.id) == 0] < 0.15).all()
     ids, first = np.unique(tracks.id, return_index=True)
     assert len(ids) > 20
@@ -135,7 +150,12 @@ def test_swaps_happen_between_people_who_are_close():
 
 
 def test_values_out_of_range_are_refused():
-    for change in ({"scenario": "sideways"}, {"seed": 2**32}, {"people": 0}, {"duration": np.inf}):
+    for change in (
+        {"scenario": "sideways"},
+        {"seed": 2**32},
+        {"people": 0},
+        {"duration": np.inf},
+    ):
         with pytest.raises(InputError, match="must"):
             simulate(**{"scenario": "cross-path", **change})
     with pytest.raises(InputError, match="must"):

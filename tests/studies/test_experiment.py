@@ -38,7 +38,10 @@ def test_the_whole_experiment(tmp_path):
         raw, mended = recording["idf1"]
         assert raw <= mended
         for name in ("SGAN", "NeuroSyM"):
-            score, running = recording["scores"][name], recording["analytics"]["models"][name]
+            score, running = (
+                recording["scores"][name],
+                recording["analytics"]["models"][name],
+            )
             assert 5 < score["sequences"] <= running["forecasts"]
             assert score["best_ade"] <= score["ade"] < 2
             assert score["sum_ade"] == pytest.approx(score["ade"] * 16)

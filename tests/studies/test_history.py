@@ -24,12 +24,16 @@ def test_the_history_of_two_people_who_pass_each_other():
     steps = 0.4 * np.arange(8)
     own = np.stack([steps - 1.2, 0 * steps], -1)
     other = np.stack([1.4 - steps, 0 * steps + 1], -1)
-    states = observe(own, other, quantisation_factor=0.05, side_quantisation_factor=0.05)
+    states = observe(
+        own, other, quantisation_factor=0.05, side_quantisation_factor=0.05
+    )
     before, beside, after = [-1, -1, 1, 1], [0, 0, 1, 1], [1, 1, 1, 1]
     chain = [before] * 3 + [beside] + [after] * 3
     np.testing.assert_array_equal(states, chain)
 
-    def expect(last, *, lasted, share, previous=(0, 0, 0, 0), transition=(0, 0), passing, alpha):
+    def expect(
+        last, *, lasted, share, previous=(0, 0, 0, 0), transition=(0, 0), passing, alpha
+    ):
         features = study.symbol_history(states[:last], 0.4)
         size = np.abs(chain[last - 1])
         values = [size, lasted, share, previous, transition, passing, alpha]
@@ -58,7 +62,8 @@ def test_the_history_of_two_people_who_pass_each_other():
         alpha=1,
     )
     jump = study.symbol_history(jnp.array([before, after]), 0.4)
-    # Two symbols changed, by two transitions: the diagram has no edge. No symbol is 0 to pass on.
+    # Two symbols changed, by two transitions: the diagram has no edge. No symbol is 0
+    # to pass on.
     np.testing.assert_array_equal(jump[-11:], [2, 2, -1, -1, 0, 0, 0, 0, 0, 0, 1])
 
 
@@ -83,7 +88,9 @@ def people(seed=0):
 def features_of(arm, observed, valid=VALID, near=None):
     velocity = observed[:, -1] - observed[:, -2]
     heading = heading_of(velocity, 0.05)
-    return jax.jit(study.ARMS[arm].pair_features)(observed, velocity, heading, valid, near)[0]
+    return jax.jit(study.ARMS[arm].pair_features)(
+        observed, velocity, heading, valid, near
+    )[0]
 
 
 def test_arms_see_what_they_are_named_for():
@@ -101,13 +108,20 @@ def test_arms_see_what_they_are_named_for():
 def test_histories_move_and_turn_with_the_scene():
     turn = jnp.array([[0.6, 0.8], [-0.8, 0.6]])
     moved = people() @ turn + jnp.array([5.0, -3.0])
-    np.testing.assert_allclose(features_of("both", moved), features_of("both", people()), atol=1e-4)
+    np.testing.assert_allclose(
+        features_of("both", moved), features_of("both", people()), atol=1e-4
+    )
 
 
 def test_neighbours_that_are_listed_have_the_same_history():
     near = jnp.array([[3, 1], [0, 2], [2, 3], [1, 0]])
-    listed, complete = features_of("both", people(), near=near), features_of("both", people())
-    np.testing.assert_allclose(listed, complete[jnp.arange(4)[:, None], near], atol=1e-5)
+    listed, complete = (
+        features_of("both", people(), near=near),
+        features_of("both", people()),
+    )
+    np.testing.assert_allclose(
+        listed, complete[jnp.arange(4)[:, None], near], atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("arm", ["symbols", "geometry"])
@@ -121,19 +135,25 @@ def test_who_is_absent_or_far_has_no_history(arm):
 
     network = AnchorNetwork(study.ARMS[arm])
     params = random_params(network, people(), VALID, std=0.2)
-    apply = jax.jit(lambda observed: network.apply(params, observed, VALID).samples[:, 0])
+    apply = jax.jit(
+        lambda observed: network.apply(params, observed, VALID).samples[:, 0]
+    )
 
     def effect_of_the_past(metres):
         standing = people()[0, -1] + jnp.array([metres, 0.0]) + jnp.zeros((8, 1))
         way = jnp.array([0.0, 2.0]) * jnp.array([4, 3, 2, 1])[:, None] / 4
-        tracks = (people().at[3].set(track) for track in (standing, standing.at[:4].add(way)))
+        tracks = (
+            people().at[3].set(track) for track in (standing, standing.at[:4].add(way))
+        )
         return jnp.abs(jnp.subtract(*map(apply, tracks))).max()
 
     assert effect_of_the_past(2.0) > 1e-3
     assert effect_of_the_past(10.1) == 0
 
 
-def test_a_command_does_the_runs_that_its_table_lacks_seed_by_seed(tmp_path, monkeypatch):
+def test_a_command_does_the_runs_that_its_table_lacks_seed_by_seed(
+    tmp_path, monkeypatch
+):
     done = []
 
     def train(network, recipe, training, seed):
@@ -160,7 +180,9 @@ def test_a_command_does_the_runs_that_its_table_lacks_seed_by_seed(tmp_path, mon
         assert len(done) == 25
         study.run_all(tmp_path, uninterrupted)
     assert resumed.read_text() == uninterrupted.read_text()
-    assert done[:4] == [(0, "corridors", *past) for past in [(0, 0), (1, 0), (0, 1), (1, 1)]]
+    assert done[:4] == [
+        (0, "corridors", *past) for past in [(0, 0), (1, 0), (0, 1), (1, 1)]
+    ]
     assert [seed for seed, *_ in done[25:]] == [0] * 12 + [1] * 12
     assert done[19] == done[20]
 
@@ -195,7 +217,9 @@ def test_the_report_says_which_history_helps():
     for place, change in CHANGES.items():
         seeds, percent, p, verdict, *_ = cells[place, "symbols − now"]
         assert (seeds, p, verdict) == ("8", "< .001", "**helps**")
-        assert float(percent.split()[0].replace("−", "-")) == pytest.approx(change, abs=0.6)
+        assert float(percent.split()[0].replace("−", "-")) == pytest.approx(
+            change, abs=0.6
+        )
         verdicts = cells[place, "both − geometry"][3::3]
         assert verdicts == ["**within 2 %**"] * 2
     assert float(cells["interacting", "symbols − geometry"][0].split()[0][1:]) < 0.6
@@ -211,7 +235,9 @@ def test_the_report_of_a_table_that_is_not_whole():
 
 
 @pytest.mark.parametrize(("dead", "answered"), [(2, True), (3, False)])
-def test_an_arm_answers_if_at_most_a_quarter_of_its_networks_ignore_neighbours(dead, answered):
+def test_an_arm_answers_if_at_most_a_quarter_of_its_networks_ignore_neighbours(
+    dead, answered
+):
     text = study.report(made_up_rows(dead))
     cells = cells_of(text)
     for place in ("mean", "univ"):

@@ -14,7 +14,10 @@ def test_weights_of_pairs_are_found_again():
     feature = rng.uniform(0, 1, (20000, 16, 7))
     weights = np.array([2.0, 1.0, 0, 0, 0, 0, 0])
     truth = (rng.gumbel(size=(20000, 16)) - feature @ weights).argmax(1)
-    drawn = jnp.asarray(feature, jnp.float32), jnp.asarray(np.eye(16)[truth], jnp.float32)
+    drawn = (
+        jnp.asarray(feature, jnp.float32),
+        jnp.asarray(np.eye(16)[truth], jnp.float32),
+    )
     found = pairs.fitted([0, 1], [drawn])
     np.testing.assert_allclose(found, weights, atol=0.1)
     assert pairs.gain(found, *drawn).mean() > 0.15

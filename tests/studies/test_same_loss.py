@@ -19,11 +19,15 @@ def study():
         yield importlib.import_module("studies.same_loss")
 
 
-def test_a_command_does_the_runs_that_its_table_lacks_seed_by_seed(study, tmp_path, monkeypatch):
+def test_a_command_does_the_runs_that_its_table_lacks_seed_by_seed(
+    study, tmp_path, monkeypatch
+):
     done = []
 
     def train_and_test(run, splits):
-        done.append((run.recipe.seed, run.recipe.best_k, type(run.config.pooling).__name__))
+        done.append(
+            (run.recipe.seed, run.recipe.best_k, type(run.config.pooling).__name__)
+        )
         assert set(splits) == {"val", "test"}
         if len(done) == 20:
             raise KeyboardInterrupt
@@ -54,7 +58,12 @@ def test_a_command_does_the_runs_that_its_table_lacks_seed_by_seed(study, tmp_pa
 
 def test_the_table_says_who_is_ahead_of_sgan(study):
     draw, lines = np.random.default_rng(0), []
-    for network, factor in {"sgan": 1.0, "ijcnn": 1.2, "ros": 0.9, "described": 1.0}.items():
+    for network, factor in {
+        "sgan": 1.0,
+        "ijcnn": 1.2,
+        "ros": 0.9,
+        "described": 1.0,
+    }.items():
         for seed, step in itertools.product(range(6), study.TESTED):
             error = factor * (0.4 + 0.02 * seed) * (1 + draw.normal(0, 0.01))
             last, slope = step == study.TESTED[-1], 0.97 if network == "ros" else 0.99
@@ -66,7 +75,9 @@ def test_the_table_says_who_is_ahead_of_sgan(study):
             near = 0.0 if seed == 2 and network == "sgan" else 0.96
             lines.append((*start, "test", "neighbour_near", near))
     # A seed that not all arms have yet does not count.
-    lines.append(("hotel", "variety", "sgan", 6, study.TESTED[-1], "test", "joint_ade", 99.0))
+    lines.append(
+        ("hotel", "variety", "sgan", 6, study.TESTED[-1], "test", "joint_ade", 99.0)
+    )
     rows = pl.DataFrame(lines, schema=list(study.HEAD), orient="row")
     table, _, notes = study.report(rows).partition("\n\n")
     cells = dict(line.strip("| ").split(" | ") for line in table.splitlines()[2:])
@@ -74,9 +85,9 @@ def test_the_table_says_who_is_ahead_of_sgan(study):
     assert means["sgan"] == pytest.approx(0.45, abs=0.005)
     assert means["ros"] == pytest.approx(0.9 * 0.45, abs=0.005)
     assert [cells[name].split("(")[1][0] for name in ("ijcnn", "ros")] == ["+", "−"]
-    assert [cells[name].partition(") ")[2] for name in ("ijcnn", "ros", "described")] == [
-        *("**behind**", "**ahead**", "")
-    ]
+    assert [
+        cells[name].partition(") ")[2] for name in ("ijcnn", "ros", "described")
+    ] == [*("**behind**", "**ahead**", "")]
     assert notes == (
         "Seeds: 6. Curves that are flat: 3 of 4.\n"
         "Networks that ignore neighbours: variety 1 of 24.\n"
@@ -88,10 +99,14 @@ def test_the_first_release_pools_states_only(study):
     """What it gives everyone is the maximum over all of a perceptron of their states."""
     hidden = np.random.default_rng(0).normal(size=(5, 8)).astype(np.float32)
     valid = np.array([True, True, True, False, True])
-    network = study.Zeros(bottleneck_dim=4, hidden_dim=16).network(8, obs_len=3, embedding_dim=4)
+    network = study.Zeros(bottleneck_dim=4, hidden_dim=16).network(
+        8, obs_len=3, embedding_dim=4
+    )
     variables = network.init(jax.random.key(0), hidden, valid)
     pooled = network.apply(variables, hidden, valid)
     first, second = (variables["params"]["mlp"][f"layer_{layer}"] for layer in (0, 1))
     inner = np.maximum(hidden @ first["kernel"][12:] + first["bias"], 0)
     outer = np.maximum(inner @ second["kernel"] + second["bias"], 0)
-    np.testing.assert_allclose(pooled, np.tile(outer[valid].max(axis=0), (5, 1)), rtol=1e-5)
+    np.testing.assert_allclose(
+        pooled, np.tile(outer[valid].max(axis=0), (5, 1)), rtol=1e-5
+    )

@@ -44,11 +44,15 @@ def test_the_results_are_what_their_study_writes(tmp_path):
     rows = (DOCS / "results.json", DOCS / "results_joint_metrics.json")
     run_module("studies.results", *rows, tmp_path)
     for name in ("results.md", "results.csv"):
-        assert (tmp_path / name).read_text(encoding="utf-8") == (DOCS / name).read_text("utf-8")
+        assert (tmp_path / name).read_text(encoding="utf-8") == (DOCS / name).read_text(
+            "utf-8"
+        )
 
 
 def test_pages_of_elsewhere_are_what_their_studies_print(capsys):
-    pages = {"cross_domain": ("cross_domain", *sorted(DOCS.glob("cross_domain/*.json")))}
+    pages = {
+        "cross_domain": ("cross_domain", *sorted(DOCS.glob("cross_domain/*.json")))
+    }
     for page, (name, *words) in (pages | {"left_out": ("places",)}).items():
         written = (DOCS / f"{page}.md").read_text(encoding="utf-8")
         run_module(f"studies.{name}", *words)
@@ -57,7 +61,9 @@ def test_pages_of_elsewhere_are_what_their_studies_print(capsys):
 
 def test_numbers_on_pages_are_what_their_studies_print(capsys):
     run_module("studies.fine_tuning", DOCS / "fine_tuning.csv")
-    assert capsys.readouterr().out.split("\n\n")[0] in (DOCS / "training.md").read_text("utf-8")
+    assert capsys.readouterr().out.split("\n\n")[0] in (DOCS / "training.md").read_text(
+        "utf-8"
+    )
     run_module("studies.same_loss", DOCS / "same_loss.csv")
     assert capsys.readouterr().out in (DOCS / "released_code.md").read_text("utf-8")
 
@@ -66,13 +72,18 @@ def test_the_study_of_weighting_writes_its_page(tmp_path):
     shutil.copy(DOCS / "history.csv", tmp_path)
     table = Path(shutil.copy(DOCS / "weighting.csv", tmp_path))
     write_weighting(table)
-    assert table.with_suffix(".md").read_text("utf-8") == (DOCS / "weighting.md").read_text("utf-8")
+    assert table.with_suffix(".md").read_text("utf-8") == (
+        DOCS / "weighting.md"
+    ).read_text("utf-8")
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.name)
 def test_mistakes(mistake, tmp_path):
     verdict, message = tell(mistake, tmp_path)
-    assert (verdict, bool(re.search(mistake.says, message))) == (mistake.outcome, True), message
+    assert (verdict, bool(re.search(mistake.says, message))) == (
+        mistake.outcome,
+        True,
+    ), message
 
 
 def test_links_of_people_who_were_hidden_from_a_robot_are_scored_by_outside_metrics():
@@ -80,7 +91,9 @@ def test_links_of_people_who_were_hidden_from_a_robot_are_scored_by_outside_metr
     tracks, person = hall(0)
     recording = seen_from_a_robot(tracks.with_ids(person), 0, ghosts=0.5)
     assert sum(map(len, recording.xy)) > sum(map(len, recording.people))  # ghosts
-    raw, linked = (hota_and_idf1(recording, METHODS[name](recording)) for name in list(METHODS)[:2])
+    raw, linked = (
+        hota_and_idf1(recording, METHODS[name](recording)) for name in list(METHODS)[:2]
+    )
     assert linked > raw
     truth = dataclasses.replace(recording, xy=recording.places, ids=recording.people)
     assert hota_and_idf1(truth, truth.ids) == pytest.approx((1, 1))
@@ -89,7 +102,9 @@ def test_links_of_people_who_were_hidden_from_a_robot_are_scored_by_outside_metr
 def test_a_robot_goes_round_people_it_believes_in():
     people = np.full((301, 1, 2), [6.0, 7.5])  # in its way
     beliefs = [(np.full((1, n, STEPS, 2), [6.0, 7.5]), np.ones(1)) for n in (1, 0)]
-    (hit, least, way, _), (blind, *_, time) = (drive(people, [belief] * 75) for belief in beliefs)
+    (hit, least, way, _), (blind, *_, time) = (
+        drive(people, [belief] * 75) for belief in beliefs
+    )
     assert (hit, blind) == (0, 1)
     assert least > CONTACT
     assert 14.5 < way < 16
@@ -106,7 +121,10 @@ def test_data_kept_back_and_test_data_are_not_trained_on(tmp_path):
     for name in (*LEARNED, *TESTED, "boa-300-050-070"):
         np.savetxt(opentraj / HERMES / f"{name}.txt", walk)
     write(opentraj, out)
-    files = {folder.name: {path.stem for path in folder.iterdir()} for folder in out.iterdir()}
+    files = {
+        folder.name: {path.stem for path in folder.iterdir()}
+        for folder in out.iterdir()
+    }
     tests, kept = {*TESTED, *STANFORD_TESTED}, set(KEPT_BACK)
     learned = {"stanford": {"gates_0"}, "hermes": set(LEARNED)}
     assert files == learned | {"tests": tests, "kept_back": kept}
@@ -133,7 +151,9 @@ def shown(code, names):
         for path in sorted(FOLDER.glob("*.ipynb"))
     ],
 )
-def test_a_notebook_runs_and_shows_what_is_kept_in_it(name, request, tmp_path, monkeypatch):
+def test_a_notebook_runs_and_shows_what_is_kept_in_it(
+    name, request, tmp_path, monkeypatch
+):
     """Run it in this process, where most of its programs are compiled already."""
     if collection := DOWNLOADED.get(name):
         data = request.getfixturevalue("shared") / "data" / collection.replace("-", "_")
@@ -144,7 +164,10 @@ def test_a_notebook_runs_and_shows_what_is_kept_in_it(name, request, tmp_path, m
     cells = json.loads((FOLDER / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     kinds, names = {"stream": "text", "display_data": "image"}, {"__name__": "__main__"}
     outputs_by_code = [
-        ("".join(cell["source"]), [kinds.get(output["output_type"]) for output in cell["outputs"]])
+        (
+            "".join(cell["source"]),
+            [kinds.get(output["output_type"]) for output in cell["outputs"]],
+        )
         for cell in cells
         if cell["cell_type"] == "code"
     ]

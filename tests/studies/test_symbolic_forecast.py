@@ -26,7 +26,9 @@ def walkers():
     for person in range(30):
         start, speed = draw.uniform(-5, 5, 2), draw.normal(0, 1, 2)
         for step in range(30):
-            rows.append((0.4 * (step + 3 * person), person, *(start + 0.4 * step * speed)))
+            rows.append(
+                (0.4 * (step + 3 * person), person, *(start + 0.4 * step * speed))
+            )
     stamp, ids, x, y = np.array(rows).T
     return make_tracks("walkers", stamp, ids.astype(int), np.stack([x, y], axis=1))
 
@@ -49,17 +51,23 @@ def test_cases_are_pairs_of_one_window_within_reach(cases):
 
 
 def test_straight_walkers_are_known_to_constant_velocity(cases):
-    answer = model_answer(cases, baseline("constant_velocity", 8, 4), samples=20, seed=0)
+    answer = model_answer(
+        cases, baseline("constant_velocity", 8, 4), samples=20, seed=0
+    )
     assert answer.count == 1
     assert (cases.states == answer.states.argmax(axis=2).T).mean() > 0.999
     np.testing.assert_array_equal(answer.events, cases.after)
-    prior = {q: np.full(c.shape[1], 1 / c.shape[1]) for q, c, _ in questions(cases, answer)}
+    prior = {
+        q: np.full(c.shape[1], 1 / c.shape[1]) for q, c, _ in questions(cases, answer)
+    }
     scores = score_answer(cases, answer, prior, dict.fromkeys(prior, 1.0))
     means = dict(zip(scores.scores, scores.mean))
     # One sample, and the weight of another that is spread over 81 states.
     p = (1 + 1 / 81) / 2
     assert means["log state 2"] == pytest.approx(-np.log(p), abs=0.01)
-    assert means["brier state 2"] == pytest.approx((1 - p) ** 2 + 80 * (1 / 162) ** 2, abs=0.01)
+    assert means["brier state 2"] == pytest.approx(
+        (1 - p) ** 2 + 80 * (1 / 162) ** 2, abs=0.01
+    )
     assert means["log meets 0"] == pytest.approx(-np.log(0.75), abs=1e-6)
     # Sure as it may be, and right: the least weight is best.
     assert set(tuned_weights(cases, answer, prior).values()) == {0.1}
@@ -89,6 +97,7 @@ def test_all_models_are_scored_on_the_same_questions(cases):
     assert min(losses, key=losses.get) == "straight on"
     assert losses["Markov chain"] < losses["frequencies"]
     counts = {
-        name: evaluation.scores[metric].count.sum() for name, evaluation in evaluations.items()
+        name: evaluation.scores[metric].count.sum()
+        for name, evaluation in evaluations.items()
     }
     assert set(counts.values()) == {len(cases.rows)}

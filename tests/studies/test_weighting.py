@@ -110,14 +110,18 @@ def test_an_arm_with_too_many_dead_networks_answers_nothing(tmp_path):
 def test_the_unit_of_six_places_is_the_place():
     """Gains grow by half a per cent from place to place; hotel has two runs of an arm only."""
     names = ("eth", "hotel", "univ", "zara1", "corridors", "zara2")
-    rows: list[tuple[Any, ...]] = [(name, "papers", 0, "neighbour_near", 1, 90) for name in names]
+    rows: list[tuple[Any, ...]] = [
+        (name, "papers", 0, "neighbour_near", 1, 90) for name in names
+    ]
     for (place, name), seed in itertools.product(enumerate(names), range(2, 8)):
         arms = {
             "papers": 1.04 + place / 200,
             "papers, quantised": 1 + 0.001 * (-1) ** seed,
             "papers, shuffled": 1 + 0.001 * (-1) ** place,
         }
-        for arm, people, metric in itertools.product(arms, ("interacting", "all"), METRICS):
+        for arm, people, metric in itertools.product(
+            arms, ("interacting", "all"), METRICS
+        ):
             # Only the first four seeds count.
             error = arms[arm] if seed < 6 else 9.0
             count = 7 if name == "eth" else 90
@@ -126,12 +130,25 @@ def test_the_unit_of_six_places_is_the_place():
     columns = ["set", "arm", "seed", "metric", "value", "counted"]
     frame = pl.DataFrame(rows, columns, orient="row", strict=False)
     head, _, *lines = (
-        line.replace("| |", "|").strip("| ").split(" | ") for line in places(frame).splitlines()
+        line.replace("| |", "|").strip("| ").split(" | ")
+        for line in places(frame).splitlines()
     )
-    assert head[2:4] == ["quantised − papers, joint ADE, %", "quantised − papers, energy score, %"]
+    assert head[2:4] == [
+        "quantised − papers, joint ADE, %",
+        "quantised − papers, energy score, %",
+    ]
     table = {name: cells for name, *cells in lines}
     assert [*table] == [
-        *("eth", "univ", "zara1", "corridors", "zara2", "mean", "50 people or more", "all people")
+        *(
+            "eth",
+            "univ",
+            "zara1",
+            "corridors",
+            "zara2",
+            "mean",
+            "50 people or more",
+            "all people",
+        )
     ]
     assert table["eth"][:2] == ["7", "−3.8 ± 0.2"]
     percents = [-4 / 1.04, -5 / 1.05, -5.5 / 1.055, -6 / 1.06, -6.5 / 1.065]

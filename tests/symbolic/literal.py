@@ -1,8 +1,8 @@
 """QTC by the letter: symbols, states, neighbours and weights, in plain loops of Python's floats.
 
-Written from the definitions that docs/symbols.md gives with their papers, and sharing no code with
-the package, it is what tests compare with. On positions in eighths of a metre, and on integers,
-sums and products of floats are exact, so a tie is a tie.
+Written from the definitions that docs/symbols.md gives with their papers, and sharing
+no code with the package, it is what tests compare with. On positions in eighths of a
+metre, and on integers, sums and products of floats are exact, so a tie is a tie.
 """
 
 import itertools
@@ -22,7 +22,9 @@ def grid_walks(pairs, steps=7, unit=0.125, seed=0):
     def walk():
         at = [(draw.randint(-6, 6), draw.randint(-6, 6))]
         for _ in range(steps):
-            at.append(tuple(x + draw.choice((0, 0, 0, -1, 1, -2, 2, -3, 3)) for x in at[-1]))
+            at.append(
+                tuple(x + draw.choice((0, 0, 0, -1, 1, -2, 2, -3, 3)) for x in at[-1])
+            )
         return [[x * unit, y * unit] for x, y in at]
 
     return tuple([walk() for _ in range(pairs)] for _ in "kl")
@@ -50,8 +52,13 @@ def away_and_aside(k0, k1, l0, convention):
     """Metres that the step from k0 to k1 leads away from l0 (q1), and right of the line (q3)."""
     k0, k1, l0 = (complex(*at) for at in (k0, k1, l0))
     step, line = k1 - k0, l0 - k0
-    distance, turned = norm(line), step.conjugate() * line  # Their dot and cross products.
-    along, aside = (-turned.real / distance, turned.imag / distance) if distance else (0, 0)
+    distance, turned = (
+        norm(line),
+        step.conjugate() * line,
+    )  # Their dot and cross products.
+    along, aside = (
+        (-turned.real / distance, turned.imag / distance) if distance else (0, 0)
+    )
     # The component along the line through both, or by how much the distance grows.
     return along if convention == "line" else norm(k1 - l0) - distance, aside
 

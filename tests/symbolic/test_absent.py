@@ -49,8 +49,12 @@ def pairs_of_the_second(steps=STEPS):
 
 @pytest.mark.parametrize("convention", literal.CONVENTIONS)
 @pytest.mark.parametrize("calculus", [*literal.CALCULI, "argd", "mos"])
-def test_a_state_is_absent_at_both_steps_of_a_gap_and_no_other_changes(walks, calculus, convention):
-    complete, gappy = (observe(x[:, None], x, calculus, convention=convention) for x in walks)
+def test_a_state_is_absent_at_both_steps_of_a_gap_and_no_other_changes(
+    walks, calculus, convention
+):
+    complete, gappy = (
+        observe(x[:, None], x, calculus, convention=convention) for x in walks
+    )
     absent = pairs_of_the_second()
     assert (np.asarray(gappy)[absent] == ABSENT).all()
     np.testing.assert_array_equal(gappy[~absent], complete[~absent])
@@ -60,7 +64,9 @@ def test_a_state_is_absent_at_both_steps_of_a_gap_and_no_other_changes(walks, ca
 
 
 @pytest.mark.parametrize("straight_through", [False, True])
-def test_soft_symbols_have_no_probability_and_gradients_of_zero(walks, straight_through):
+def test_soft_symbols_have_no_probability_and_gradients_of_zero(
+    walks, straight_through
+):
     options = {"temperature": 0.05, "quantisation_factor": 0.02}
     options["straight_through"] = straight_through
     table = np.random.default_rng(1).normal(size=81)
@@ -70,19 +76,25 @@ def test_soft_symbols_have_no_probability_and_gradients_of_zero(walks, straight_
         probabilities = soft_symbols(positions[:, None], positions, **arguments)
         return (soft_alpha(probabilities) + soft_alpha(probabilities, table)).sum()
 
-    complete, gappy = (np.asarray(soft_symbols(x[:, None], x, **options)) for x in walks)
+    complete, gappy = (
+        np.asarray(soft_symbols(x[:, None], x, **options)) for x in walks
+    )
     absent = pairs_of_the_second()
     assert not gappy[absent].any()
     assert not np.asarray(soft_alpha(gappy))[absent].any()
     np.testing.assert_array_equal(gappy[~absent], complete[~absent])
-    gradient, temperature_gradient = jax.grad(total, argnums=(0, 1))(jnp.asarray(walks[1]), 0.05)
+    gradient, temperature_gradient = jax.grad(total, argnums=(0, 1))(
+        jnp.asarray(walks[1]), 0.05
+    )
     assert np.isfinite(gradient).all()
     assert not np.asarray(gradient[1, GAP]).any()
     assert np.asarray(gradient[1, GAP + 1]).any()
     assert np.isfinite(temperature_gradient)
 
 
-@pytest.mark.parametrize("text", [*WEIGHTINGS, "soft,learned=true", "quantised,learned=true"])
+@pytest.mark.parametrize(
+    "text", [*WEIGHTINGS, "soft,learned=true", "quantised,learned=true"]
+)
 def test_alpha_is_zero_there_and_nobody_elses_changes(walks, text):
     weigh = make_weighting(text)
     complete, gappy = (np.asarray(weigh(positions)) for positions in walks)
@@ -101,7 +113,9 @@ def test_a_table_learns_nothing_from_what_is_absent(walks):
     total = jax.grad(lambda learned: weighting.alpha(learned, positions).sum())
     pairs = ~np.eye(4, dtype=bool)[..., None] & ~pairs_of_the_second()
     codes = np.asarray(encode_state(observe(positions[:, None], positions)))[pairs]
-    np.testing.assert_array_equal(total(initial)["table"], np.bincount(codes, minlength=81))
+    np.testing.assert_array_equal(
+        total(initial)["table"], np.bincount(codes, minlength=81)
+    )
 
 
 def test_forecasts_of_symbols_and_events_are_of_the_samples_that_have_a_state():
@@ -114,12 +128,16 @@ def test_forecasts_of_symbols_and_events_are_of_the_samples_that_have_a_state():
     settings = {"smoothing": 1.0, "calculus": "b1"}
     shares = np.asarray(symbolic_forecast(samples, observed, **settings))
     towards = list(map(tuple, all_states("b1"))).index((-1, 0))
-    np.testing.assert_allclose(shares[0, 1, 0, towards], (2 + 1 / 9) / (2 + 1), rtol=1e-6)
+    np.testing.assert_allclose(
+        shares[0, 1, 0, towards], (2 + 1 / 9) / (2 + 1), rtol=1e-6
+    )
     assert not shares[2].any()
     assert not shares[:, 2].any()
     events = symbolic_events(samples, observed)
     meets = list(EVENTS).index("meets")
-    np.testing.assert_allclose(events.probability[meets, 0, 1], (2 + 0.5) / 3, rtol=1e-6)
+    np.testing.assert_allclose(
+        events.probability[meets, 0, 1], (2 + 0.5) / 3, rtol=1e-6
+    )
     np.testing.assert_allclose(events.seconds[meets, 0, 1], 4.0, rtol=1e-6)
     assert not np.asarray(events.probability[:, 0, 2]).any()
     rows = forecast_rows(samples, observed, np.arange(3), SymbolSettings())
@@ -137,10 +155,13 @@ def test_no_event_happens_without_a_state_and_a_gap_ends_what_lasts():
 
     def seconds(walk, name):
         samples, observed = walk[None, :, 1:], walk[:, :1]
-        events = symbolic_events(samples, observed, events=(name,), period=0.1, smoothing=0.0)
+        events = symbolic_events(
+            samples, observed, events=(name,), period=0.1, smoothing=0.0
+        )
         return float(events.seconds[0, 0, 1, 1])
 
-    # Approaching for 1.2 s: 12 steps from the start, and from the end of the gap's second step.
+    # Approaching for 1.2 s: 12 steps from the start, and from the end of the gap's
+    # second step.
     assert seconds(walk, "approaches") == pytest.approx(1.2)
     assert seconds(gappy, "approaches") == pytest.approx(0.9 + 1.2)
     assert seconds(gappy[:, 7:], "anything") == pytest.approx(0.3)

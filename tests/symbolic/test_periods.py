@@ -44,16 +44,20 @@ def walkers(period, seconds=4.8):
 
 
 @pytest.mark.parametrize(
-    "text", [exhaustive("quantised"), "quantised,speed=0.3", "cnd,speed=0.3,side_speed=0.3"]
+    "text",
+    [exhaustive("quantised"), "quantised,speed=0.3", "cnd,speed=0.3,side_speed=0.3"],
 )
 def test_weights_of_straight_walks_do_not_hang_on_the_period(text):
     alphas = {}
     for period in PERIODS:
-        alpha = np.asarray(jax.jit(make_weighting(text, period=period))(walkers(period)))
+        alpha = np.asarray(
+            jax.jit(make_weighting(text, period=period))(walkers(period))
+        )
         alphas[period] = alpha[..., -1]
     np.testing.assert_array_equal(alphas[0.1], alphas[0.4])
     np.testing.assert_array_equal(alphas[0.2], alphas[0.4])
-    # At another period than the recording's the slow walker stands, or the fast one does not.
+    # At another period than the recording's the slow walker stands, or the fast one
+    # does not.
     wrong = np.asarray(jax.jit(make_weighting(text, period=0.4))(walkers(0.1)))[..., -1]
     assert (wrong != alphas[0.1]).any()
 
@@ -75,10 +79,15 @@ def test_a_model_weights_by_its_own_period():
     """A forecast with alpha at the model's period is that of the model, of other alpha is not."""
     forecasts = {}
     for period in (0.4, 0.1):
-        config = GeneratorConfig(pooling="as_described", weighting="quantised", period=period)
+        config = GeneratorConfig(
+            pooling="as_described", weighting="quantised", period=period
+        )
         config = dataclasses.replace(config, obs_len=8, pred_len=3)
         params = random_model(config, std=0.5).params
-        observed, noise = jnp.asarray(walkers(0.1)[:, :8], jnp.float32), np.ones((2, 8), np.float32)
+        observed, noise = (
+            jnp.asarray(walkers(0.1)[:, :8], jnp.float32),
+            np.ones((2, 8), np.float32),
+        )
         forecasts[period] = np.asarray(forecast(config, params, observed, noise))
         alpha = jax.jit(make_weighting("quantised", period=period))(observed)
         stated = np.asarray(forecast(config, params, observed, noise, alpha))
@@ -114,7 +123,9 @@ def test_scores_of_symbols_are_by_the_scenes_period():
         path[0], path[1, :, 1] = [0, 0], 0
         path[0, :, 0] = 0.4 * period * np.arange(path.shape[1])
         scene = make_scene(path[:, :8], path[:, 8:], period=period)
-        standing = jnp.repeat(jnp.asarray(scene.observed)[None, :, -1:], path.shape[1] - 8, axis=2)
+        standing = jnp.repeat(
+            jnp.asarray(scene.observed)[None, :, -1:], path.shape[1] - 8, axis=2
+        )
         score_of = jax.jit(METRICS["state_log"].compute)
         score, pairs = score_of(standing, scene)
         assert pairs == 2

@@ -59,7 +59,9 @@ def test_every_symbol_is_that_of_the_definition(convention, thresholds, x64):
     # One shape, to be compiled once: after their step kings stand.
     kings = [[path + path[-1:] * 6 for path in side] for side in literal.unit_steps()]
     walks = [king + walk for king, walk in zip(kings, literal.grid_walks(200))]
-    expected = [literal.symbols(*pair, convention, factor, side) for pair in zip(*walks)]
+    expected = [
+        literal.symbols(*pair, convention, factor, side) for pair in zip(*walks)
+    ]
     with jax.enable_x64(x64):
         states = c1(*map(np.array, walks), convention=convention, **factors)
     np.testing.assert_array_equal(states, expected)
@@ -96,7 +98,9 @@ def test_qsrlibs_own_cases(qsrlib, calculus):
         states = c1(k, l, "line", calculus, near=case["distance_threshold"], **factors)
         states = np.asarray(states) if case["no_collapse"] else collapse(states)
         states = validate(states) if case["validate"] else states
-        assert [format_state(state, ",") for state in states] == case["expected"].split(), case
+        assert [format_state(state, ",") for state in states] == case[
+            "expected"
+        ].split(), case
 
 
 @pytest.mark.usefixtures("double")
@@ -108,7 +112,9 @@ def test_qsrlibs_argument_distance_and_moving_or_stationary():
         people = stored["recordings"][case["recording"]]
         k, l = (np.array(people[case[name]]) for name in "kl")
         if case["calculus"] == "mos":
-            states = observe(k, l, "mos", quantisation_factor=case["quantisation_factor"])
+            states = observe(
+                k, l, "mos", quantisation_factor=case["quantisation_factor"]
+            )
             texts = ["".join("sm"[symbol] for symbol in state) for state in states]
         else:
             # Its first state is that of the first positions, before any step.
@@ -130,7 +136,13 @@ def test_argument_distance_has_rows_texts_a_diagram_and_inclusive_thresholds():
     assert state_texts("mos") == ["s s", "s m", "m s", "m m"]
     # A distance passes through all between: neighbours are one apart.
     table = adjacency("argd")
-    assert [list(np.flatnonzero(row)) for row in table] == [[1], [0, 2], [1, 3], [2, 4], [3]]
+    assert [list(np.flatnonzero(row)) for row in table] == [
+        [1],
+        [0, 2],
+        [1, 3],
+        [2, 4],
+        [3],
+    ]
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
@@ -143,7 +155,9 @@ def test_argument_distance_has_rows_texts_a_diagram_and_inclusive_thresholds():
 def test_symmetries(convention, pair, turns, shift, angle):
     states = np.asarray(c1(*pair, convention))
     for calculus in literal.CALCULI:
-        direct, swapped = (c1(*way, convention, calculus, near=9.0) for way in (pair, pair[::-1]))
+        direct, swapped = (
+            c1(*way, convention, calculus, near=9.0) for way in (pair, pair[::-1])
+        )
         np.testing.assert_array_equal(swapped, literal.converse(direct))
     if convention != "as_published":  # Its sides have no sign.
         mirrored = c1(*(pair * np.array([1, -1], np.float32)), convention)
@@ -169,8 +183,12 @@ def test_states_have_codes_rows_and_texts():
     assert int(encode_state(np.array([1, -1, -1, -1]))) == 54
     for calculus in (*literal.CALCULI, "argd", "mos"):
         rows = all_states(calculus)
-        np.testing.assert_array_equal(state_index(calculus, jnp.asarray(rows)), range(len(rows)))
-        with pytest.raises(ValueError, match="read-only"):  # It is shared by all callers.
+        np.testing.assert_array_equal(
+            state_index(calculus, jnp.asarray(rows)), range(len(rows))
+        )
+        with pytest.raises(
+            ValueError, match="read-only"
+        ):  # It is shared by all callers.
             rows[0, 0] = 1
     assert format_state(np.array([-1, 0, 1, -1])) == "- 0 + -"
     assert format_state(np.array([-1, 0, ABSENT, ABSENT]), ",") == "-,0"
@@ -218,8 +236,16 @@ def forecast(**change):
 @pytest.mark.parametrize(
     ("call", "arguments", "message"),
     [
-        (observe, [[[0, 0]], [[0, 0]], "c3"], "calculus must be one of b1, c1, bc1, argd, mos"),
-        (observe, {"k": [[0, 0]], "l": [[0, 0]], "convention": "lines"}, "convention must be one"),
+        (
+            observe,
+            [[[0, 0]], [[0, 0]], "c3"],
+            "calculus must be one of b1, c1, bc1, argd, mos",
+        ),
+        (
+            observe,
+            {"k": [[0, 0]], "l": [[0, 0]], "convention": "lines"},
+            "convention must be one",
+        ),
         (
             observe,
             {"k": [[0, 0]], "l": [[0, 0]], "calculus": "argd", "distances": (2.0, 1.0)},
@@ -228,9 +254,17 @@ def forecast(**change):
         (forecast, {"calculus": "argd", "distances": (0.0,)}, "distances must be"),
         (adjacency, ["mos"], "mos has no published neighbourhood diagram"),
         (adjacency, ["c1", "any"], "rule must be one of dominance, continuity"),
-        (make_weighting, ["cdn"], r"unknown weighting 'cdn': did you mean 'cnd'\? .*shuffled"),
+        (
+            make_weighting,
+            ["cdn"],
+            r"unknown weighting 'cdn': did you mean 'cnd'\? .*shuffled",
+        ),
         (make_weighting, ["ones,learned=true"], "unknown field 'learned' for Ones"),
-        (make_weighting, ["soft,temprature=0.05"], "weighting: unknown field 'temprature'"),
+        (
+            make_weighting,
+            ["soft,temprature=0.05"],
+            "weighting: unknown field 'temprature'",
+        ),
         (
             make_weighting,
             ["cnd,speed=-0.1"],
@@ -238,13 +272,25 @@ def forecast(**change):
         ),
         (make_weighting, ["cnd,side_speed=NaN"], "_speed must be a finite"),
         (make_weighting, ["soft,temperature=0"], "temperature must be positive"),
-        (make_weighting, ["cnd,convention=lines"], "convention must be one of distance, line, as"),
+        (
+            make_weighting,
+            ["cnd,convention=lines"],
+            "convention must be one of distance, line, as",
+        ),
         (make_weighting, ["quantised,speed=0,learned=true"], "cannot be learned"),
-        (forecast, {"calculus": "z9"}, "calculus must be one of b1, c1, bc1, argd, mos"),
+        (
+            forecast,
+            {"calculus": "z9"},
+            "calculus must be one of b1, c1, bc1, argd, mos",
+        ),
         (forecast, {"speed": -1.0}, "speed must"),
         (forecast, {"sped": 1.0}, "unknown field 'sped'"),
         (forecast, {"pairs": [[0, 9]]}, "pairs must name people by 0 to 3"),
-        (forecast, {"observed": np.zeros((2, 3, 2))}, r"not \[6, 4, 5, 2\] and \[2, 3, 2\]"),
+        (
+            forecast,
+            {"observed": np.zeros((2, 3, 2))},
+            r"not \[6, 4, 5, 2\] and \[2, 3, 2\]",
+        ),
     ],
 )
 def test_refusals(call, arguments, message):

@@ -30,7 +30,11 @@ def soft(k, l, temperature, factor=0.0, convention="distance", straight_through=
 @functools.partial(jax.jit, static_argnames="convention")
 def hard(k, l, factor=0.0, convention="distance"):
     return observe(
-        k, l, quantisation_factor=factor, convention=convention, side_quantisation_factor=factor
+        k,
+        l,
+        quantisation_factor=factor,
+        convention=convention,
+        side_quantisation_factor=factor,
     )
 
 
@@ -55,7 +59,9 @@ def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures():
         distance = np.linalg.norm(l - k, axis=-1)[:, :-1, None]
         decided = abs(abs(margin) - factor) > 10 * temperature
         decided[..., 2:] &= distance > temperature
-        certain = np.take_along_axis(probabilities, (states + 1)[..., None], axis=-1)[..., 0]
+        certain = np.take_along_axis(probabilities, (states + 1)[..., None], axis=-1)[
+            ..., 0
+        ]
         assert (certain[decided] > 0.9999).all()
         tied = (margin == 0) & (factor > 0)
         assert (probabilities[..., 1][tied] == 1).all()
@@ -71,7 +77,9 @@ def test_probabilities_fade_over_a_temperature_and_ties_are_half_and_half():
         towards = soft(np.array([[0.0, 0], [step, 0]]), l, 0.01, 0.05)[0, 0]
         np.testing.assert_allclose(towards[0], 1 / (1 + np.exp(-odds)), rtol=1e-9)
         np.testing.assert_allclose(towards[2], 1 / (1 + np.exp(10 + odds)), rtol=1e-9)
-    np.testing.assert_allclose(soft(np.array([[0.0, 0], [0, 1]]), l, 0.01)[0, 3], [0.5, 0, 0.5])
+    np.testing.assert_allclose(
+        soft(np.array([[0.0, 0], [0, 1]]), l, 0.01)[0, 3], [0.5, 0, 0.5]
+    )
     stands = soft(l, l, 0.01, 0.05)[0]  # Two people on one spot.
     np.testing.assert_allclose(stands[:, 1], np.tanh(0.05 / 0.01 / 2))
 
@@ -85,7 +93,9 @@ def test_straight_through_is_hard_with_soft_gradients():
     weights = np.random.default_rng(1).normal(size=(4, 3))
 
     def total(k, factor, **kind):
-        return (soft(k, l, **options | kind | {"factor": factor}) * weights[None, None]).sum()
+        return (
+            soft(k, l, **options | kind | {"factor": factor}) * weights[None, None]
+        ).sum()
 
     gradient = jax.grad(total, argnums=(0, 1))
     for through_gradient, soft_gradient in zip(
@@ -118,7 +128,10 @@ def test_expected_weights_are_sums_over_all_states():
 def random_pairs(count, seed=0):
     """Steps of two people [count, 2, 2]: a tenth of each kind of degeneracy, the rest at random."""
     draw = np.random.default_rng(seed)
-    start, step = draw.uniform(-2, 2, (2, count, 1, 2)), draw.normal(0, 0.3, (2, count, 2, 2))
+    start, step = (
+        draw.uniform(-2, 2, (2, count, 1, 2)),
+        draw.normal(0, 0.3, (2, count, 2, 2)),
+    )
     k, l = start + step
     kind = np.arange(count) % 10
     k[kind == 1, 1] = k[kind == 1, 0]  # k stands.
@@ -149,6 +162,8 @@ def test_gradients_are_finite_differences(convention):
     small, values = 1e-7, jax.jit(jax.vmap(alpha))
     for axis in range(10):
         step = small * np.eye(10)[axis][None]
-        difference = np.asarray(values(inputs + step) - values(inputs - step)) / (2 * small)
+        difference = np.asarray(values(inputs + step) - values(inputs - step)) / (
+            2 * small
+        )
         np.testing.assert_allclose(gradient[:, axis], difference, rtol=1e-5, atol=1e-6)
     assert (abs(gradient).max(axis=0) > 0.1).all()

@@ -44,7 +44,11 @@ def alpha_of(positions, valid=None, weighting="cnd"):
 
 
 def walks(agents, seed=0, steps=8):
-    return np.random.default_rng(seed).integers(-9, 10, (agents, steps, 2)).astype(np.float32)
+    return (
+        np.random.default_rng(seed)
+        .integers(-9, 10, (agents, steps, 2))
+        .astype(np.float32)
+    )
 
 
 def test_shipped_table_and_weights_of_real_windows(shared, real_windows):
@@ -62,7 +66,9 @@ def test_the_state_up_to_a_step_weights_that_step():
     table = alpha_table().astype(np.float32)
     expected = table[encode_state(observe(positions[:, None], positions))]
     expected = np.pad(expected, [(0, 0), (0, 0), (1, 0)])
-    np.testing.assert_array_equal(alpha, np.where(np.eye(4, dtype=bool)[..., None], 1, expected))
+    np.testing.assert_array_equal(
+        alpha, np.where(np.eye(4, dtype=bool)[..., None], 1, expected)
+    )
 
 
 def test_ones_and_zeros():
@@ -85,7 +91,9 @@ def test_quantised_symbols_are_zero_up_to_five_centimetres():
     positions = np.zeros((2, 3, 2), np.float32)
     positions[1, :, 0] = 3, 2.96, 2.9  # Towards the other by 4 cm, then by 6.
     # In both steps both stay on the line; the second has one symbol that is not 0.
-    np.testing.assert_allclose(alpha_of(positions, None, "quantised")[0, 1], [0, 1 / 80, 1 / 27])
+    np.testing.assert_allclose(
+        alpha_of(positions, None, "quantised")[0, 1], [0, 1 / 80, 1 / 27]
+    )
     np.testing.assert_allclose(alpha_of(positions)[0, 1], [0, 1 / 27, 1 / 27])
 
 
@@ -109,12 +117,18 @@ def test_neither_padding_nor_order_changes_a_weight(weighting, seed, agents):
 
 def test_a_table_is_learned():
     weighting, positions = Learned(), walks(3)
-    total = jax.jit(jax.grad(lambda parameters: weighting.alpha(parameters, positions).sum()))
+    total = jax.jit(
+        jax.grad(lambda parameters: weighting.alpha(parameters, positions).sum())
+    )
     gradient = total(initial_parameters(weighting))
     assert float(gradient["unobserved"]) == 6  # ordered pairs
     codes = np.asarray(weighting.codes({}, positions))[~np.eye(3, dtype=bool)]
-    np.testing.assert_array_equal(gradient["table"], np.bincount(codes.ravel(), minlength=81))
-    np.testing.assert_array_equal(alpha_of(positions, None, "learned"), alpha_of(positions))
+    np.testing.assert_array_equal(
+        gradient["table"], np.bincount(codes.ravel(), minlength=81)
+    )
+    np.testing.assert_array_equal(
+        alpha_of(positions, None, "learned"), alpha_of(positions)
+    )
 
 
 def test_the_wrong_pairs_get_the_same_weights():
@@ -122,7 +136,9 @@ def test_the_wrong_pairs_get_the_same_weights():
     positions, valid = positions.astype(np.float32), np.array([1, 1, 0, 1, 1], bool)
     quantised = np.asarray(alpha_of(positions, valid, "quantised"))
     shuffled = np.asarray(alpha_of(positions, valid, "shuffled"))
-    np.testing.assert_array_equal(np.sort(shuffled, axis=None), np.sort(quantised, axis=None))
+    np.testing.assert_array_equal(
+        np.sort(shuffled, axis=None), np.sort(quantised, axis=None)
+    )
     distance = np.linalg.norm(positions[:, -1] - positions[0, -1], axis=-1)
     order = sorted((1, 3, 4), key=lambda j: distance[j])
     # Each has the weights of the next nearer one, the nearest those of the farthest.
@@ -131,7 +147,9 @@ def test_the_wrong_pairs_get_the_same_weights():
     assert (shuffled != quantised).mean() > 0.2
 
 
-@pytest.mark.parametrize("text", ["quantised,learned=true", "soft,learned=true", "learned"])
+@pytest.mark.parametrize(
+    "text", ["quantised,learned=true", "soft,learned=true", "learned"]
+)
 def test_learned_parameters_have_gradients(text):
     weighting = from_text(text)
     positions = np.random.default_rng(0).normal(0, 0.05, (4, 8, 2)).cumsum(axis=1)
@@ -145,17 +163,22 @@ def test_learned_parameters_have_gradients(text):
     for name, value in gradient.items():
         assert np.isfinite(value).all()
         assert np.abs(value).max() > 1e-3, name
-    # Training starts from the weights of the options; `quantised` is hard, straight through.
+    # Training starts from the weights of the options; `quantised` is hard, straight
+    # through.
     if weighting.title != "learned":
         options = make_weighting(weighting.title)(positions)
-        np.testing.assert_allclose(make_weighting(weighting)(positions), options, atol=1e-6)
+        np.testing.assert_allclose(
+            make_weighting(weighting)(positions), options, atol=1e-6
+        )
 
 
 @mock.patch.dict(WEIGHTINGS)
 def test_a_function_as_a_weighting():
     @register_weighting("nearness", reach=2.0)
     def nearness(positions, valid, reach):
-        return jnp.exp(-jnp.linalg.norm(positions[:, None] - positions[None], axis=-1) / reach)
+        return jnp.exp(
+            -jnp.linalg.norm(positions[:, None] - positions[None], axis=-1) / reach
+        )
 
     weighting = from_text("nearness")
     assert initial_parameters(weighting) == {"reach": 2.0}
@@ -168,10 +191,15 @@ def test_a_function_as_a_weighting():
     np.testing.assert_array_equal(alpha[0, 0], 1)
     assert not np.asarray(alpha[2]).any()
     assert alpha.dtype == jnp.float32
-    for name, reason in {"cnd": "another weighting 'cnd'", "a,b": "cannot name"}.items():
+    for name, reason in {
+        "cnd": "another weighting 'cnd'",
+        "a,b": "cannot name",
+    }.items():
         with pytest.raises(InputError, match=reason):
             register_weighting(name)(nearness)
-    register_weighting("nearness", replace=True)(lambda positions, valid: 0 * positions[..., 0])
+    register_weighting("nearness", replace=True)(
+        lambda positions, valid: 0 * positions[..., 0]
+    )
     assert initial_parameters(from_text("nearness")) == {}
 
 
@@ -195,6 +223,8 @@ def test_the_name_is_the_text_form():
     assert from_text("soft,temperature=0.125") == Soft(temperature=0.125)
     alphas = [alpha_of(walks(3), weighting=Soft(temperature=t)) for t in (0.125, 12.5)]
     assert np.abs(alphas[0] - alphas[1]).max() > 1e-4
-    assert Soft(temperature=0.1, learned=True).name == "soft,temperature=0.1,learned=true"
+    assert (
+        Soft(temperature=0.1, learned=True).name == "soft,temperature=0.1,learned=true"
+    )
     for name, weighting in WEIGHTINGS.items():
         assert weighting().name == name

@@ -26,7 +26,13 @@ GENERATOR = GeneratorConfig(
     noise_dim=2,
 )
 RECIPE = GeneratorRecipe(
-    steps=75, batch_scenes=6, max_agents=6, best_k=3, validate_every=25, warmup_steps=5, ema=0.9
+    steps=75,
+    batch_scenes=6,
+    max_agents=6,
+    best_k=3,
+    validate_every=25,
+    warmup_steps=5,
+    ema=0.9,
 )
 
 
@@ -42,7 +48,9 @@ def random_walks(sizes, seed=0) -> Windows:
         position=(start + np.cumsum(steps, axis=1)).round(4),
         agent=np.arange(agents),
         bounds=bounds,
-        identity=np.stack([np.full(len(sizes), seed), np.arange(len(sizes))], 1).astype(np.uint32),
+        identity=np.stack([np.full(len(sizes), seed), np.arange(len(sizes))], 1).astype(
+            np.uint32
+        ),
         obs_len=OBS,
     )
 
@@ -78,7 +86,9 @@ def batch(windows):
 
 @pytest.fixture(scope="session")
 def run(windows) -> Run:
-    return Run(GENERATOR, RECIPE, windows, random_walks([2, 3, 5], seed=1), "zara1", ("walks",))
+    return Run(
+        GENERATOR, RECIPE, windows, random_walks([2, 3, 5], seed=1), "zara1", ("walks",)
+    )
 
 
 @pytest.fixture(scope="session")
@@ -87,7 +97,9 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data")
     rng = np.random.default_rng(0)
     for name, frames in (("walk", 60), ("check", 30)):
-        position = rng.uniform(-3, 3, (5, 1, 2)) + rng.normal(0.1, 0.2, (5, frames, 2)).cumsum(1)
+        position = rng.uniform(-3, 3, (5, 1, 2)) + rng.normal(
+            0.1, 0.2, (5, frames, 2)
+        ).cumsum(1)
         (folder / f"{name}.txt").write_text(
             "".join(
                 f"{10 * frame}\t{person}\t{x:.3f}\t{y:.3f}\n"
@@ -103,7 +115,9 @@ def with_recipe(run):
     """The run with changes to its recipe."""
 
     def changed(**changes) -> Run:
-        return dataclasses.replace(run, recipe=dataclasses.replace(run.recipe, **changes))
+        return dataclasses.replace(
+            run, recipe=dataclasses.replace(run.recipe, **changes)
+        )
 
     return changed
 

@@ -21,7 +21,11 @@ from neurosym_jax.models.anchors.loss import (
     points_loss,
     step_energy,
 )
-from neurosym_jax.models.anchors.network import AnchorConfig, AnchorForecast, AnchorTableConfig
+from neurosym_jax.models.anchors.network import (
+    AnchorConfig,
+    AnchorForecast,
+    AnchorTableConfig,
+)
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.training import validation
 from neurosym_jax.training.loop import train_run
@@ -30,7 +34,12 @@ from tests.repository import exhaustive
 
 LOSS = jax.jit(anchor_loss, static_argnums=4)
 RECIPE = AnchorRecipe(
-    steps=40, batch_people=48, validate_every=20, warmup_steps=5, learning_rate=0.01, ema=0.8
+    steps=40,
+    batch_people=48,
+    validate_every=20,
+    warmup_steps=5,
+    learning_rate=0.01,
+    ema=0.8,
 )
 
 
@@ -52,7 +61,9 @@ def test_the_best_state_is_chosen_by_what_the_network_is_for(
     result = types.SimpleNamespace(scores=errors, mean=errors.get)
     monkeypatch.setattr(validation, "score_forecaster", lambda *_, **options: result)
     config = AnchorConfig(4, 3, samples=3, points=points)
-    trained = dataclasses.replace(run, config=config, recipe=AnchorRecipe(select_by=select_by))
+    trained = dataclasses.replace(
+        run, config=config, recipe=AnchorRecipe(select_by=select_by)
+    )
     assert validation.validate(trained, {}, [])["val_score"] == score
 
 
@@ -78,13 +89,20 @@ def test_overlapping_people_cost_by_their_distance():
 
 def test_scenes_of_a_crowd_share_their_best_sample():
     future = jnp.zeros((2, 1, 3, 2))
-    forecast = jnp.array([[0.0, 1.0], [1.0, 0.2]])[..., None, None, None] * jnp.ones((1, 3, 2))
-    valid, probability = jnp.ones((2, 1), bool), jnp.log(jnp.array([[0.1, 0.9], [0.9, 0.1]]))
+    forecast = jnp.array([[0.0, 1.0], [1.0, 0.2]])[..., None, None, None] * jnp.ones(
+        (1, 3, 2)
+    )
+    valid, probability = (
+        jnp.ones((2, 1), bool),
+        jnp.log(jnp.array([[0.1, 0.9], [0.9, 0.1]])),
+    )
     forecast = AnchorForecast(forecast, probability, forecast[:, :0])
     none = dict.fromkeys(("joint", "marginal", "mean", "likely", "probability"), 0.0)
 
     def loss(crowd, **weights):
-        weights = {f"{name}_weight": value for name, value in {**none, **weights}.items()}
+        weights = {
+            f"{name}_weight": value for name, value in {**none, **weights}.items()
+        }
         options = AnchorRecipe(**weights, fde_weight=0.0)
         value = LOSS(forecast, future, valid, jnp.array(crowd), options)
         return float(value) / np.sqrt(2)
@@ -106,16 +124,22 @@ def test_points_are_scored_by_the_energy_score_of_each_person():
     energy = jax.jit(personal_energy)(points, future)
     for person in range(3):
         row = slice(person, person + 1)
-        metric = score(points[:, row], future[row], metrics=["energy_score"])["energy_score"]
+        metric = score(points[:, row], future[row], metrics=["energy_score"])[
+            "energy_score"
+        ]
         assert energy[person] == pytest.approx(metric.mean, rel=1e-3)
-    exact = jax.jit(personal_energy)(jnp.repeat(jnp.asarray(future)[None], 4, axis=0), future)
+    exact = jax.jit(personal_energy)(
+        jnp.repeat(jnp.asarray(future)[None], 4, axis=0), future
+    )
     np.testing.assert_allclose(exact, 0, atol=1e-3)
     samples, valid = jnp.zeros((1, 1, 3, 5, 2)), jnp.array([[True, False, True]])
 
     def loss(weight):
         forecast = AnchorForecast(samples, jnp.zeros((1, 1)), jnp.asarray(points)[None])
         recipe = AnchorRecipe(energy_weight=weight)
-        return LOSS(forecast, jnp.asarray(future)[None], valid, jnp.zeros(1, int), recipe)
+        return LOSS(
+            forecast, jnp.asarray(future)[None], valid, jnp.zeros(1, int), recipe
+        )
 
     expected = 3 * (energy[0] + energy[2]) / 2
     assert float(loss(3.0) - loss(0.0)) == pytest.approx(float(expected), rel=1e-4)
@@ -129,11 +153,15 @@ def test_positions_at_single_steps_are_scored_by_themselves():
     for person in range(3):
         row = slice(person, person + 1)
         single = [
-            score(points[:, row, [n]], future[row, [n]], metrics=["energy_score"]) for n in (1, 4)
+            score(points[:, row, [n]], future[row, [n]], metrics=["energy_score"])
+            for n in (1, 4)
         ]
         expected = np.mean([float(scores["energy_score"].mean) for scores in single])
         assert energy[person] == pytest.approx(expected, rel=1e-3)
-    batch, valid = (jnp.asarray(array)[None] for array in (points, future)), jnp.ones((1, 3), bool)
+    batch, valid = (
+        (jnp.asarray(array)[None] for array in (points, future)),
+        jnp.ones((1, 3), bool),
+    )
     recipe = AnchorRecipe(energy_weight=0.0, step_weight=2.0)
     total = points_loss(*batch, valid, recipe)
     assert float(total) == pytest.approx(2 * float(energy.sum()), rel=1e-4)
@@ -155,11 +183,15 @@ def test_batches_depend_on_seed_and_step_and_crop_what_is_large(run):
 
 
 def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
-    scenes = AnchorStream(run.training, dataclasses.replace(RECIPE, batch_people=720)).batch(0)[0]
+    scenes = AnchorStream(
+        run.training, dataclasses.replace(RECIPE, batch_people=720)
+    ).batch(0)[0]
     (moved,) = augment((scenes,), jax.random.key(0), RECIPE)
 
     def stretch(field):
-        after, before = (np.linalg.norm(getattr(part, field), axis=-1) for part in (moved, scenes))
+        after, before = (
+            np.linalg.norm(getattr(part, field), axis=-1) for part in (moved, scenes)
+        )
         return np.where(before > 0, after / np.maximum(before, 1e-9), np.nan)
 
     ratio = np.nanmean(stretch("future"), axis=(1, 2))

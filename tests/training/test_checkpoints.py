@@ -23,7 +23,12 @@ from neurosym_jax.training.checkpoints import restore_state, save_state
 def state_of(seed):
     rng = np.random.default_rng(seed)
     return {
-        "params": {"a.b": {"w/x": jnp.asarray(rng.normal(size=(5, 4))), "['b']": np.float32(seed)}},
+        "params": {
+            "a.b": {
+                "w/x": jnp.asarray(rng.normal(size=(5, 4))),
+                "['b']": np.float32(seed),
+            }
+        },
         "half": np.float16([1.5, -0.0]),
         "brain": jnp.asarray(rng.normal(size=3), jnp.bfloat16),
         "flags": np.array([True, False]),
@@ -35,7 +40,8 @@ def state_of(seed):
 def assert_same(state, other):
     assert jax.tree.structure(state) == jax.tree.structure(other)
     for a, b in zip(
-        *(map(np.asarray, jax.tree.leaves(tree)) for tree in (state, other)), strict=True
+        *(map(np.asarray, jax.tree.leaves(tree)) for tree in (state, other)),
+        strict=True,
     ):
         assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
 
@@ -53,7 +59,10 @@ def two_steps(tmp_path_factory):
 
 
 def test_round_trip_is_bit_identical(tmp_path):
-    folder, record = tmp_path / "new" / "run", {"lr": 1e-3, "rows": [{"ade": 0.1 + 0.2, "é": 1}]}
+    folder, record = (
+        tmp_path / "new" / "run",
+        {"lr": 1e-3, "rows": [{"ade": 0.1 + 0.2, "é": 1}]},
+    )
     assert restore_state(folder, state_of(0)) is None
     save_state(folder, 7, state_of(3), record)
     state, again = restore_state(folder, state_of(0))
@@ -108,7 +117,9 @@ def test_an_altered_file_is_never_read_and_the_state_before_is(
             shutil.rmtree(folder)
 
 
-def test_the_newest_are_kept_and_training_goes_on_after_damage(tmp_path, two_steps, capsys):
+def test_the_newest_are_kept_and_training_goes_on_after_damage(
+    tmp_path, two_steps, capsys
+):
     folder = shutil.copytree(two_steps, tmp_path / "run")
     (folder / ".step_00000003.killed").mkdir()
     save_state(folder, 3, state_of(3), {})
@@ -140,11 +151,15 @@ def test_a_state_that_cannot_be_saved_is_told_in_one_line(tmp_path, error, messa
     with mock.patch.object(ocp, "save", fail), pytest.raises(TrainingError) as caught:
         save_state(tmp_path, 1, state_of(1), {})
     path = tmp_path / "step_00000001"
-    assert str(caught.value) == f"{message.format(path=path)}; what was saved before is kept"
+    assert (
+        str(caught.value)
+        == f"{message.format(path=path)}; what was saved before is kept"
+    )
     assert names(tmp_path) == []
 
 
-# One process imports everything, and forks those that are killed: importing takes seconds.
+# One process imports everything, and forks those that are killed: importing takes
+# seconds.
 KILLED = """
 import os, sys
 from pathlib import Path
@@ -169,7 +184,9 @@ for line in sys.stdin:
 def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
     folder, saved, rng = tmp_path / "run", tmp_path / "saved", random.Random(0)
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    process: Any = subprocess.Popen([sys.executable, "-c", KILLED, str(folder)], **pipes)
+    process: Any = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(folder)], **pipes
+    )
     step, longest = 0, 0.4
     with process:
         for _ in range(10):

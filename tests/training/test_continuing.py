@@ -1,6 +1,7 @@
 """A model at every moment: beginning from one, going on for longer, and ending early.
 
-The names of the issues are those of public projects in which people met what a test is about.
+The names of the issues are those of public projects in which people met what a test is
+about.
 """
 
 import dataclasses
@@ -27,7 +28,12 @@ from tests.training.conftest import random_walks
 
 TABLE = AnchorTableConfig(4, 3, samples=3)
 RECIPE = AnchorRecipe(
-    steps=4, validate_every=2, batch_scenes=4, crowd_share=0.0, schedule="constant", ema=0.9
+    steps=4,
+    validate_every=2,
+    batch_scenes=4,
+    crowd_share=0.0,
+    schedule="constant",
+    ema=0.9,
 )
 
 
@@ -66,7 +72,11 @@ def scripted(monkeypatch, scores, losses=None):
     monkeypatch.setattr(
         loop,
         "validate",
-        lambda *_: {"val_score": (score := next(remaining)), "val_ade": score, "val_fde": score},
+        lambda *_: {
+            "val_score": (score := next(remaining)),
+            "val_ade": score,
+            "val_fde": score,
+        },
     )
 
 
@@ -95,16 +105,26 @@ def test_no_steps_give_the_same_forecasts_to_the_bit(tmp_path):
     )
     others = dataclasses.replace(windows, position=windows.position[:, ::-1])
     recipe = AnchorRecipe(steps=0)
-    tuned = nj.train(windows, others, tmp_path, init="recommended", recipe=recipe, data=("mine",))
+    tuned = nj.train(
+        windows, others, tmp_path, init="recommended", recipe=recipe, data=("mine",)
+    )
     observed = walks.position[:5, :1] + np.linspace(0, 3, 8)[:, None]
     for tuned_model in (tuned, load_model(tmp_path)):
-        assert nj.predict(tuned_model, observed).tobytes() == nj.predict(model, observed).tobytes()
-        assert (tuned_model.step, {*tuned_model.data}) == (0, {"ETH/UCY", "HERMES", "mine"})
+        assert (
+            nj.predict(tuned_model, observed).tobytes()
+            == nj.predict(model, observed).tobytes()
+        )
+        assert (tuned_model.step, {*tuned_model.data}) == (
+            0,
+            {"ETH/UCY", "HERMES", "mine"},
+        )
         assert is_fingerprint(tuned_model.seen)
     assert steps_of(tmp_path) == [0]
 
 
-def test_a_model_that_began_from_another_has_seen_what_both_learned(table, done, tmp_path):
+def test_a_model_that_began_from_another_has_seen_what_both_learned(
+    table, done, tmp_path
+):
     other = dataclasses.replace(
         table, training=random_walks([3] * 40, seed=5), init=load_model(done)
     )
@@ -121,14 +141,21 @@ def test_an_initial_model_must_fit(table, done):
     """VLN-HAMT 2, deep-text-recognition 267: a size mismatch in pages of parameters."""
     init = load_model(done)
     for change, message in (
-        ({"pred_len": 5}, r"initial model has another configuration: pred_len 3 \(now 5\)$"),
+        (
+            {"pred_len": 5},
+            r"initial model has another configuration: pred_len 3 \(now 5\)$",
+        ),
         ({"period": 0.2}, r"another configuration: period 0\.4 \(now 0\.2\)$"),
     ):
         with pytest.raises(InputError, match=message):
-            dataclasses.replace(table, config=dataclasses.replace(TABLE, **change), init=init)
+            dataclasses.replace(
+                table, config=dataclasses.replace(TABLE, **change), init=init
+            )
     with pytest.raises(InputError, match="another configuration"):
         dataclasses.replace(table, config=AnchorConfig(4, 3), init=init)
-    with pytest.raises(InputError, match="steps must be at least 1 without an initial model"):
+    with pytest.raises(
+        InputError, match="steps must be at least 1 without an initial model"
+    ):
         with_recipe(table, steps=0)
 
 
@@ -137,7 +164,8 @@ def test_what_is_frozen_keeps_its_bits(table):
     shapes = forecaster_of(AnchorConfig(4, 3, samples=3, hidden=4)).shapes()
     rng = np.random.default_rng(0)
     params, gradient = (
-        jax.tree.map(lambda leaf: rng.normal(size=leaf.shape).astype("f4"), shapes) for _ in "pg"
+        jax.tree.map(lambda leaf: rng.normal(size=leaf.shape).astype("f4"), shapes)
+        for _ in "pg"
     )
     recipe = dataclasses.replace(RECIPE, freeze=("own", "pair"), clip_norm=1.0)
     state = new_state(recipe, params)
@@ -162,7 +190,10 @@ def test_more_steps_give_the_bits_of_one_run(table, done, tmp_path, final, capsy
     shutil.copytree(done, tmp_path / "more")
     train_run(with_recipe(table, steps=8), tmp_path / "more", resume=True)
     assert final(tmp_path / "more") == final(tmp_path / "whole")
-    assert json.loads((tmp_path / "more" / "run.json").read_text())["training"]["steps"] == 8
+    assert (
+        json.loads((tmp_path / "more" / "run.json").read_text())["training"]["steps"]
+        == 8
+    )
     assert "schedule" not in capsys.readouterr().err
 
 
@@ -186,12 +217,17 @@ def test_after_an_interruption_the_best_state_is_the_model(table, tmp_path):
     rows, interrupt = [], interrupt_at(4)
     with pytest.raises(KeyboardInterrupt):
         train_run(
-            with_recipe(table, steps=8), tmp_path, on_row=lambda r: (rows.append(r), interrupt(r))
+            with_recipe(table, steps=8),
+            tmp_path,
+            on_row=lambda r: (rows.append(r), interrupt(r)),
         )
     model = load_model(tmp_path)
     assert model.step == min(rows, key=lambda row: row["val_score"])["step"]
     assert not (tmp_path / "run.json").exists()
-    assert f"Validation chose step {model.step}" in (tmp_path / "model/README.md").read_text()
+    assert (
+        f"Validation chose step {model.step}"
+        in (tmp_path / "model/README.md").read_text()
+    )
     message = f"{tmp_path}: the state after {model.step} steps of its training"
     (path,) = find_checkpoints([tmp_path])
     assert state_of_run(path, model.step) == f"{message}, which is not finished"
@@ -220,14 +256,16 @@ def test_numbers_that_are_not_finite_are_tried_again_with_smaller_steps(
         scripted(monkeypatch, [3.0, 2.0, 1.0], fails_once(begin))
         train_run(table, tmp_path / str(begin))
         assert rates
-        message = (
-            f"after step {begin} numbers are not finite: loss nan; it goes on from step {back}"
-        )
+        message = f"after step {begin} numbers are not finite: loss nan; it goes on from step {back}"
         assert f"{message} at learning_rate 0.0004" in capsys.readouterr().err
         assert steps_of(tmp_path / str(begin)) == [2, 4]
 
-    scripted(monkeypatch, [3.0], lambda done, count: np.full(count, np.nan if done else 1.0))
-    again = r"not finite: loss nan, again, with smaller steps; its model is that of step 2"
+    scripted(
+        monkeypatch, [3.0], lambda done, count: np.full(count, np.nan if done else 1.0)
+    )
+    again = (
+        r"not finite: loss nan, again, with smaller steps; its model is that of step 2"
+    )
     with pytest.raises(TrainingError, match=again):
         train_run(table, tmp_path / "both")
     assert load_model(tmp_path / "both").step == 2
@@ -245,13 +283,17 @@ def test_smaller_steps_stay_smaller_after_resumption(table, tmp_path, monkeypatc
         scripted(patched, [2.5, 1.0])
         rounds = Run.rounds
         patched.setattr(
-            Run, "rounds", lambda run: used.append(run.recipe.learning_rate) or rounds(run)
+            Run,
+            "rounds",
+            lambda run: used.append(run.recipe.learning_rate) or rounds(run),
         )
         train_run(longer, tmp_path, resume=True)
     assert used == [pytest.approx(RECIPE.learning_rate / 10)]
 
 
-def test_patience_counts_from_the_best_and_survives_resumption(table, tmp_path, monkeypatch):
+def test_patience_counts_from_the_best_and_survives_resumption(
+    table, tmp_path, monkeypatch
+):
     """transformers 28544, fairseq 3531: counted anew; ms-swift 5326: not reset by a better one."""
     patient = with_recipe(table, steps=40, patience=3)
     scores = [5.0, 6.0, 4.0, 6.0, 6.0, 6.0, 1.0]
@@ -271,7 +313,9 @@ def test_advice_is_given_once(table, tmp_path, monkeypatch, capsys):
     scripted(monkeypatch, [1.0] + [2.0] * 9)
     train_run(with_recipe(table, steps=20), tmp_path)
     advice = capsys.readouterr().err
-    assert advice.count("advice: no validation is better than that of step 2 since") == 1
+    assert (
+        advice.count("advice: no validation is better than that of step 2 since") == 1
+    )
     assert advice.count("advice: validation has 10 people in windows: below 100") == 1
     assert advice.count("compiling the training step (program 1 of 2)") == 1
     scripted(monkeypatch, [1.0] + [2.0] * 9)
@@ -282,8 +326,12 @@ def test_advice_is_given_once(table, tmp_path, monkeypatch, capsys):
 def test_a_full_disk_is_one_line(table, tmp_path, monkeypatch, capfd):
     """Known before a state is written: its library would print tracebacks."""
     full = shutil.disk_usage(tmp_path)._replace(free=1000)
-    monkeypatch.setattr("neurosym_jax.training.checkpoints.shutil.disk_usage", lambda path: full)
-    with pytest.raises(TrainingError, match=r"No space left on device.*; what was saved before is"):
+    monkeypatch.setattr(
+        "neurosym_jax.training.checkpoints.shutil.disk_usage", lambda path: full
+    )
+    with pytest.raises(
+        TrainingError, match=r"No space left on device.*; what was saved before is"
+    ):
         train_run(table, tmp_path, quiet=True)
     assert "Traceback" not in capfd.readouterr().err
     assert not list((tmp_path / "checkpoints").glob("*step*"))
@@ -304,7 +352,9 @@ def test_damaged_states_are_never_begun_over(table, done, tmp_path, capsys):
             train_run(table, tmp_path / "run", resume=resume)
     shutil.rmtree(tmp_path / "run/model")
     (tmp_path / "run/run.json").unlink()
-    with pytest.raises(InputError, match="whose states are damaged; resume=True begins it anew"):
+    with pytest.raises(
+        InputError, match="whose states are damaged; resume=True begins it anew"
+    ):
         train_run(table, tmp_path / "run")
     assert (tmp_path / "run/metrics.jsonl").read_bytes() == before
     assert load_model(done).step in (2, 4)

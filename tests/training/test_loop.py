@@ -24,8 +24,12 @@ def learns_nothing(monkeypatch):
 
     def advance(state, done, count):
         leaves, structure = jax.tree.flatten(state.params)
-        params = jax.tree.unflatten(structure, [leaves[0] * 0 + done + count, *leaves[1:]])
-        return state._replace(step=state.step + count, params=params), {"g_loss": np.ones(count)}
+        params = jax.tree.unflatten(
+            structure, [leaves[0] * 0 + done + count, *leaves[1:]]
+        )
+        return state._replace(step=state.step + count, params=params), {
+            "g_loss": np.ones(count)
+        }
 
     monkeypatch.setattr(Run, "rounds", lambda run: advance)
 
@@ -55,7 +59,9 @@ def test_files_and_card_of_a_run(run, done, tmp_path):
     model = load_model(done / "model")
     assert (model.config, model.dataset) == (run.config, "zara1")
     assert model.neighbours == best["val_neighbour_near"]
-    assert facts["parameters"] == sum(leaf.size for leaf in jax.tree.leaves(model.params))
+    assert facts["parameters"] == sum(
+        leaf.size for leaf in jax.tree.leaves(model.params)
+    )
 
     text = (done / "model" / "README.md").read_text()
     assert "# SGAN, trained on walks without zara1\n" in text
@@ -64,7 +70,9 @@ def test_files_and_card_of_a_run(run, done, tmp_path):
     metrics = {"joint_ade": 0.25, "collision_rate": 0.031, "of_a_plugin": 1.5}
     rows = [
         result_row("SGAN", "zara1", metrics, "here", half=None),
-        result_row("constant velocity", "zara1", metrics | {"joint_ade": 0.5}, half=None),
+        result_row(
+            "constant velocity", "zara1", metrics | {"joint_ade": 0.5}, half=None
+        ),
     ]
     folder = shutil.copytree(done / "model", tmp_path / "model")
     replace_card(folder, model_card(facts, rows))
@@ -73,7 +81,9 @@ def test_files_and_card_of_a_run(run, done, tmp_path):
     assert "| zara1 | constant velocity | 20 | 0.500 |" in text
 
 
-def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, monkeypatch, stop_at, final):
+def test_resumed_runs_end_with_the_same_bits(
+    run, done, tmp_path, monkeypatch, stop_at, final
+):
     with monkeypatch.context() as patched:
         stop_at(patched, SceneStream, "steps", 50)
         with pytest.raises(KeyboardInterrupt):
@@ -98,15 +108,25 @@ def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path, final):
         assert final(tmp_path / "run") == final(done)
 
 
-def test_runs_that_cannot_be_resumed_or_written_are_refused(run, with_recipe, done, tmp_path):
+def test_runs_that_cannot_be_resumed_or_written_are_refused(
+    run, with_recipe, done, tmp_path
+):
     before = (done / "metrics.jsonl").read_bytes()
     other = dataclasses.replace(run, config=dataclasses.replace(run.config, mlp_dim=4))
     for changed, resume, message in (
         (run, False, "holds a run at step 75; resume=True continues it"),
         (with_recipe(seed=5), True, r"holds another run: training.seed 0 \(now 5\)$"),
-        (with_recipe(steps=50), True, r"another run: training.steps 50, and 75 are done"),
+        (
+            with_recipe(steps=50),
+            True,
+            r"another run: training.steps 50, and 75 are done",
+        ),
         (other, True, r"another run: config.mlp_dim 8 \(now 4\)$"),
-        (dataclasses.replace(run, validation=run.training), True, "run: data.validation "),
+        (
+            dataclasses.replace(run, validation=run.training),
+            True,
+            "run: data.validation ",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             train_run(changed, done, resume=resume)
@@ -118,7 +138,10 @@ def test_runs_that_cannot_be_resumed_or_written_are_refused(run, with_recipe, do
     for folder in ("file", "file/run", "n" * 300):
         with pytest.raises(InputError, match="cannot be written"):
             train_run(run, tmp_path / folder)
-    with sole_writer(tmp_path), pytest.raises(InputError, match="another process is training"):
+    with (
+        sole_writer(tmp_path),
+        pytest.raises(InputError, match="another process is training"),
+    ):
         train_run(run, tmp_path)
     with sole_writer(tmp_path):
         pass
@@ -130,10 +153,15 @@ def test_another_environment_is_told(run, done, capsys, monkeypatch):
     record["environment"]["threads"] = 77
     monkeypatch.setattr(loop, "record_of", lambda run: record)
     train_run(run, done, resume=True)
-    assert f"the run goes on with threads {before} (now 77): other bits" in capsys.readouterr().err
+    assert (
+        f"the run goes on with threads {before} (now 77): other bits"
+        in capsys.readouterr().err
+    )
 
 
-def test_a_loss_that_is_not_finite_stops_the_run(run, done, tmp_path, monkeypatch, final):
+def test_a_loss_that_is_not_finite_stops_the_run(
+    run, done, tmp_path, monkeypatch, final
+):
     steps = SceneStream.steps
 
     def poisoned(self, first, count):
@@ -149,7 +177,9 @@ def test_a_loss_that_is_not_finite_stops_the_run(run, done, tmp_path, monkeypatc
     assert "\n" not in message
     assert "after step 25 numbers are not finite" in message
     assert "g_loss nan" in message
-    assert [path.name for path in (tmp_path / "checkpoints").glob("step_*")] == ["step_00000025"]
+    assert [path.name for path in (tmp_path / "checkpoints").glob("step_*")] == [
+        "step_00000025"
+    ]
     train_run(run, tmp_path, resume=True)
     assert final(tmp_path) == final(done)
 
@@ -159,7 +189,9 @@ def test_validations_come_when_due_and_the_best_state_is_kept(
 ):
     scores, rows = iter([3.0, 1.0, 2.0]), []
     errors = {"val_ade": 1.0, "val_fde": 1.0}
-    monkeypatch.setattr(loop, "validate", lambda *_: errors | {"val_score": next(scores)})
+    monkeypatch.setattr(
+        loop, "validate", lambda *_: errors | {"val_score": next(scores)}
+    )
     run = with_recipe(steps=65, validate_every=30, ema=0.0)
     model = train_run(run, tmp_path, on_row=rows.append)
     steps = [(row["step"], "val_ade" in row) for row in rows]
@@ -168,7 +200,9 @@ def test_validations_come_when_due_and_the_best_state_is_kept(
     assert json.loads((tmp_path / "run.json").read_text())["validation"]["step"] == 60
 
 
-def test_a_dead_pooling_is_warned_of(learns_nothing, with_recipe, tmp_path, monkeypatch, capsys):
+def test_a_dead_pooling_is_warned_of(
+    learns_nothing, with_recipe, tmp_path, monkeypatch, capsys
+):
     init_state = Run.init_state
 
     def dead(run):

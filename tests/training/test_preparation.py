@@ -27,7 +27,9 @@ def walk(name, seconds, people=4, period=0.4, decimals=4, noise=0.4):
     moves = pace + rng.normal(0, noise * period, (people, steps, 2))
     position = (rng.uniform(-5, 5, (people, 1, 2)) + moves.cumsum(1)).round(decimals)
     stamp = np.tile(np.arange(steps) * period, people)
-    return make_tracks(name, stamp, np.repeat(np.arange(people), steps), position.reshape(-1, 2))
+    return make_tracks(
+        name, stamp, np.repeat(np.arange(people), steps), position.reshape(-1, 2)
+    )
 
 
 def times(windows):
@@ -53,7 +55,9 @@ def test_a_recording_has_frames_of_its_own(tmp_path):
         tracks = walk(name, 40, period=1 / rate)
         frame = np.rint(tracks.stamp * rate).astype(int)
         table = {"frame": frame, "id": tracks.id, "x": tracks.position[:, 0]}
-        pl.DataFrame(table | {"y": tracks.position[:, 1]}).write_csv(tmp_path / f"{name}.csv")
+        pl.DataFrame(table | {"y": tracks.position[:, 1]}).write_csv(
+            tmp_path / f"{name}.csv"
+        )
     read = ReadOptions(fps="ten=10,quad=25")
     learned, _ = prepare(CONFIG, RECIPE, tmp_path, read=read)
     for reading in learned.reading:
@@ -100,20 +104,26 @@ def test_the_same_people_are_refused_for_both_unless_that_is_meant():
         prepare(CONFIG, RECIPE, *parts, read=ReadOptions(allow=("seen",)))
     with pytest.raises(InputError, match="that is what the model is tested on"):
         prepare(CONFIG, RECIPE, tracks, walk("c", 60), tested=[tracks])
-    with pytest.raises(InputError, match=r"the initial model learned from .* validated on"):
+    with pytest.raises(
+        InputError, match=r"the initial model learned from .* validated on"
+    ):
         prepare(CONFIG, RECIPE, walk("c", 60), tracks, seen=fingerprint(windows))
     # Of long recordings a fingerprint keeps few shapes: one that is found is enough.
     long = walk("a", 2000)
     part = dataclasses.replace(long.take(long.stamp < 12), recording="d")
     seen = fingerprint(nj.windows_from(long, 4, 4))
     assert 1 <= seen_before(seen, nj.windows_from(part, 4, 4))[0] <= 6
-    with pytest.raises(InputError, match=r"the initial model learned from .* validated on"):
+    with pytest.raises(
+        InputError, match=r"the initial model learned from .* validated on"
+    ):
         prepare(CONFIG, RECIPE, walk("c", 60), part, seen=seen)
 
 
 def test_what_is_alike_by_chance_is_no_leak():
     """Point 4: positions rounded to 10 cm are alike by chance, and a copy of them is found."""
-    learned, other = (walk(name, 100, people=40, decimals=1, noise=0.08) for name in "ab")
+    learned, other = (
+        walk(name, 100, people=40, decimals=1, noise=0.08) for name in "ab"
+    )
     shared_count, total = shared_shapes(
         *(nj.windows_from(tracks, 4, 4) for tracks in (other, learned))
     )
@@ -160,7 +170,13 @@ def test_short_recordings_are_divided_whole_and_one_by_time():
     short = [walk(f"r{at}", 4 * WINDOW) for at in range(6)]
     learned, validated = prepare(CONFIG, RECIPE, short)
     assert [reading.recording for reading in validated.reading] == ["r4"]
-    assert [reading.recording for reading in learned.reading] == ["r0", "r1", "r2", "r3", "r5"]
+    assert [reading.recording for reading in learned.reading] == [
+        "r0",
+        "r1",
+        "r2",
+        "r3",
+        "r5",
+    ]
     assert learned.scenes == 5 * validated.scenes == 5 * 25
     learned, validated = prepare(CONFIG, RECIPE, short[:2])
     assert (learned.scenes, validated.scenes) == (25, 25)
@@ -172,7 +188,9 @@ def test_short_recordings_are_divided_whole_and_one_by_time():
 
 
 def test_a_long_recording_beside_short_ones_validates():
-    learned, validated = prepare(CONFIG, RECIPE, [walk("short", 2 * WINDOW), walk("long", 200)])
+    learned, validated = prepare(
+        CONFIG, RECIPE, [walk("short", 2 * WINDOW), walk("long", 200)]
+    )
     assert {reading.recording for reading in validated.reading} == {"long"}
     assert {reading.recording for reading in learned.reading} == {"short", "long"}
 
@@ -196,7 +214,9 @@ def test_folds_cover_all_once_and_never_what_is_learned():
         before = times(validated)[0] - times(learned)[1][:, None]
         assert np.maximum(after, before).min() > WINDOW - 1e-6
         assert learned.scenes > 2 * validated.scenes
-    assert np.sort(begins) == pytest.approx(np.sort(times(nj.windows_from(recording, 4, 4))[0]))
+    assert np.sort(begins) == pytest.approx(
+        np.sort(times(nj.windows_from(recording, 4, 4))[0])
+    )
     for fold in ("0/3", "4/3", "1", "a/b", "1/1"):
         with pytest.raises(InputError, match=r"fold: K/N, such as 1/5"):
             prepare(CONFIG, RECIPE, recording, fold=fold)
@@ -208,10 +228,15 @@ def test_folds_cover_all_once_and_never_what_is_learned():
 
 def test_one_person_is_enough_where_the_network_allows_it():
     """Point 4: validation wanted two people always."""
-    alone, recipe = walk("alone", 100, people=1), dataclasses.replace(RECIPE, min_agents=1)
+    alone, recipe = (
+        walk("alone", 100, people=1),
+        dataclasses.replace(RECIPE, min_agents=1),
+    )
     learned, validated = prepare(CONFIG, recipe, alone)
     assert set(learned.sizes) == set(validated.sizes) == {1}
-    with pytest.raises(InputError, match=r"at least 2 people.*; min_agents=1 in the recipe learns"):
+    with pytest.raises(
+        InputError, match=r"at least 2 people.*; min_agents=1 in the recipe learns"
+    ):
         prepare(CONFIG, RECIPE, alone)
     mixed = [alone, walk("pair", 100, people=2)]
     assert set(prepare(CONFIG, recipe, mixed)[1].sizes) == {2}

@@ -28,11 +28,30 @@ def _no_plugins(monkeypatch):
 
 def begin(files, out, *options):
     """Start the training of a small model, on one thread."""
-    data = ("--train-on", files / "walk.txt", "--validate-on", files / "check.txt", "--out", out)
-    training = ("--obs-len", 4, "--pred-len", 4, "--steps", 100, "--model", "anchor_table")
+    data = (
+        "--train-on",
+        files / "walk.txt",
+        "--validate-on",
+        files / "check.txt",
+        "--out",
+        out,
+    )
+    training = (
+        "--obs-len",
+        4,
+        "--pred-len",
+        4,
+        "--steps",
+        100,
+        "--model",
+        "anchor_table",
+    )
     changes = ("--set", "batch_scenes=4", "validate_every=25", "ema=0.9")
     return subprocess.Popen(
-        [sys.executable, *map(str, (ROOT / "train.py", *data, *training, *changes, *options))],
+        [
+            sys.executable,
+            *map(str, (ROOT / "train.py", *data, *training, *changes, *options)),
+        ],
         env={**os.environ, "NPROC": "1"},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -44,7 +63,9 @@ def begin(files, out, *options):
 def test_a_kill_changes_nothing(files, tmp_path, final):
     """A run killed soon after a state was saved, and resumed in a fresh process: the same bits."""
     killed = begin(files, tmp_path / "run")
-    while killed.poll() is None and not list((tmp_path / "run" / "checkpoints").glob("step_*")):
+    while killed.poll() is None and not list(
+        (tmp_path / "run" / "checkpoints").glob("step_*")
+    ):
         time.sleep(0.002)
     killed.kill()
     killed.communicate()
@@ -70,10 +91,13 @@ def events(folder):
     for path in sorted(folder.glob("events.*")):
         content = path.read_bytes()
         while content:
-            (size,) = struct.unpack("<Q", content[:8])  # Then 4 bytes of checksum, twice.
+            (size,) = struct.unpack(
+                "<Q", content[:8]
+            )  # Then 4 bytes of checksum, twice.
             event = event_pb2.Event.FromString(content[12 : 12 + size])
             scalars += [
-                (event.step, value.tag, value.simple_value) for value in event.summary.value
+                (event.step, value.tag, value.simple_value)
+                for value in event.summary.value
             ]
             content = content[16 + size :]
     return scalars
@@ -84,13 +108,21 @@ def test_tensorboard_has_the_rows(files, tmp_path, monkeypatch):
     pytest.importorskip("tensorboardX", reason="tensorboardX is not installed")
     rows = [{"step": 25, "g_loss": 2.0}, {"step": 50, "g_loss": 1.0, "val_ade": 0.5}]
     options = train.Options(
-        data=files, train_on=("walk",), validate_on=("check",), out=tmp_path, log="tensorboard"
+        data=files,
+        train_on=("walk",),
+        validate_on=("check",),
+        out=tmp_path,
+        log="tensorboard",
     )
     monkeypatch.setattr(train, "_print_errors", lambda *_: None)
     model = types.SimpleNamespace(step=50)
-    monkeypatch.setattr(train, "train_run", lambda *_, on_row, **__: [*map(on_row, rows)] and model)
+    monkeypatch.setattr(
+        train, "train_run", lambda *_, on_row, **__: [*map(on_row, rows)] and model
+    )
     train.run(options)
-    expected = [(row["step"], name, row[name]) for row in rows for name in row if name != "step"]
+    expected = [
+        (row["step"], name, row[name]) for row in rows for name in row if name != "step"
+    ]
     assert events(tmp_path) == expected
 
 
@@ -101,7 +133,9 @@ def test_a_change_of_the_network_may_be_its_period():
 def test_one_recording_of_thor_left_out(shared):
     name = "CLiFF-LHMP_thor3_exp-3-run-2"
     with pytest.warns(InputWarning, match="goals_positions"):
-        run, _ = make_run(Options(model="neurosym", data=shared / "data/thor", dataset=name))
+        run, _ = make_run(
+            Options(model="neurosym", data=shared / "data/thor", dataset=name)
+        )
     assert run.dataset == name
     counts = [(part.scenes, part.agents) for part in (run.training, run.validation)]
     assert counts == [(2093, 7177), (564, 1959)]
@@ -113,7 +147,9 @@ def test_further_recordings_are_learned_and_test_sets_never(files, tmp_path):
     rows = np.loadtxt(files / "walk.txt")
     np.savetxt(folder / "other.txt", rows[:, [0, 1, 3, 2]], fmt="%g")
     alone, _ = make_run(Options(data=files, dataset="check", **LENGTHS))
-    run, _ = make_run(Options(data=files, dataset="check", train_also=(folder,), **LENGTHS))
+    run, _ = make_run(
+        Options(data=files, dataset="check", train_also=(folder,), **LENGTHS)
+    )
     besides = {"train_on": (str(folder / "other.txt"),), "validate_on": ("check",)}
     with_other, _ = make_run(Options(data=files, **besides, **LENGTHS))
     assert run.training.scenes == alone.training.scenes + with_other.training.scenes
@@ -129,7 +165,10 @@ def test_further_recordings_are_learned_and_test_sets_never(files, tmp_path):
     for options, message in (
         ({"data": files, "dataset": "check", "train_also": (files,)}, leaked),
         ({"data": files, "dataset": "check", "train_also": (renamed,)}, leaked),
-        ({"data": files, "dataset": "general", "train_also": (files,)}, "model is validated on"),
+        (
+            {"data": files, "dataset": "general", "train_also": (files,)},
+            "model is validated on",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             make_run(Options(**options, **LENGTHS))
@@ -150,12 +189,20 @@ def test_the_last_line_tests_on_what_was_not_seen(files, tmp_path):
         ({"dataset": "cross-path"}, begin),
         ({"data": files, "dataset": "check"}, f"{begin} --data {files}"),
         (
-            {"data": files, "dataset": "check", "period": 0.2, "read": ReadOptions(max_gap=2.0)},
+            {
+                "data": files,
+                "dataset": "check",
+                "period": 0.2,
+                "read": ReadOptions(max_gap=2.0),
+            },
             f"{begin} --data {files} --max-gap 2 --period 0.2",
         ),
         ({"data": files, "dataset": "general"}, nothing),
         ({"data": files / "walk.txt"}, nothing),
-        ({"data": files, "train_on": ("walk",)}, f"{begin} --data {files} --test-on check"),
+        (
+            {"data": files, "train_on": ("walk",)},
+            f"{begin} --data {files} --test-on check",
+        ),
         ({"data": files, "train_on": ("walk",), "validate_on": ("check",)}, nothing),
         ({"train_on": (walk,), "validate_on": (check,)}, nothing),
     ):
@@ -174,7 +221,11 @@ def test_folders_of_ones_own(files, tmp_path):
         np.savetxt(tmp_path / folder / f"{folder}1.txt", turned, fmt="%g")
     run, source = make_run(Options(data=tmp_path, **LENGTHS))
     names = [part.reading[0].recording for part in (run.training, run.validation)]
-    assert (names, source.scenes, run.dataset) == (["train1", "validation1"], ("test1",), None)
+    assert (names, source.scenes, run.dataset) == (
+        ["train1", "validation1"],
+        ("test1",),
+        None,
+    )
     assert last_line(tmp_path, data=tmp_path).endswith(f"--data {tmp_path}")
     places = {
         "train_on": (str(tmp_path / "train"),),
@@ -182,15 +233,21 @@ def test_folders_of_ones_own(files, tmp_path):
     }
     other, _ = make_run(Options(**places, **LENGTHS))
     assert other.training.scenes == run.training.scenes
-    (tmp_path / "test/test1.txt").write_bytes((tmp_path / "train/train1.txt").read_bytes())
+    (tmp_path / "test/test1.txt").write_bytes(
+        (tmp_path / "train/train1.txt").read_bytes()
+    )
     with pytest.raises(InputError, match="that is what the model is tested on"):
         make_run(Options(data=tmp_path, **LENGTHS))
 
 
-def test_a_single_recording_needs_no_name_and_is_named(files, capsys, monkeypatch, tmp_path):
+def test_a_single_recording_needs_no_name_and_is_named(
+    files, capsys, monkeypatch, tmp_path
+):
     """Point 6, and the first lines of point 5."""
     monkeypatch.setattr(train, "_print_errors", lambda *_: None)
-    monkeypatch.setattr(train, "train_run", lambda *_, **__: types.SimpleNamespace(step=3))
+    monkeypatch.setattr(
+        train, "train_run", lambda *_, **__: types.SimpleNamespace(step=3)
+    )
     train.run(Options(data=files / "walk.txt", out=tmp_path, **LENGTHS))
     output = capsys.readouterr().out
     assert "windows to learn from / to validate on:\n  walk: 27 / 11\n" in output

@@ -28,7 +28,13 @@ from neurosym_jax.models.sgan.step import (
     scale_pooling_updates,
     train_step,
 )
-from neurosym_jax.training.state import TrainState, clipping, new_state, update, warmup_of
+from neurosym_jax.training.state import (
+    TrainState,
+    clipping,
+    new_state,
+    update,
+    warmup_of,
+)
 from neurosym_jax.training.stream import SceneStream
 from tests.networks import drawing
 from tests.repository import exhaustive
@@ -67,8 +73,12 @@ def test_adversarial_loss_is_binary_cross_entropy():
     probability = 1 / (1 + np.exp(-scores[:3]))
     expected = -(label * np.log(probability) + (1 - label) * np.log(1 - probability))
     valid = np.array([True, True, True, False])
-    assert adversarial_loss(scores, label, valid) == pytest.approx(expected.mean(), rel=1e-6)
-    assert adversarial_loss(scores[3:], 1.2, valid[:1]) == pytest.approx(40 - 48, rel=1e-6)
+    assert adversarial_loss(scores, label, valid) == pytest.approx(
+        expected.mean(), rel=1e-6
+    )
+    assert adversarial_loss(scores[3:], 1.2, valid[:1]) == pytest.approx(
+        40 - 48, rel=1e-6
+    )
 
 
 def test_errors_by_hand_and_gradients_of_a_perfect_forecast():
@@ -79,14 +89,20 @@ def test_errors_by_hand_and_gradients_of_a_perfect_forecast():
     ade, fde = distance_errors(jnp.array(forecast), jnp.array(truth), valid)
     np.testing.assert_allclose(ade, distance.mean(axis=(1, 2)), rtol=1e-5)
     np.testing.assert_allclose(fde, distance[:, :, -1].mean(axis=1), rtol=1e-5)
-    (squared,) = squared_displacement_errors(jnp.array(forecast), jnp.array(truth), valid)
+    (squared,) = squared_displacement_errors(
+        jnp.array(forecast), jnp.array(truth), valid
+    )
     np.testing.assert_allclose(squared, (distance**2).mean(axis=(1, 2)), rtol=1e-5)
-    gradient = jax.grad(lambda f: distance_errors(f, truth, valid).sum())(jnp.array(truth[None]))
+    gradient = jax.grad(lambda f: distance_errors(f, truth, valid).sum())(
+        jnp.array(truth[None])
+    )
     assert not np.asarray(gradient).any()
     with jax.debug_nans(False):
         assert np.isnan(safe_norm(jnp.array([np.nan, 4.0])))
     assert safe_norm(jnp.array([3.0, 4.0])) == 5
-    np.testing.assert_allclose(jax.grad(safe_norm)(jnp.array([3.0, 4.0])), [0.6, 0.8], rtol=1e-6)
+    np.testing.assert_allclose(
+        jax.grad(safe_norm)(jnp.array([3.0, 4.0])), [0.6, 0.8], rtol=1e-6
+    )
 
 
 def literal_loss(generator, recipe, params, groups, noises):
@@ -100,12 +116,16 @@ def literal_loss(generator, recipe, params, groups, noises):
             ade, fde = distance_errors(made, truth, valid).min(axis=1)
             return ade + recipe.fde_weight * fde, valid.sum()
         last = observed[:, -1:]
-        moves = jnp.diff(made, axis=2, prepend=jnp.broadcast_to(last, made[:, :, :1].shape))
+        moves = jnp.diff(
+            made, axis=2, prepend=jnp.broadcast_to(last, made[:, :, :1].shape)
+        )
         true = jnp.diff(truth, axis=1, prepend=last)
         return squared_displacement_errors(moves, true, valid).min(), valid.any()
 
     parts = [
-        jax.vmap(of_scene, (0, 0, 0, 1))(scene.observed, scene.future, scene.valid, future)
+        jax.vmap(of_scene, (0, 0, 0, 1))(
+            scene.observed, scene.future, scene.valid, future
+        )
         for scene, future in zip(groups, futures)
     ]
     values, shares = (jnp.concatenate(part) for part in zip(*parts))
@@ -118,21 +138,31 @@ def literal_loss(generator, recipe, params, groups, noises):
 def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, criterion):
     config, state, noises = start(run, groups, criterion=criterion)
     gradient, metrics = jax.jit(
-        lambda params: generator_gradient(run.config, config, params, (), groups, noises, label=1.0)
+        lambda params: generator_gradient(
+            run.config, config, params, (), groups, noises, label=1.0
+        )
     )(state.params)
     value, expected = jax.jit(
-        jax.value_and_grad(lambda params: literal_loss(run.config, config, params, groups, noises))
+        jax.value_and_grad(
+            lambda params: literal_loss(run.config, config, params, groups, noises)
+        )
     )(state.params)
     assert metrics["g_loss"] == pytest.approx(float(value), rel=1e-5)
     assert metrics["g_gradient_norm"] > 0
     jax.tree.map(
-        lambda a, b: np.testing.assert_allclose(a, b, atol=2e-6, rtol=1e-4), gradient, expected
+        lambda a, b: np.testing.assert_allclose(a, b, atol=2e-6, rtol=1e-4),
+        gradient,
+        expected,
     )
 
 
 @pytest.mark.parametrize("mix", ["global", "ped"])
-def test_futures_have_a_sample_axis_first_also_where_they_pool_at_every_step(run, groups, mix):
-    config = dataclasses.replace(run.config, pool_every_timestep=True, noise_mix_type=mix)
+def test_futures_have_a_sample_axis_first_also_where_they_pool_at_every_step(
+    run, groups, mix
+):
+    config = dataclasses.replace(
+        run.config, pool_every_timestep=True, noise_mix_type=mix
+    )
     samples = 1 + max(len(scene.valid) for scene in groups)
 
     def futures(key):
@@ -142,7 +172,9 @@ def test_futures_have_a_sample_axis_first_also_where_they_pool_at_every_step(run
         return decode_groups(config, params, contexts, groups, noises)
 
     shapes = [leaf.shape for leaf in jax.eval_shape(futures, jax.random.key(0))]
-    assert shapes == [(samples, *scene.valid.shape, config.pred_len, 2) for scene in groups]
+    assert shapes == [
+        (samples, *scene.valid.shape, config.pred_len, 2) for scene in groups
+    ]
 
 
 def test_padding_and_empty_scenes_change_no_gradient(run, groups):
@@ -153,16 +185,22 @@ def test_padding_and_empty_scenes_change_no_gradient(run, groups):
         return np.where(scene.valid[..., None, None], getattr(scene, name), 50.0)
 
     names = ("observed", "displacement", "future")
-    wild = tuple(scene.replace(**{name: far(scene, name) for name in names}) for scene in groups)
+    wild = tuple(
+        scene.replace(**{name: far(scene, name) for name in names}) for scene in groups
+    )
     params = state.params, state.extra.params
 
     @jax.jit
     def gradient(groups):
-        return generator_gradient(run.config, config, *params, groups, noises, label=0.9)
+        return generator_gradient(
+            run.config, config, *params, groups, noises, label=0.9
+        )
 
     (plain, metrics), (padded, _) = gradient(groups), gradient(wild)
     assert metrics["g_adversarial"] > 0
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), plain, padded)
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), plain, padded
+    )
 
 
 @pytest.mark.exhaustive
@@ -174,9 +212,14 @@ def test_the_average_follows_its_decay(run, groups):
     for done, share in ((0, 0.1), (1000, 0.5)):
         after = step(state._replace(step=jnp.asarray(done)))
         assert int(after.step) == done + 1
-        parts = (jax.tree.leaves(part) for part in (state.params, after.params, after.average))
+        parts = (
+            jax.tree.leaves(part)
+            for part in (state.params, after.params, after.average)
+        )
         for old, new, average in zip(*parts):
-            np.testing.assert_allclose(average, share * old + (1 - share) * new, atol=1e-7)
+            np.testing.assert_allclose(
+                average, share * old + (1 - share) * new, atol=1e-7
+            )
 
 
 def test_the_rate_warms_up_and_falls_to_zero(run, groups):
@@ -191,7 +234,9 @@ def test_the_rate_warms_up_and_falls_to_zero(run, groups):
     moves = []
     for _ in range(101):
         before, state = bias(state), step(state)
-        moves.append(before - bias(state))  # Adam moves by the rate: the gradient is constant.
+        moves.append(
+            before - bias(state)
+        )  # Adam moves by the rate: the gradient is constant.
     expected = [0.1 * t / 10 for t in range(10)]
     expected += [0.05 * (1 + np.cos(np.pi * (t - 10) / 90)) for t in range(10, 101)]
     np.testing.assert_allclose(moves, expected, atol=1e-5)
@@ -208,21 +253,29 @@ def test_clipping(run):
 
 
 @pytest.mark.slow
-def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, make_windows):
-    batches = SceneStream(make_windows([3] * 6), 6, seed=0).steps(0, 2)  # One class to compile.
+def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(
+    run, make_windows
+):
+    batches = SceneStream(make_windows([3] * 6), 6, seed=0).steps(
+        0, 2
+    )  # One class to compile.
     groups = jax.tree.map(lambda leaf: leaf[0], batches)
     config, state, _ = start(run, groups, schedule="constant", **ALL_TERMS)
     # Scores end in a ReLU, which may be shut at first; a shut one teaches nothing.
     state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
     with jax.debug_key_reuse(True):
         step = jax.jit(lambda key: train_step(run.config, config, state, batches, key))
-        (first, metrics), (again, _), (other, _) = (step(jax.random.key(s)) for s in (1, 1, 2))
+        (first, metrics), (again, _), (other, _) = (
+            step(jax.random.key(s)) for s in (1, 1, 2)
+        )
     terms = {"g_variety", "g_adversarial"}
     assert set(metrics) == {"d_loss", "g_loss", "g_gradient_norm", *terms}
     jax.tree.map(np.testing.assert_array_equal, first, again)
     assert int(first.step) == 1
     for params in (lambda s: s.params, lambda s: s.extra.params):
-        before, after, else_ = (jax.tree.leaves(params(s)) for s in (state, first, other))
+        before, after, else_ = (
+            jax.tree.leaves(params(s)) for s in (state, first, other)
+        )
         assert any((a != b).any() for a, b in zip(before, after))
         assert any((a != b).any() for a, b in zip(after, else_))
 
@@ -234,15 +287,21 @@ def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
     changes = {"jitter": 0.0, "discriminator_steps": 2, **ALL_TERMS}
     config, state, _ = start(run, groups, **changes)
     state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
-    step = jax.jit(lambda batches: train_step(run.config, config, state, batches, key)[0])
+    step = jax.jit(
+        lambda batches: train_step(run.config, config, state, batches, key)[0]
+    )
     key = jax.random.key(1)
 
     def trained(number=None):
         """The discriminator's parameters after a step, the scenes of one batch stretched."""
         moved = [
-            scene.replace(observed=factor * scene.observed, future=factor * scene.known_future)
+            scene.replace(
+                observed=factor * scene.observed, future=factor * scene.known_future
+            )
             for scene in batches
-            for factor in [np.where(np.arange(3) == number, 1.5, 1.0)[:, None, None, None, None]]
+            for factor in [
+                np.where(np.arange(3) == number, 1.5, 1.0)[:, None, None, None, None]
+            ]
         ]
         return step(tuple(moved))
 
@@ -258,12 +317,20 @@ def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
 
 
 @pytest.mark.parametrize("weight", [0.0, exhaustive(1.0)])
-def test_without_the_variety_loss_the_true_future_changes_no_gradient(run, groups, weight):
+def test_without_the_variety_loss_the_true_future_changes_no_gradient(
+    run, groups, weight
+):
     config, state, noises = start(run, groups, variety_weight=weight, **ALL_TERMS)
     state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
     gradient = jax.jit(
         lambda groups: generator_gradient(
-            run.config, config, state.params, state.extra.params, groups, noises, label=1.0
+            run.config,
+            config,
+            state.params,
+            state.extra.params,
+            groups,
+            noises,
+            label=1.0,
         )[0]
     )
     other = tuple(scene.replace(future=2 * scene.known_future) for scene in groups)
@@ -273,7 +340,10 @@ def test_without_the_variety_loss_the_true_future_changes_no_gradient(run, group
 
 
 def generator_params(layers=2):
-    mlp = {f"layer_{i}": {"kernel": jnp.ones((3, 2)), "bias": jnp.zeros(2)} for i in range(layers)}
+    mlp = {
+        f"layer_{i}": {"kernel": jnp.ones((3, 2)), "bias": jnp.zeros(2)}
+        for i in range(layers)
+    }
     decoder = {"pooling": {"mlp": mlp}, "mlp": {"kernel": jnp.ones(4)}}
     return {"params": {"pooling": {"mlp": mlp}, "decoder": decoder}}
 
@@ -283,7 +353,9 @@ def generator_params(layers=2):
 def test_only_gradients_that_raise_a_dead_unit_leak(run, gentle, sign):
     module = run.config.pooling.network(8, obs_len=4, embedding_dim=4)
     rng = np.random.default_rng(0)
-    hidden, position = (rng.normal(size=shape).astype(np.float32) for shape in ((4, 8), (4, 2)))
+    hidden, position = (
+        rng.normal(size=shape).astype(np.float32) for shape in ((4, 8), (4, 2))
+    )
     inputs = hidden, position, np.ones(4, bool)
     params = module.init(jax.random.key(0), *inputs)["params"]
     layer = params["mlp"]["layer_1"]
@@ -308,11 +380,15 @@ def test_poolings_with_a_bottleneck_start_small_and_learn_slowly():
         assert layer["bias"].tolist() == [0.5, 0.5]
         assert float(layer["kernel"].max()) == pytest.approx(0.3)
     slow = scale_pooling_updates(generator_params())["params"]
-    assert float(slow["pooling"]["mlp"]["layer_0"]["kernel"].max()) == pytest.approx(0.05)
+    assert float(slow["pooling"]["mlp"]["layer_0"]["kernel"].max()) == pytest.approx(
+        0.05
+    )
     assert (slow["decoder"]["mlp"]["kernel"] == 1).all()
     social = generator_params(layers=1)
     jax.tree.map(
-        np.testing.assert_array_equal, init_gentle_pooling(scale_pooling_updates(social)), social
+        np.testing.assert_array_equal,
+        init_gentle_pooling(scale_pooling_updates(social)),
+        social,
     )
 
 

@@ -18,7 +18,11 @@ def sums(scene):
 
 def test_every_scene_once_an_epoch_of_its_class(windows):
     groups = SceneStream(windows, batch_scenes=6, seed=3).steps(0, 60)
-    assert [group.valid.shape[1] for group in groups] == [3, 1, 1]  # By the share of sizes.
+    assert [group.valid.shape[1] for group in groups] == [
+        3,
+        1,
+        1,
+    ]  # By the share of sizes.
     classes = [group.valid.shape[2] for group in groups]
     for low, slots, group in zip([0, *classes], classes, groups):
         members = np.flatnonzero((windows.sizes > low) & (windows.sizes <= slots))
@@ -65,7 +69,9 @@ def test_large_scenes_are_cropped_to_an_agent_and_its_nearest(make_windows):
 
 def test_noise_has_the_kind_and_shape_asked_for(batch, run):
     groups = batch(20)
-    per_agent = dataclasses.replace(run.config, noise_mix_type="ped", noise_type="uniform")
+    per_agent = dataclasses.replace(
+        run.config, noise_mix_type="ped", noise_type="uniform"
+    )
     for config in (run.config, per_agent):
         noises = draw_group_noise(config, groups, jax.random.key(0), 5)
         for noise, scene in zip(noises, groups):
@@ -80,7 +86,11 @@ def test_noise_has_the_kind_and_shape_asked_for(batch, run):
 def augmented(groups, **recipe):
     """(before, after) of each group, on the host."""
     recipe = GeneratorRecipe(**{"rotate": 0.0, **recipe})
-    return list(zip(groups, jax.tree.map(np.asarray, augment(groups, jax.random.key(0), recipe))))
+    return list(
+        zip(
+            groups, jax.tree.map(np.asarray, augment(groups, jax.random.key(0), recipe))
+        )
+    )
 
 
 def test_scenes_are_turned_and_mirrored(batch):
@@ -88,8 +98,11 @@ def test_scenes_are_turned_and_mirrored(batch):
     for before, after in augmented(batch(20), rotate=1.0):
         np.testing.assert_array_equal(before.valid, after.valid)
         assert np.abs(before.displacement - after.displacement).max() > 0.1
-        # Distances stay, between agents too, and from what was observed to what followed.
-        track = [np.concatenate([s.observed, s.future], axis=2) for s in (before, after)]
+        # Distances stay, between agents too, and from what was observed to what
+        # followed.
+        track = [
+            np.concatenate([s.observed, s.future], axis=2) for s in (before, after)
+        ]
         flat = [t.reshape(len(t), -1, 2) for t in track]
         distances = [np.linalg.norm(f[:, :, None] - f[:, None], axis=-1) for f in flat]
         np.testing.assert_allclose(*distances, atol=1e-5)
@@ -106,7 +119,9 @@ def test_a_share_of_the_scenes_is_turned_and_all_are_scaled(batch):
     groups = batch(20)
     assert augment(groups, jax.random.key(0), GeneratorRecipe(rotate=0.0)) is groups
     turned = augmented(groups, rotate=0.5)
-    same = [(before.future == after.future).all(axis=(1, 2, 3)) for before, after in turned]
+    same = [
+        (before.future == after.future).all(axis=(1, 2, 3)) for before, after in turned
+    ]
     assert 0.25 < np.concatenate(same).mean() < 0.75
     for before, after in augmented(groups, scale=0.2):
         size = [(s.observed**2).sum(axis=(1, 2, 3)) for s in (before, after)]
@@ -138,7 +153,9 @@ def test_a_share_of_the_scenes_is_one_persons(batch):
         assert not (after.valid & ~before.valid).any()
         single = after.valid.sum(axis=1) == 1
         np.testing.assert_array_equal(after.valid[~single], before.valid[~single])
-        reduced += [(alone, alone and first) for alone, first in zip(single, after.valid[:, 0])]
+        reduced += [
+            (alone, alone and first) for alone, first in zip(single, after.valid[:, 0])
+        ]
     share, first = np.mean(reduced, axis=0)
     assert 0.25 < share < 0.75
     assert 0 < first < share  # It is not always the same person.

@@ -29,7 +29,11 @@ def test_a_run_is_what_its_file_trains(monkeypatch, tmp_path):
     monkeypatch.setattr("neurosym_jax.commands._options.loaded", lambda: ["mine.py"])
     monkeypatch.setattr("neurosym_jax.commands._running.load_plugin", plugins.append)
     changes = {"set": ("batch_scenes=4", "rotate=0"), "network": ("encoder_h_dim=16",)}
-    changes |= {"pooling": ("none", "social", "neurosym_ros"), "steps": 10, "period": 0.2}
+    changes |= {
+        "pooling": ("none", "social", "neurosym_ros"),
+        "steps": 10,
+        "period": 0.2,
+    }
     changes |= {"pred_len": (8, 12), "out": tmp_path}
     source, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
     assert source.period == 0.2  # They are tested in the steps that they learn.
@@ -39,19 +43,33 @@ def test_a_run_is_what_its_file_trains(monkeypatch, tmp_path):
         command, *arguments = sweep_run.command
         read = load_plugins(with_file(train.Options, arguments))
         options = tyro.cli(train.Options, args=read)
-        assert (command, options.out, options.resume) == ("train", sweep_run.folder, True)
+        assert (command, options.out, options.resume) == (
+            "train",
+            sweep_run.folder,
+            True,
+        )
         network, recipe, _ = train.configured(options)
         place = f"{options.dataset}_8_{network.pred_len}_seed{recipe.seed}"
         assert sweep_run.folder.name == f"{forecaster_of(network).variant}_{place}"
-        assert (network.period, network.encoder_h_dim, recipe.batch_scenes) == (0.2, 16, 4)
-        assert options_text(dataclasses.replace(options, resume=False)) == sweep_run.options
+        assert (network.period, network.encoder_h_dim, recipe.batch_scenes) == (
+            0.2,
+            16,
+            4,
+        )
+        assert (
+            options_text(dataclasses.replace(options, resume=False))
+            == sweep_run.options
+        )
     assert plugins == ["mine.py"] * len(runs)
 
 
 def test_lists_of_values_are_a_run_each(tmp_path):
     """Point 1: the last of two values was trained alone; a list within brackets is one value."""
     changes = {"set": ("learning_rate=0.01,0.001", "rotate=0", "label_real=[0.7,1.2]")}
-    changes |= {"network": ("mlp_dim=8,16", "pooling=social,grid_size=9"), "model": ("sgan",)}
+    changes |= {
+        "network": ("mlp_dim=8,16", "pooling=social,grid_size=9"),
+        "model": ("sgan",),
+    }
     changes |= {"weighting": (), "seed": (0,), "fold": (), "out": tmp_path}
     _, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
     seen = set()
@@ -66,11 +84,24 @@ def test_lists_of_values_are_a_run_each(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_sweep_is_finished_once_and_reports_what_failed(files, tmp_path, monkeypatch, capsys):
-    settings = {"set": ("batch_scenes=4", "best_k=2", "max_agents=4"), "steps": 25, "obs_len": 4}
-    settings |= {"model": ("sgan",), "pooling": ("none",), "weighting": (), "pred_len": (4,)}
+def test_a_sweep_is_finished_once_and_reports_what_failed(
+    files, tmp_path, monkeypatch, capsys
+):
+    settings = {
+        "set": ("batch_scenes=4", "best_k=2", "max_agents=4"),
+        "steps": 25,
+        "obs_len": 4,
+    }
+    settings |= {
+        "model": ("sgan",),
+        "pooling": ("none",),
+        "weighting": (),
+        "pred_len": (4,),
+    }
     settings |= {"data": files, "dataset": ("check",), "out": tmp_path / "sweep"}
-    monkeypatch.setattr("neurosym_jax.commands._options.loaded", list)  # Other tests' plugins.
+    monkeypatch.setattr(
+        "neurosym_jax.commands._options.loaded", list
+    )  # Other tests' plugins.
     chosen = dataclasses.replace(CHOSEN, jobs=1, **settings)
     with monkeypatch.context() as patched:
         patched.setattr("neurosym_jax.training.sweep._train", lambda run: "no memory")
@@ -106,8 +137,13 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(files, tmp_path, monke
     run(dataclasses.replace(only, dry_run=True, seed=(1, 2)))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == ["finished", "left"]
-    for changes, message in (({"steps": 50}, r"steps 25 \(now 50\)"), ({"period": 0.5}, "period ")):
-        with pytest.raises(InputError, match=f"had other options: {message}.*: choose another out"):
+    for changes, message in (
+        ({"steps": 50}, r"steps 25 \(now 50\)"),
+        ({"period": 0.5}, "period "),
+    ):
+        with pytest.raises(
+            InputError, match=f"had other options: {message}.*: choose another out"
+        ):
             run(dataclasses.replace(only, **changes))
     run(dataclasses.replace(only, log="tensorboard", quiet=True, dry_run=True))
 
@@ -123,7 +159,12 @@ def folder(tmp_path):
     runs = []
     cases = itertools.product(BETTER, (("eth", 70), ("zara1", 160)), range(3))
     for model, (scene, count), seed in cases:
-        draws = 0.5 - BETTER[model] + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
+        draws = (
+            0.5
+            - BETTER[model]
+            + draw.normal(0, 0.02, (count, 4))
+            + draw.normal(0, 0.004)
+        )
         runs.append((model, scene, seed, dict(zip(METRICS, draws.T))))
     write_sweep(tmp_path, [("constant velocity", "eth", None, runs[0][-1]), *runs])
     return tmp_path

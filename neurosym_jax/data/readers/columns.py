@@ -1,7 +1,7 @@
 """Tables whose columns have roles: a user's own, and layouts that are known by their numbers.
 
-Rows of other kinds than people, and rows that are no positions, are left out. A column of scenes,
-runs or cameras splits the table into recordings.
+Rows of other kinds than people, and rows that are no positions, are left out. A column
+of scenes, runs or cameras splits the table into recordings.
 """
 
 import dataclasses
@@ -36,7 +36,9 @@ class Columns(Format):
     """A user's own table, whose columns are named, numbered or have usual names."""
 
     title = "table with named columns"
-    uses = frozenset({"columns", "fps", "keep", "time_unit", "unit", "homography", "flip_y"})
+    uses = frozenset(
+        {"columns", "fps", "keep", "time_unit", "unit", "homography", "flip_y"}
+    )
 
     def knows(self, head: Head) -> bool:
         """Names in a header or a comment, a column of texts, or more than four columns."""
@@ -60,7 +62,9 @@ class Columns(Format):
         table = _named_by_comments(table)
         if stated.get("id") == "none":  # The whole table is one person.
             fields = table.fields.list.concat(pl.Series([["0"]]))
-            table = dataclasses.replace(table, names=[*table.names, "none"], fields=fields)
+            table = dataclasses.replace(
+                table, names=[*table.names, "none"], fields=fields
+            )
         return recordings_of(table, schema_of(table, stated), options, period)
 
 
@@ -72,7 +76,9 @@ class Layout(Format):
     layout: ClassVar[tuple[str, ...]] = ()
     """What each column is: a role, or another name, which is not read."""
     decimals: ClassVar[int | None] = None  # to which positions are rounded
-    people: ClassVar[tuple[str, ...]] = ()  # kinds that are kept, where the column has numbers
+    people: ClassVar[
+        tuple[str, ...]
+    ] = ()  # kinds that are kept, where the column has numbers
 
     def knows(self, head: Head) -> bool:
         """Whether the first rows fit every role."""
@@ -98,13 +104,17 @@ class Layout(Format):
             "right": lambda values: (values >= column["left"]).all(),
             "bottom": lambda values: (values >= column["top"]).all(),
         }
-        return all(fits[role](values) for role, values in column.items() if role in fits)
+        return all(
+            fits[role](values) for role, values in column.items() if role in fits
+        )
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in a file."""
         table = read_table(path, self.layout)
         self.check(table)
-        places = {role: at for at, role in enumerate(self.layout) if role_of(role) == role}
+        places = {
+            role: at for at, role in enumerate(self.layout) if role_of(role) == role
+        }
         schema = Schema(places, declared=frozenset(places))
         return recordings_of(table, schema, options, period, self.decimals, self.people)
 
@@ -122,7 +132,8 @@ def recordings_of(
 ) -> list[Tracks]:
     """The recordings in a table: people at positions in metres, on the clock that it says.
 
-    Positions are rounded to `decimals`; `people` are kinds of people where `options` say nothing.
+    Positions are rounded to `decimals`; `people` are kinds of people where `options`
+    say nothing.
 
     Raises:
         InputError: naming file, row and reason.
@@ -132,7 +143,9 @@ def recordings_of(
     table, lines = _people(table, schema, options.keep or people)
     warnings += lines
     facts = facts_of(table, schema)
-    table, position, raw, lines = positions_of(table, schema, options, facts.get("unit"))
+    table, position, raw, lines = positions_of(
+        table, schema, options, facts.get("unit")
+    )
     warnings += lines
     if decimals is not None:
         position = np.round(position, decimals)
@@ -141,7 +154,9 @@ def recordings_of(
     kinds, part = np.unique(keys or [""] * len(table.row), return_inverse=True)
     names = [printable(f"{path.stem}_{kind}"[:200]) for kind in kinds]
     names = names if len(names) > 1 else [printable(path.stem)]
-    stamp, lines, notes = stamps_of(table, schema, options, period, ids, part, raw, facts)
+    stamp, lines, notes = stamps_of(
+        table, schema, options, period, ids, part, raw, facts
+    )
     warnings += lines
     table = dataclasses.replace(table, notes=(*table.notes, *notes))
     extras = {name: table.extra(at) for name, at in schema.extras.items()}
@@ -178,12 +193,16 @@ def _seen(table: Table, schema: Schema) -> tuple[Table, list[str]]:
         at = schema.places[role]
         texts = table.words(at)
         number = texts.cast(pl.Float64, strict=False)
-        is_set = (number > 0).fill_null(texts.is_in(("true", "yes", "t", "y"))).to_numpy()
+        is_set = (
+            (number > 0).fill_null(texts.is_in(("true", "yes", "t", "y"))).to_numpy()
+        )
         usable = ~is_set if role == "lost" else is_set
         if role == "confidence" and (number < 0).fill_null(False).all():
             continue  # -1 everywhere: unknown
         if not usable.any():
-            raise InputError(f"{table.path}: column {table.names[at][:30]!r} leaves no row")
+            raise InputError(
+                f"{table.path}: column {table.names[at][:30]!r} leaves no row"
+            )
         if not usable.all():
             name = role if table.names[at].isdecimal() else table.names[at][:30]
             values = {"lost": "True", "valid": "False", "confidence": "0"}[role]
@@ -192,12 +211,14 @@ def _seen(table: Table, schema: Schema) -> tuple[Table, list[str]]:
     return table, lines
 
 
-def _people(table: Table, schema: Schema, keep: Sequence[str]) -> tuple[Table, list[str]]:
+def _people(
+    table: Table, schema: Schema, keep: Sequence[str]
+) -> tuple[Table, list[str]]:
     """The rows of people by the columns of kinds, and a line for what each leaves out.
 
-    These are the one that the user named, or else all by name, and those of the first columns
-    (there may be millions) whose texts say so; numbers, and kinds in a file beside, count only
-    where no texts do.
+    These are the one that the user named, or else all by name, and those of the first
+    columns (there may be millions) whose texts say so; numbers, and kinds in a file
+    beside, count only where no texts do.
     """
     people, others = vocabulary()["people"], vocabulary()["others"]
     kinds = [kind.lower() for kind in keep]
@@ -206,14 +227,18 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> tuple[Table, l
     else:
         used = {at for role, at in schema.places.items() if role not in schema.extras}
         free = [at for at in range(min(50, len(table.names))) if at not in used]
-        labels = [*schema.labels, *(at for at in free if table.words(at).is_in(others).any())]
+        labels = [
+            *schema.labels,
+            *(at for at in free if table.words(at).is_in(others).any()),
+        ]
     columns = {table.names[at][:30]: table.words(at) for at in labels}
     if not columns and (beside := kinds_beside(table, schema)) is not None:
         columns = {beside[0]: beside[1]}
     texts = {
         name: column
         for name, column in columns.items()
-        if column.cast(pl.Float64, strict=False).null_count() or column.is_in(kinds).any()
+        if column.cast(pl.Float64, strict=False).null_count()
+        or column.is_in(kinds).any()
     }
     if keep and not columns:
         raise InputError(
@@ -230,7 +255,9 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> tuple[Table, l
                 "people"
             )
         if not mask.all():
-            counted = f"{np.sum(~mask & is_person)} rows with {name} {left} are left out"
+            counted = (
+                f"{np.sum(~mask & is_person)} rows with {name} {left} are left out"
+            )
             lines.append(f"{counted} ({option('keep')} says who is kept)")
             is_person &= mask
     return (table if is_person.all() else table.take(is_person)), lines

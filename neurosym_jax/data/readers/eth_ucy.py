@@ -1,6 +1,7 @@
 """The leave-one-out splits of ETH/UCY.
 
-As SGAN arranges it, the folder has `all/` (whole recordings, for testing), `train/` and `val/`.
+As SGAN arranges it, the folder has `all/` (whole recordings, for testing), `train/` and
+`val/`.
 """
 
 from pathlib import Path
@@ -20,8 +21,8 @@ SCENES = {
 
 
 def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
-    """Files of one leave-one-out split: `test` has the whole recordings of the data set `scene`,
-    `train` and `val` have parts of all others (None leaves out none).
+    """Files of one leave-one-out split: `test` has the whole recordings of the data set
+    `scene`, `train` and `val` have parts of all others (None leaves out none).
 
     Raises:
         InputError: for an unknown data set or missing files.
@@ -34,7 +35,9 @@ def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
         held_out = {f"{name}_{split}" for name in own}
         files = sorted((folder / split).glob("*.txt"))
         paths = [path for path in files if path.stem not in held_out]
-    missing = [path for path in paths or [folder / split / "*.txt"] if not path.is_file()]
+    missing = [
+        path for path in paths or [folder / split / "*.txt"] if not path.is_file()
+    ]
     if missing:
         raise InputError(f"{missing[0]}: missing, and data set {scene} needs it")
     return paths

@@ -10,7 +10,9 @@ from neurosym_jax.errors import InputError, option
 
 __all__ = ["Cliff", "Mot", "MotResults", "Obsmat", "Stanford", "Text"]
 
-SMOOTHER = 5  # times, by which another reading of the columns gives the lie to the usual one
+SMOOTHER = (
+    5  # times, by which another reading of the columns gives the lie to the usual one
+)
 
 
 class Text(Layout):
@@ -37,7 +39,9 @@ class Text(Layout):
         if not len(rows):
             return
         frame, ped, position = rows[:, 0], rows[:, 1], rows[:, 2:]
-        usual, other = (roughness(*pair, position) for pair in ((frame, ped), (ped, frame)))
+        usual, other = (
+            roughness(*pair, position) for pair in ((frame, ped), (ped, frame))
+        )
         if SMOOTHER * np.sum(other) < np.sum(usual):
             raise InputError(
                 f"{table.path}: its tracks are smooth where the first column is the person, not "
@@ -69,19 +73,42 @@ class Stanford(Layout):
     """Annotations of the Stanford drone data set: boxes in pixels at 30 frames a second."""
 
     title = "Stanford's annotations (`id left top right bottom frame lost ... label`)"
-    layout = ("id", "left", "top", "right", "bottom", "frame", "lost", "flag", "flag2", "label")
+    layout = (
+        "id",
+        "left",
+        "top",
+        "right",
+        "bottom",
+        "frame",
+        "lost",
+        "flag",
+        "flag2",
+        "label",
+    )
 
 
 class Mot(Layout):
     """Ground truth of MOTChallenge: boxes in pixels; class 1 are people who walk."""
 
     title = "MOTChallenge's ground truth (`frame,id,left,top,width,height,flag,class,visible`)"
-    layout = ("frame", "id", "left", "top", "width", "height", "confidence", "label", "share")
+    layout = (
+        "frame",
+        "id",
+        "left",
+        "top",
+        "width",
+        "height",
+        "confidence",
+        "label",
+        "share",
+    )
     people = ("1", "1.0")
 
 
 class MotResults(Layout):
     """Results of trackers as MOTChallenge has them: boxes in pixels, and -1 at the end."""
 
-    title = "MOTChallenge's results (`frame,id,left,top,width,height,confidence,-1,-1,-1`)"
+    title = (
+        "MOTChallenge's results (`frame,id,left,top,width,height,confidence,-1,-1,-1`)"
+    )
     layout = (*Mot.layout[:7], "none", "none2", "none3")

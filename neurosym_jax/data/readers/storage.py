@@ -27,7 +27,12 @@ from neurosym_jax.errors import InputError, optional_module
 __all__ = ["FRAME", "Json", "Storage", "is_frame", "table_of"]
 
 FRAME = Path("dataframe")  # what messages call one, and its recording
-MAGIC = {b"SQLite format 3": "sqlite", b"\x89HDF": "hdf5", b"PAR1": "parquet", b"ARROW1": "arrow"}
+MAGIC = {
+    b"SQLite format 3": "sqlite",
+    b"\x89HDF": "hdf5",
+    b"PAR1": "parquet",
+    b"ARROW1": "arrow",
+}
 
 
 class Storage(Columns):
@@ -41,7 +46,9 @@ class Storage(Columns):
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in its table of tracks."""
-        return self.take(_table_in_storage(path, read_head(path).magic), options, period)
+        return self.take(
+            _table_in_storage(path, read_head(path).magic), options, period
+        )
 
 
 class Json(Columns):
@@ -62,8 +69,13 @@ def is_frame(data: object) -> bool:
     """Whether `data` is a table of pandas, polars, pyarrow, GeoPandas, PedPy or MovingPandas."""
     if isinstance(data, type):
         return False
-    framed = hasattr(data, "collect_schema") or hasattr(data, "columns")  # Polars warns of it.
-    rows = any(hasattr(data, name) for name in ("itertuples", "iter_rows", "collect", "to_pydict"))
+    framed = hasattr(data, "collect_schema") or hasattr(
+        data, "columns"
+    )  # Polars warns of it.
+    rows = any(
+        hasattr(data, name)
+        for name in ("itertuples", "iter_rows", "collect", "to_pydict")
+    )
     return (framed and rows) or _is_pedpy(data) or _is_moving(data)
 
 
@@ -72,7 +84,9 @@ def _is_pedpy(data: Any) -> bool:
 
 
 def _is_moving(data: Any) -> bool:
-    return hasattr(data, "trajectories") or (hasattr(data, "df") and hasattr(data, "to_linestring"))
+    return hasattr(data, "trajectories") or (
+        hasattr(data, "df") and hasattr(data, "to_linestring")
+    )
 
 
 def table_of(data: Any) -> Table:
@@ -93,7 +107,9 @@ def table_of(data: Any) -> Table:
     if hasattr(data, "to_pydict"):
         data = pl.from_arrow(data)
     if hasattr(data, "itertuples"):
-        if any(name is not None and name not in data.columns for name in data.index.names):
+        if any(
+            name is not None and name not in data.columns for name in data.index.names
+        ):
             data = data.reset_index()
         columns = {str(name): data.iloc[:, at] for at, name in enumerate(data.columns)}
         if len(columns) < len(data.columns):
@@ -121,13 +137,19 @@ def _texts(column: pl.Series) -> pl.Series:
     """A column as text; durations are seconds."""
     if isinstance(column.dtype, pl.Duration):
         column = column.dt.total_microseconds() / 1e6
-    if column.dtype.is_nested() or column.dtype in (pl.Categorical, pl.Binary, pl.Object):
+    if column.dtype.is_nested() or column.dtype in (
+        pl.Categorical,
+        pl.Binary,
+        pl.Object,
+    ):
         return pl.Series(list(map(str, column)), dtype=pl.String)
     return column.cast(pl.String).fill_null("None")
 
 
 def _table(
-    path: Path, columns: Mapping[str, pl.Series], facts: Mapping[str, str] = MappingProxyType({})
+    path: Path,
+    columns: Mapping[str, pl.Series],
+    facts: Mapping[str, str] = MappingProxyType({}),
 ) -> Table:
     rows = len(next(iter(columns.values()), []))
     if not rows:
@@ -145,7 +167,9 @@ def _table_in_storage(path: Path, magic: bytes) -> Table:
     """
     kind = next((kind for start, kind in MAGIC.items() if magic.startswith(start)), "")
     try:
-        columns, facts = {"sqlite": _in_sqlite, "hdf5": _in_hdf5}.get(kind, _in_columns)(path)
+        columns, facts = {"sqlite": _in_sqlite, "hdf5": _in_hdf5}.get(
+            kind, _in_columns
+        )(path)
     except (sqlite3.Error, OSError, pl.exceptions.PolarsError, KeyError) as error:
         raise InputError(f"{path}: cannot be read as {kind} ({error})") from None
     return _table(path, columns, facts)
@@ -153,7 +177,9 @@ def _table_in_storage(path: Path, magic: bytes) -> Table:
 
 def _in_columns(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
     with path.open("rb") as file:
-        frame = pl.read_parquet(file) if file.peek(4)[:4] == b"PAR1" else pl.read_ipc(file)
+        frame = (
+            pl.read_parquet(file) if file.peek(4)[:4] == b"PAR1" else pl.read_ipc(file)
+        )
     return {name: _texts(frame[name]) for name in frame.columns}, {}
 
 
@@ -163,25 +189,39 @@ def _in_sqlite(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
         sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
     ) as base:
         names = [
-            name for (name,) in base.execute("select name from sqlite_master where type='table'")
+            name
+            for (name,) in base.execute(
+                "select name from sqlite_master where type='table'"
+            )
         ]
         quoted = {name: '"' + name.replace('"', '""') + '"' for name in names}
         heads = {
-            name: [column[1] for column in base.execute(f"pragma table_info({quoted[name]})")]
+            name: [
+                column[1]
+                for column in base.execute(f"pragma table_info({quoted[name]})")
+            ]
             for name in names
         }
         tracks = [name for name in names if names_tracks(heads[name])]
         if len(tracks) != 1:
-            tables = ", ".join(f"{name} ({' '.join(head)})" for name, head in heads.items())
-            raise InputError(f"{path}: has {len(tracks)} tables of tracks among {tables[:200]}")
+            tables = ", ".join(
+                f"{name} ({' '.join(head)})" for name, head in heads.items()
+            )
+            raise InputError(
+                f"{path}: has {len(tracks)} tables of tracks among {tables[:200]}"
+            )
         facts = {}
         for name in names:
             if len(heads[name]) == 2:
                 rows = base.execute(f"select * from {quoted[name]}").fetchmany(1000)
-                rates = [value for key, value in rows if plain_name(str(key))[0] in RATES]
+                rates = [
+                    value for key, value in rows if plain_name(str(key))[0] in RATES
+                ]
                 facts |= {"fps": str(float(rates[0]))} if rates else {}
         rows = base.execute(f"select * from {quoted[tracks[0]]}").fetchall()
-    columns = zip(heads[tracks[0]], zip(*rows) if rows else [[]] * len(heads[tracks[0]]))
+    columns = zip(
+        heads[tracks[0]], zip(*rows) if rows else [[]] * len(heads[tracks[0]])
+    )
     return {name: pl.Series(list(map(str, values))) for name, values in columns}, facts
 
 
@@ -190,25 +230,30 @@ def _in_hdf5(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
     h5py = optional_module("h5py", f"{path}: HDF5", "hdf5")
     with h5py.File(path) as file:
         sets = {
-            name: item for name, item in file.items() if getattr(item, "dtype", None) is not None
+            name: item
+            for name, item in file.items()
+            if getattr(item, "dtype", None) is not None
         }
         sets = {name: item for name, item in sets.items() if item.dtype.names}
         if len(sets) != 1 and "trajectory" not in sets:
-            raise InputError(f"{path}: has {len(sets)} data sets with named fields, not one")
+            raise InputError(
+                f"{path}: has {len(sets)} data sets with named fields, not one"
+            )
         item = sets.get("trajectory") or next(iter(sets.values()))
         attributes = {**file.attrs, **item.attrs}
         facts = {"fps": str(float(attributes["fps"]))} if "fps" in attributes else {}
         values = item[()]
     return {
-        name: pl.Series(list(map(str, values[name].tolist()))) for name in values.dtype.names
+        name: pl.Series(list(map(str, values[name].tolist())))
+        for name in values.dtype.names
     }, facts
 
 
 def _table_in_json(path: Path) -> Table:
     """The rows of JSON: a list of objects, an object a line, or an object of columns.
 
-    An object's lists are rows: a person may have `t`, `x` and `y`, or points of objects or of two
-    numbers.
+    An object's lists are rows: a person may have `t`, `x` and `y`, or points of objects
+    or of two numbers.
 
     Raises:
         InputError: for text that is no JSON, or no table.
@@ -228,7 +273,9 @@ def _table_in_json(path: Path) -> Table:
             objects = inner[0]  # An object around a list of people or rows.
     rows = [row for item in objects for row in _rows(path, item)]
     names = list(dict.fromkeys(name for row in rows for name in row))
-    return _table(path, {name: pl.Series([str(row.get(name)) for row in rows]) for name in names})
+    return _table(
+        path, {name: pl.Series([str(row.get(name)) for row in rows]) for name in names}
+    )
 
 
 def _rows(path: Path, item: Any) -> list[dict[str, Any]]:
@@ -239,7 +286,9 @@ def _rows(path: Path, item: Any) -> list[dict[str, Any]]:
         )
     plain = {key: value for key, value in item.items() if not isinstance(value, dict)}
     if len(plain) < len(item):
-        item = _side_by_side([(key, item[key]) for key in item if key not in plain], plain)
+        item = _side_by_side(
+            [(key, item[key]) for key in item if key not in plain], plain
+        )
     lists = {key: value for key, value in item.items() if isinstance(value, list)}
     others = {key: value for key, value in item.items() if key not in lists}
     if not lists:
@@ -259,7 +308,8 @@ def _rows(path: Path, item: Any) -> list[dict[str, Any]]:
 
 
 def _side_by_side(
-    parts: Sequence[tuple[str, dict[str, Any]]], plain: Mapping[str, Any] = MappingProxyType({})
+    parts: Sequence[tuple[str, dict[str, Any]]],
+    plain: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """The fields `plain` and those of named parts, as PART.NAME where a name stands twice."""
     counts = Counter([*plain, *(name for _, part in parts for name in part)])

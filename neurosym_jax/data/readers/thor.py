@@ -1,10 +1,11 @@
 """THÖR and THÖR-MAGNI, in the forms in which they are distributed.
 
-- QTM exports (THÖR's 6D, THÖR-MAGNI): a header `Frame Time ...`, one row per frame, millimetres.
+- QTM exports (THÖR's 6D, THÖR-MAGNI): a header `Frame Time ...`, one row per frame,
+millimetres.
 - Tracklets of THÖR-MAGNI: `Time,...,x,y,...,ag_id,...,tracklet_id` in metres.
 
-People wear helmets, whose numbers are their ids. Sources: A. Rudenko et al., "THÖR", RA-L 5(2),
-2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024.
+People wear helmets, whose numbers are their ids. Sources: A. Rudenko et al., "THÖR",
+RA-L 5(2), 2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024.
 """
 
 import itertools
@@ -45,7 +46,11 @@ class Tracklets(Format):
         *places, helmet = (table.names.index(name) for name in _TRACKLET)
         values, ids = table.numbers(*places), table.ids(helmet, prefix="Helmet_")
         order = np.lexsort((values[:, 0], values[:, 3]))
-        time, tracklet, ids, row = *values[order][:, [0, 3]].T, ids[order], table.row[order]
+        time, tracklet, ids, row = (
+            *values[order][:, [0, 3]].T,
+            ids[order],
+            table.row[order],
+        )
         run, latest, runs = 0, dict[int, float](), np.zeros(len(ids), int)
         bounds = np.flatnonzero(np.diff(tracklet, prepend=np.nan)).tolist()
         for begin, end in itertools.pairwise([*bounds, len(ids)]):
@@ -64,7 +69,9 @@ class Qtm(Format):
 
     def knows(self, head: Head) -> bool:
         """A header that begins with `Frame` and names a helmet."""
-        return any(re.match("Frame[\t,]", line) and "Helmet" in line for line in head.lines)
+        return any(
+            re.match("Frame[\t,]", line) and "Helmet" in line for line in head.lines
+        )
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The people with helmets, where their coordinates are not all zero, and none is empty.
@@ -73,7 +80,8 @@ class Qtm(Format):
             InputError: naming file, row and reason.
         """
         table = read_table(path, header=r"Frame[\t,]")
-        # Column X of each helmet, or of its centroid where there are markers too; Y and Z follow.
+        # Column X of each helmet, or of its centroid where there are markers too; Y and
+        # Z follow.
         places: dict[int, int] = {}
         for column, name in enumerate(table.names):
             if match := _HELMET.fullmatch(name):
@@ -81,15 +89,27 @@ class Qtm(Format):
                     raise InputError(f"{path}: the header names {name} twice")
                 places[int(match[1])] = column
                 # In 6D exports only X carries the helmet's name.
-                if [other[-1:] for other in table.names[column : column + 3]] != ["X", "Y", "Z"]:
+                if [other[-1:] for other in table.names[column : column + 3]] != [
+                    "X",
+                    "Y",
+                    "Z",
+                ]:
                     raise InputError(f"{path}: Y and Z do not follow {name}")
         if not places or "Time" not in table.names:
-            raise InputError(f"{path}: the header names no Time, or no `Helmet_1 X` (or centroids)")
+            raise InputError(
+                f"{path}: the header names no Time, or no `Helmet_1 X` (or centroids)"
+            )
         stamp = table.numbers(table.names.index("Time"))[:, 0]
         columns = [at + axis for at in places.values() for axis in range(3)]
         points = table.numbers(*columns, missing=True).reshape(len(stamp), -1, 3) / 1000
-        frame, body = np.nonzero(~np.isnan(points).any(axis=-1) & (points != 0).any(axis=-1))
+        frame, body = np.nonzero(
+            ~np.isnan(points).any(axis=-1) & (points != 0).any(axis=-1)
+        )
         if not len(frame):
-            raise InputError(f"{path}: none of its {len(places)} helmets is ever visible")
+            raise InputError(
+                f"{path}: none of its {len(places)} helmets is ever visible"
+            )
         ids = np.array(list(places))[body]
-        return table.tracks(stamp[frame], ids, points[frame, body, :2], row=table.row[frame])
+        return table.tracks(
+            stamp[frame], ids, points[frame, body, :2], row=table.row[frame]
+        )

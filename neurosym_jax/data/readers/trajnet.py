@@ -1,10 +1,10 @@
 """TrajNet++ files: a JSON object a line, `{"track": ...}` points and `{"scene": ...}` rows.
 
-A track row has `f` (frame), `p` (pedestrian), `x`, `y` (metres); one with `prediction_number` is a
-forecast of the scene `scene_id`, which `Trajnet` skips and `read_predictions` reads. A scene row
-names an official scene: its primary person `p`, first and last frame `s` and `e`, `fps` and `tag`.
-The format is that of P. Kothari et al.,
-"Human Trajectory Forecasting in Crowds", IEEE T-ITS 2021 (trajnetplusplustools).
+A track row has `f` (frame), `p` (pedestrian), `x`, `y` (metres); one with
+`prediction_number` is a forecast of the scene `scene_id`, which `Trajnet` skips and
+`read_predictions` reads. A scene row names an official scene: its primary person `p`,
+first and last frame `s` and `e`, `fps` and `tag`. The format is that of P. Kothari et
+al., "Human Trajectory Forecasting in Crowds", IEEE T-ITS 2021 (trajnetplusplustools).
 """
 
 import json
@@ -43,7 +43,9 @@ class Trajnet(Format):
             InputError: naming file, row and reason.
         """
         rows = _rows(path)
-        rates = [float(fields.get("fps", FPS)) for _, kind, fields in rows if kind == "scene"]
+        rates = [
+            float(fields.get("fps", FPS)) for _, kind, fields in rows if kind == "scene"
+        ]
         points = {
             at: [str(fields.get(key)) for key in _KEYS]
             for at, kind, fields in rows
@@ -93,11 +95,12 @@ def read_scenes(path: Path) -> list[OfficialScene]:
 def read_predictions(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The forecasts of a file as samples [k, A, T, 2], ids [A] and last observed frames [A].
 
-    Scenes that begin together forecast the same people more than once; the first one counts. A
-    forecast of one step does not say how far frames are apart: the frame before it counts.
+    Scenes that begin together forecast the same people more than once; the first one
+    counts. A forecast of one step does not say how far frames are apart: the frame
+    before it counts.
 
-    Raises:
-        InputError: naming file and row, for forecasts that are not of one number and length.
+    Raises: InputError: naming file and row, for forecasts that are not of one number
+        and length.
     """
     paths: dict[tuple[int, int], dict[tuple[int, int], list[float]]] = {}
     for at, kind, fields in _rows(path):
@@ -109,9 +112,13 @@ def read_predictions(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             point = [_number(path, at, fields, key) for key in ("x", "y")]
             points = paths.setdefault((scene, person), {})
             if points.setdefault((sample, frame), point) is not point:
-                raise InputError(f"{path}: row {at}: repeats sample {sample} of person {person}")
+                raise InputError(
+                    f"{path}: row {at}: repeats sample {sample} of person {person}"
+                )
     if not paths:
-        raise InputError(f"{path}: the file has no forecasts (rows with prediction_number)")
+        raise InputError(
+            f"{path}: the file has no forecasts (rows with prediction_number)"
+        )
     rows: dict[tuple[int, int], list[Any]] = {}
     for (scene, person), points in paths.items():
         samples = sorted({sample for sample, _ in points})
@@ -119,7 +126,9 @@ def read_predictions(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         step = frames[1] - frames[0] if len(frames) > 1 else 1
         is_complete = len(samples) * len(frames) == len(points)
         if not is_complete or (np.diff(frames) != step).any():
-            raise InputError(f"{path}: scene {scene}, person {person}: steps are missing")
+            raise InputError(
+                f"{path}: scene {scene}, person {person}: steps are missing"
+            )
         forecast = [[points[sample, frame] for frame in frames] for sample in samples]
         rows.setdefault((person, frames[0] - step), forecast)
     shapes = sorted({(len(forecast), len(forecast[0])) for forecast in rows.values()})
@@ -144,7 +153,9 @@ def _number(path: Path, at: int, fields: dict[str, Any], key: str) -> float:
             return number
     except (KeyError, TypeError, ValueError):
         pass
-    raise InputError(f"{path}: row {at}: {key} is not a number: {fields.get(key)!r}"[:300])
+    raise InputError(
+        f"{path}: row {at}: {key} is not a number: {fields.get(key)!r}"[:300]
+    )
 
 
 def _rows(path: Path) -> list[tuple[int, str, dict[str, Any]]]:
@@ -161,4 +172,6 @@ def _content(path: Path, at: int, line: str) -> tuple[str, dict[str, Any]]:
             return kind, fields
     except (ValueError, TypeError, AttributeError, RecursionError):
         pass
-    raise InputError(f"{path}: row {at}: neither a track nor a scene in JSON: {line[:60]!r}")
+    raise InputError(
+        f"{path}: row {at}: neither a track nor a scene in JSON: {line[:60]!r}"
+    )

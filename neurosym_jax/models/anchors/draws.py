@@ -1,9 +1,10 @@
 """Draws of scenes: from samples that have probabilities, or from each person's own points.
 
-A scene takes a point of each person. Its probability is that of independent people, times what each
-pair of people says (a Markov random field): scenes in which two overlap are improbable, and those
-in which two who walk together part. Draws are made from it by Gibbs sampling. So a person's points
-are equally probable only for somebody who is alone. Nothing is learned here.
+A scene takes a point of each person. Its probability is that of independent people,
+times what each pair of people says (a Markov random field): scenes in which two overlap
+are improbable, and those in which two who walk together part. Draws are made from it by
+Gibbs sampling. So a person's points are equally probable only for somebody who is
+alone. Nothing is learned here.
 """
 
 import functools
@@ -44,7 +45,9 @@ def draw_samples(samples: Array, probability: Array, key: Array, count: int) -> 
     return samples[jnp.minimum(chosen, len(samples) - 1)]
 
 
-def draw_scenes(points: Array, scene: Scene, key: Array, count: int, period: float) -> Array:
+def draw_scenes(
+    points: Array, scene: Scene, key: Array, count: int, period: float
+) -> Array:
     """[count, N, T, 2] equally probable futures of `scene`, of each person's `points [P, N, T, 2]`.
 
     Steps are of `period` seconds. Somebody alone has all points about equally often.
@@ -63,8 +66,9 @@ def draw_scenes(points: Array, scene: Scene, key: Array, count: int, period: flo
 def couple(chosen: Array, near: Array, table: Array, key: Array) -> Array:
     """[n, N] points of each person in n draws, chosen anew from `chosen [n, N]`, given the others'.
 
-    `near [N, M]` are the people on whom a person depends, `table [N, M, P, P]` how many nats less
-    probable each point of theirs (third axis) makes each of the person's (fourth).
+    `near [N, M]` are the people on whom a person depends, `table [N, M, P, P]` how many
+    nats less probable each point of theirs (third axis) makes each of the person's
+    (fourth).
     """
     count, agents = chosen.shape
     slots = jnp.arange(near.shape[1])
@@ -108,15 +112,17 @@ def pair_terms(
 ) -> tuple[Array, Array]:
     """[N, M, P, P] twice, 0 to 1: how far two people overlap, and how far companions part.
 
-    Of each point of `near [N, M]` (third axis) and of the person itself (fourth), where `present
-    [N, M]`; `points` are [P, N, T, 2] metres, with steps of `period` seconds.
+    Of each point of `near [N, M]` (third axis) and of the person itself (fourth), where
+    `present [N, M]`; `points` are [P, N, T, 2] metres, with steps of `period` seconds.
     """
     observed, offset = repair_tracks(jnp.asarray(scene.observed), period)
     companionship = jnp.where(present, _companionship(observed, near, period), 0)
     total = jnp.maximum(companionship.sum(1), 1)
     # Of a stream of people, all hold a person as one companion does.
     share = companionship / jnp.maximum(total[:, None], total[near])
-    parted = jnp.minimum(_partings(points - offset[:, None], observed[:, -1], near) / FAR, 1)
+    parted = jnp.minimum(
+        _partings(points - offset[:, None], observed[:, -1], near) / FAR, 1
+    )
     overlap = jnp.where(present[..., None, None], _overlaps(points, near), 0)
     return overlap, share[..., None, None] * parted
 
@@ -132,7 +138,9 @@ def nearest(points: Array, valid: Array) -> tuple[Array, Array]:
     gaps = [jnp.square(mean[:, None] - mean).sum(-1) for mean in means]
     clearance = functools.reduce(jnp.minimum, gaps)
     others = valid & ~jnp.eye(agents, dtype=bool)
-    score, near = jax.lax.top_k(jnp.where(others, -clearance, -jnp.inf), min(agents - 1, NEAREST))
+    score, near = jax.lax.top_k(
+        jnp.where(others, -clearance, -jnp.inf), min(agents - 1, NEAREST)
+    )
     return near, jnp.isfinite(score) & valid[:, None]
 
 
@@ -169,11 +177,16 @@ def _overlaps(points: Array, near: Array) -> Array:
     least: Any = jnp.inf
     before = None
     for step in steps:
-        x, y = (place[:, None, None, :] - place[near][..., None] for place in (step[0], step[1]))
+        x, y = (
+            place[:, None, None, :] - place[near][..., None]
+            for place in (step[0], step[1])
+        )
         then_x, then_y = before or (x, y)
         dx, dy = then_x - x, then_y - y
         back = -(x * dx + y * dy) / (dx * dx + dy * dy + 1e-12)
         back = jnp.clip(back, 0, 1)
-        least = jnp.minimum(least, jnp.square(x + back * dx) + jnp.square(y + back * dy))
+        least = jnp.minimum(
+            least, jnp.square(x + back * dx) + jnp.square(y + back * dy)
+        )
         before = x, y
     return jnp.maximum(1 - jnp.sqrt(least) / DISTANCE, 0)

@@ -65,18 +65,22 @@ class AnchorTableForecaster(Forecaster):
         """
         if samples > self.config.samples:
             most = self.config.samples
-            raise InputError(f"samples: {self.title} makes at most {most}, not {samples}")
+            raise InputError(
+                f"samples: {self.title} makes at most {most}, not {samples}"
+            )
         return samples
 
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
         """See `Forecaster.forecast`."""
         return self.representatives(params, scene, noise)[0]
 
-    def representatives(self, params: Any, scene: Scene, noise: Array) -> tuple[Array, Array]:
+    def representatives(
+        self, params: Any, scene: Scene, noise: Array
+    ) -> tuple[Array, Array]:
         """The k samples [k, N, pred_len, 2] and their probabilities [k].
 
-        `noise [k, 0]` says how many. `spread_of` chooses them if the network has more, and their
-        probabilities are those given that the future is one of them.
+        `noise [k, 0]` says how many. `spread_of` chooses them if the network has more,
+        and their probabilities are those given that the future is one of them.
         """
         samples, log_probability, _ = apply_anchors(self.config, params, scene)
         valid, probability = jnp.asarray(scene.valid), jnp.exp(log_probability)
@@ -89,14 +93,16 @@ class AnchorTableForecaster(Forecaster):
     def distribution(self, params: Any, scene: Scene, key: Array, count: int) -> Array:
         """See `Forecaster.distribution`; without points, samples drawn by their probabilities.
 
-        Half of the scenes are drawn from points of the mirrored scene: people's left and right
-        differ less than what a network has learned of them at a few places.
+        Half of the scenes are drawn from points of the mirrored scene: people's left
+        and right differ less than what a network has learned of them at a few places.
         """
         for part in scene.identity:
             key = jax.random.fold_in(key, part)
         if not self.calibrated:
             forecast = apply_anchors(self.config, params, scene)
-            return draw_samples(forecast.samples, jnp.exp(forecast.log_probability), key, count)
+            return draw_samples(
+                forecast.samples, jnp.exp(forecast.log_probability), key, count
+            )
 
         def drawn(view: tuple[Array, Array]) -> Array:
             mirror, part = view
@@ -113,9 +119,13 @@ class AnchorTableForecaster(Forecaster):
         """Scenes of one size class, and the crowds that they are merged into."""
         return AnchorStream(windows, recipe).batch
 
-    def loss(self, params: Any, batch: Any, key: Array, recipe: Any) -> tuple[Array, Any]:
+    def loss(
+        self, params: Any, batch: Any, key: Array, recipe: Any
+    ) -> tuple[Array, Any]:
         """See `batch_loss`."""
-        return batch_loss(functools.partial(apply_anchors, self.config, params), batch, key, recipe)
+        return batch_loss(
+            functools.partial(apply_anchors, self.config, params), batch, key, recipe
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,9 +158,15 @@ class AnchorsForecaster(AnchorTableForecaster):
 
     def prepared(self, scene: Scene) -> Scene:
         """See `Forecaster.prepared`; a crowd has the neighbours within the radius alone."""
-        if len(scene.valid) <= CROWD or not self.sees_neighbours or self.config.weighting:
+        if (
+            len(scene.valid) <= CROWD
+            or not self.sees_neighbours
+            or self.config.weighting
+        ):
             return scene
-        return scene.replace(near=neighbours(scene, self.config.radius, self.config.period))
+        return scene.replace(
+            near=neighbours(scene, self.config.radius, self.config.period)
+        )
 
 
 def neighbours(scene: Scene, radius: float, period: float) -> np.ndarray:
@@ -179,8 +195,8 @@ def apply_anchors(
     """All that the network or table of `config` forecasts of one scene.
 
 
-    Of the scene's `alpha [N, N, obs_len]`, or else the weighting's, the last step counts; for
-    `company` see `AnchorNetwork`.
+    Of the scene's `alpha [N, N, obs_len]`, or else the weighting's, the last step
+    counts; for `company` see `AnchorNetwork`.
     """
     observed, valid = jnp.asarray(scene.observed), jnp.asarray(scene.valid)
     weighting, alpha = getattr(config, "weighting", None), scene.alpha
@@ -193,16 +209,20 @@ def apply_anchors(
 
 
 def _network(config: Any) -> Any:
-    return AnchorNetwork(config) if isinstance(config, AnchorConfig) else AnchorTable(config)
+    return (
+        AnchorNetwork(config)
+        if isinstance(config, AnchorConfig)
+        else AnchorTable(config)
+    )
 
 
 def spread_of(samples: Array, probability: Array, valid: Array, count: int) -> Array:
     """[count] indices of the samples that represent all of them best.
 
-    The first of `samples [K, N, T, 2]` is the most probable one. Each further one lowers most the
-    expected distance from a sample, drawn with its `probability [K]`, to the nearest chosen one;
-    distances are means over people and steps. So the choice of `count` begins with the choice of
-    `count` - 1.
+    The first of `samples [K, N, T, 2]` is the most probable one. Each further one
+    lowers most the expected distance from a sample, drawn with its `probability [K]`,
+    to the nearest chosen one; distances are means over people and steps. So the choice
+    of `count` begins with the choice of `count` - 1.
     """
     offset = jnp.square(samples[:, None] - samples).sum(-1)
     distance = jnp.where(valid[:, None], jnp.sqrt(offset), 0).sum((-1, -2))

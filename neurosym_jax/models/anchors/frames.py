@@ -8,7 +8,15 @@ from jax import Array
 
 from neurosym_jax.symbolic.qtc import observe
 
-__all__ = ["SLOW", "attend", "closest_approach", "heading_of", "length", "pair_features", "turned"]
+__all__ = [
+    "SLOW",
+    "attend",
+    "closest_approach",
+    "heading_of",
+    "length",
+    "pair_features",
+    "turned",
+]
 
 SLOW = 0.125
 """Speed at which a heading has faded to 0.7, m/s; symbols take slower movement for none."""
@@ -21,7 +29,8 @@ LONGEST = 5.0
 def heading_of(velocity: Array, slow: float) -> Array:
     """Direction of `velocity [..., 2]`, with length near 1 above the speed `slow` and 0 at rest.
 
-    Tracking noise of a standing person gives a random direction; this one fades out instead.
+    Tracking noise of a standing person gives a random direction; this one fades out
+    instead.
     """
     return velocity / length(velocity, slow)[..., None]
 
@@ -43,8 +52,9 @@ def closest_approach(
 ) -> tuple[Array, Array]:
     """Time [...] from now to the closest approach, up to `longest`, and the distance [...] then.
 
-    `bearing [..., 2]` is a relative position, `motion [..., 2]` its change in a unit of time;
-    `slack` is added to the square of the motion, so that a pair at rest has the time 0.
+    `bearing [..., 2]` is a relative position, `motion [..., 2]` its change in a unit of
+    time; `slack` is added to the square of the motion, so that a pair at rest has the
+    time 0.
     """
     soon = -(bearing * motion).sum(axis=-1) / (jnp.square(motion).sum(axis=-1) + slack)
     soon = jnp.clip(soon, 0, longest)
@@ -52,12 +62,18 @@ def closest_approach(
 
 
 def pair_features(
-    config: Any, observed: Array, velocity: Array, heading: Array, valid: Array, near: Array | None
+    config: Any,
+    observed: Array,
+    velocity: Array,
+    heading: Array,
+    valid: Array,
+    near: Array | None,
 ) -> tuple[Array, Array, Array]:
     """Features of j seen by i `[N, N, F]`, nearness `[N, N]` and number around `[N]`.
 
-    With `near [N, C]`, j are these and the first two are `[N, C, ...]`. Features are the pair's
-    bearing, motion, closest approach and speeds, its QTC_C1 symbols at two steps, or all of these.
+    With `near [N, C]`, j are these and the first two are `[N, C, ...]`. Features are
+    the pair's bearing, motion, closest approach and speeds, its QTC_C1 symbols at two
+    steps, or all of these.
     """
     position, number = observed[:, -1], jnp.arange(valid.shape[0])
 
@@ -74,22 +90,46 @@ def pair_features(
         soon, miss = closest_approach(bearing, motion, 0.05, LONGEST)
         close, speed = 1 / jnp.maximum(distance, 1), length(pace)
         other_speed = jnp.broadcast_to(seen(speed), distance.shape)
-        # Equal without `near`, but a copy of the rows would change the last bits of a training.
-        own = other_speed.T if near is None else jnp.broadcast_to(speed[:, None], distance.shape)
+        # Equal without `near`, but a copy of the rows would change the last bits of a
+        # training.
+        own = (
+            other_speed.T
+            if near is None
+            else jnp.broadcast_to(speed[:, None], distance.shape)
+        )
         features += [
-            *(bearing[..., 0] * close, bearing[..., 1] * close, motion[..., 0], motion[..., 1]),
-            *(length(relative), jnp.exp(-distance), distance / config.radius, 1 / (distance + 0.3)),
+            *(
+                bearing[..., 0] * close,
+                bearing[..., 1] * close,
+                motion[..., 0],
+                motion[..., 1],
+            ),
+            *(
+                length(relative),
+                jnp.exp(-distance),
+                distance / config.radius,
+                1 / (distance + 0.3),
+            ),
             *(soon, jnp.exp(-2 * miss - soon), own, other_speed),
         ]
     if config.symbols:
         factor = SLOW * config.period
-        thresholds: Any = {"quantisation_factor": factor, "side_quantisation_factor": factor}
+        thresholds: Any = {
+            "quantisation_factor": factor,
+            "side_quantisation_factor": factor,
+        }
         for end in (observed.shape[1], max(observed.shape[1] - 3, 2)):
             own_track, other_track = (
-                track[..., end - 2 : end, :] for track in (observed[:, None], seen(observed))
+                track[..., end - 2 : end, :]
+                for track in (observed[:, None], seen(observed))
             )
-            state = observe(own_track, other_track, **thresholds)[..., 0, :].astype(observed.dtype)
-            features += [*jnp.moveaxis(state, -1, 0), *jnp.moveaxis(jnp.abs(state), -1, 0)]
+            state = observe(own_track, other_track, **thresholds)[..., 0, :].astype(
+                observed.dtype
+            )
+            features += [
+                *jnp.moveaxis(state, -1, 0),
+                *jnp.moveaxis(jnp.abs(state), -1, 0),
+            ]
     others = seen(valid) & valid[:, None] & (seen(number) != number[:, None])
     stacked = jnp.where(others[..., None], jnp.stack(features, -1), 0)
     gate = jnp.where(others, _within(distance, config.radius), 0)
@@ -101,9 +141,9 @@ def pair_features(
 def attend(score: Array, value: Array, gate: Array) -> Array:
     """Attention with an empty slot, `sum_j g_ij exp(s_ij) v_ij / (1 + sum_j g_ij exp(s_ij))`.
 
-    A softmax over neighbours alone would give a single neighbour the full weight at any distance.
-    `score [N, N, HEADS]` and `value [N, N, M]`, an equal part for each head, give [N, M];
-    `gate [N, N]` is 0 for a neighbour that is not attended to.
+    A softmax over neighbours alone would give a single neighbour the full weight at any
+    distance. `score [N, N, HEADS]` and `value [N, N, M]`, an equal part for each head,
+    give [N, M]; `gate [N, N]` is 0 for a neighbour that is not attended to.
     """
     weight = gate[..., None] * jnp.exp(jnp.clip(score, -8, 8))
     share = weight / (1 + weight.sum(1, keepdims=True))
@@ -120,7 +160,9 @@ def _around(position: Array, valid: Array) -> Array:
         return total + valid[other] * _within(apart, WIDE), None
 
     start = jnp.full(valid.shape[0], -1, position.dtype)  # Nobody is around themselves.
-    return jnp.maximum(jax.lax.scan(count, start, jnp.arange(valid.shape[0]), unroll=8)[0], 0)
+    return jnp.maximum(
+        jax.lax.scan(count, start, jnp.arange(valid.shape[0]), unroll=8)[0], 0
+    )
 
 
 def _within(distance: Array, radius: float) -> Array:

@@ -1,9 +1,9 @@
 """The training of anchors and anchor tables, by batches in which scenes are merged into crowds.
 
-The best of k joint forecasts of two people may be bold; that of forty must be near the mean. Small
-recordings have few crowds, so several scenes of a batch are scored as one: their people do not see
-each other, but are counted, and one sample must fit all of them. The points of a person are scored
-for that person alone, by a proper score.
+The best of k joint forecasts of two people may be bold; that of forty must be near the
+mean. Small recordings have few crowds, so several scenes of a batch are scored as one:
+their people do not see each other, but are counted, and one sample must fit all of
+them. The points of a person are scored for that person alone, by a proper score.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,9 @@ class AnchorStream:
         self._windows, self._recipe = windows, recipe
         sizes = np.minimum(windows.sizes, CLASSES[-1])
         class_of = np.searchsorted(CLASSES, sizes)
-        self._classes = [(slots, np.flatnonzero(class_of == i)) for i, slots in enumerate(CLASSES)]
+        self._classes = [
+            (slots, np.flatnonzero(class_of == i)) for i, slots in enumerate(CLASSES)
+        ]
         self._classes = [members for members in self._classes if len(members[1])]
         # A class is drawn as often as it has people.
         shares = [len(scenes) * sizes[scenes].mean() for _, scenes in self._classes]
@@ -62,11 +64,17 @@ class AnchorStream:
 def company(valid: Array, crowd: Array) -> Array:
     """[B] people of `valid` [B, N] in the other scenes of each scene's `crowd` [B], below B."""
     own = valid.sum(1)
-    return (jax.ops.segment_sum(own, crowd, len(valid))[crowd] - own).astype(jnp.float32)
+    return (jax.ops.segment_sum(own, crowd, len(valid))[crowd] - own).astype(
+        jnp.float32
+    )
 
 
 def anchor_loss(
-    forecast: AnchorForecast, future: Array, valid: Array, crowd: Array, recipe: AnchorRecipe
+    forecast: AnchorForecast,
+    future: Array,
+    valid: Array,
+    crowd: Array,
+    recipe: AnchorRecipe,
 ) -> Array:
     """[] loss of a batch, per person.
 
@@ -96,8 +104,12 @@ def anchor_loss(
     total += recipe.mean_weight * ade.mean(1).sum()
 
     log_probability = of_crowds(log_probability * sizes[:, None]) / n[:, None]
-    target = jax.lax.stop_gradient(jax.nn.softmax(-joint / n[:, None] / recipe.temperature))
-    total -= recipe.probability_weight * ((target * log_probability).sum(1) * people).sum()
+    target = jax.lax.stop_gradient(
+        jax.nn.softmax(-joint / n[:, None] / recipe.temperature)
+    )
+    total -= (
+        recipe.probability_weight * ((target * log_probability).sum(1) * people).sum()
+    )
     likely = log_probability.argmax(1)[:, None]
     total += recipe.likely_weight * jnp.take_along_axis(joint, likely, 1).sum()
     if recipe.collision_weight:
@@ -107,7 +119,9 @@ def anchor_loss(
     return total / sizes.sum()
 
 
-def points_loss(points: Array, future: Array, valid: Array, recipe: AnchorRecipe) -> Array:
+def points_loss(
+    points: Array, future: Array, valid: Array, recipe: AnchorRecipe
+) -> Array:
     """[] sum over people of the proper scores of their `points [B, P, N, T, 2]`, metres.
 
     `future` is [B, N, T, 2] metres, `valid` [B, N].
@@ -120,10 +134,13 @@ def points_loss(points: Array, future: Array, valid: Array, recipe: AnchorRecipe
 def personal_energy(points: Array, future: Array) -> Array:
     """[N] energy score of each person's equally probable `points [P, N, T, 2]`, metres.
 
-    That of `evaluation.formulas.energy_score`, of a scene with nobody else. `future` is [N, T, 2].
+    That of `evaluation.formulas.energy_score`, of a scene with nobody else. `future` is
+    [N, T, 2].
     """
     steps = points.shape[2]
-    offset = (points - future[None]).swapaxes(0, 1).reshape(len(future), len(points), -1)
+    offset = (
+        (points - future[None]).swapaxes(0, 1).reshape(len(future), len(points), -1)
+    )
     product = jnp.einsum("npd,nqd->npq", offset, offset)
     square = jnp.diagonal(product, axis1=1, axis2=2)
     square_gap = square[:, :, None] + square[:, None] - 2 * product
@@ -137,7 +154,9 @@ def step_energy(points: Array, future: Array) -> Array:
 
     That of a whole trajectory hardly depends on how its steps are spread by themselves.
     """
-    offset = jnp.moveaxis(points[:, :, ::-3] - future[:, ::-3], 0, -1)  # [N, steps, 2, P]
+    offset = jnp.moveaxis(
+        points[:, :, ::-3] - future[:, ::-3], 0, -1
+    )  # [N, steps, 2, P]
     gap = offset[..., None] - offset[..., None, :]
     error, spread = (jnp.sqrt(jnp.square(each).sum(2) + 1e-6) for each in (offset, gap))
     return (error.mean(-1) - spread.mean((-1, -2)) / 2).mean(1)
@@ -147,7 +166,9 @@ def overlap(forecast: Array, valid: Array) -> Array:
     """[B, k, N] how far within `PERSONAL` metres others of the scene are, 0 to 1, summed over them
     and the mean over time; `forecast [B, k, N, T, 2]` metres, `valid [B, N]`."""
     square_distance = jnp.square(forecast[:, :, :, None] - forecast[:, :, None]).sum(-1)
-    others = valid[:, :, None] & valid[:, None] & ~jnp.eye(valid.shape[1], dtype=bool)[None]
+    others = (
+        valid[:, :, None] & valid[:, None] & ~jnp.eye(valid.shape[1], dtype=bool)[None]
+    )
     near = jnp.maximum(1 - square_distance / PERSONAL**2, 0)
     near = jnp.where(others[:, None, ..., None], near, 0)
     return near.mean(-1).sum(-1)

@@ -1,16 +1,19 @@
 """Anchors: k joint forecasts of a scene, each a residual to constant velocity.
 
-Every person has a frame of their own heading, in which residuals are scaled by their speed. The
-heading fades with the speed, so that tracking noise does not turn the frame of a person who stands;
-a second set of anchors is for standing people. Sample i of all people is one joint forecast.
+Every person has a frame of their own heading, in which residuals are scaled by their
+speed. The heading fades with the speed, so that tracking noise does not turn the frame
+of a person who stands; a second set of anchors is for standing people. Sample i of all
+people is one joint forecast.
 
-The anchor table has the same k residuals for everybody, 961 numbers for 20 samples of 12 steps: a
-network that does not beat it has learned nothing from the scene but the speed. The anchors network
-learns residuals and the probability of each sample from a person's own track, from neighbours
-within `radius`, seen by attention, and from the number of people within 20 m.
+The anchor table has the same k residuals for everybody, 961 numbers for 20 samples of
+12 steps: a network that does not beat it has learned nothing from the scene but the
+speed. The anchors network learns residuals and the probability of each sample from a
+person's own track, from neighbours within `radius`, seen by attention, and from the
+number of people within 20 m.
 
-The samples cover what a scene may do. The distribution is another output: equally probable points
-of each person, trained by that person's energy score, from which `draws` makes scenes.
+The samples cover what a scene may do. The distribution is another output: equally
+probable points of each person, trained by that person's energy score, from which
+`draws` makes scenes.
 """
 
 import dataclasses
@@ -37,7 +40,13 @@ from neurosym_jax.models.anchors.frames import (
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
-__all__ = ["AnchorConfig", "AnchorForecast", "AnchorNetwork", "AnchorTable", "AnchorTableConfig"]
+__all__ = [
+    "AnchorConfig",
+    "AnchorForecast",
+    "AnchorNetwork",
+    "AnchorTable",
+    "AnchorTableConfig",
+]
 
 POINT_DIM = 24
 """The hidden layer of the points: they are many, and a model that ships is to stay small."""
@@ -81,7 +90,8 @@ class AnchorTable(nn.Module):
     def __call__(self, observed: Array, *_: Any) -> AnchorForecast:
         """Equally probable samples, without points.
 
-        Only `observed [N, obs_len, 2]` is used, not the other arguments of `AnchorNetwork`.
+        Only `observed [N, obs_len, 2]` is used, not the other arguments of
+        `AnchorNetwork`.
         """
         config = self.config
         observed, offset = repair_tracks(observed, config.period)
@@ -89,7 +99,10 @@ class AnchorTable(nn.Module):
         mean = (observed[:, -1] - observed[:, -4]) / 3
         velocity = mix * (observed[:, -1] - observed[:, -2]) + (1 - mix) * mean
         shape = (config.samples, config.pred_len, 2)
-        time = np.arange(1, config.pred_len + 1, dtype=np.float32)[:, None] / config.pred_len
+        time = (
+            np.arange(1, config.pred_len + 1, dtype=np.float32)[:, None]
+            / config.pred_len
+        )
         moving = self.param("moving", _anchors(0.25, time, 1), shape)[:, None]
         still_anchor = self.param("still", _anchors(0.1, time, 1), shape)[:, None]
         scale = (length(mean) * config.pred_len)[:, None, None]
@@ -106,7 +119,9 @@ class AnchorTable(nn.Module):
 class AnchorConfig(AnchorTableConfig):
     """Architecture of the anchors network."""
 
-    points: Annotated[int, Rule("lie in [0, 65536]", lambda points: 0 <= points <= 65536)] = 0
+    points: Annotated[
+        int, Rule("lie in [0, 65536]", lambda points: 0 <= points <= 65536)
+    ] = 0
     """Number of equally probable forecasts of each person, of which the distribution consists; 0
     for none."""
     hidden: Size = 96
@@ -125,7 +140,9 @@ class AnchorConfig(AnchorTableConfig):
     def __post_init__(self):
         super().__post_init__()
         if self.weighting is not None and not self.interacts:
-            raise InputError("weighting: without geometry and symbols there are no pairs to weight")
+            raise InputError(
+                "weighting: without geometry and symbols there are no pairs to weight"
+            )
 
     @property
     def interacts(self) -> bool:
@@ -133,7 +150,12 @@ class AnchorConfig(AnchorTableConfig):
         return self.geometry or self.symbols
 
     def pair_features(
-        self, observed: Array, velocity: Array, heading: Array, valid: Array, near: Array | None
+        self,
+        observed: Array,
+        velocity: Array,
+        heading: Array,
+        valid: Array,
+        near: Array | None,
     ) -> tuple[Array, Array, Array]:
         """Features of j seen by i `[N, N, F]`, nearness `[N, N]` and number around `[N]`.
 
@@ -158,8 +180,9 @@ class AnchorNetwork(nn.Module):
     ) -> AnchorForecast:
         """Forecast a scene.
 
-        `observed` is [N, obs_len, 2] metres, `alpha [N, N]` the weight of j for i, None for 1, and
-        `near` a scene's; `company` is the number of further people in training, counted and unseen.
+        `observed` is [N, obs_len, 2] metres, `alpha [N, N]` the weight of j for i, None
+        for 1, and `near` a scene's; `company` is the number of further people in
+        training, counted and unseen.
         """
         config = self.config
         observed, offset = repair_tracks(observed, config.period)
@@ -169,19 +192,30 @@ class AnchorNetwork(nn.Module):
         walking = jnp.square(heading).sum(-1)
         past = turned(steps, heading[:, None], -1)
         speeds = jnp.stack([hertz * speed, jnp.square(hertz * speed), walking], -1)
-        own = [hertz * past.reshape(past.shape[0], -1), hertz * length(steps), speeds, roughness]
+        own = [
+            hertz * past.reshape(past.shape[0], -1),
+            hertz * length(steps),
+            speeds,
+            roughness,
+        ]
         state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
         if config.interacts:
-            pairs, gate, crowd = config.pair_features(observed, velocity, heading, valid, near)
+            pairs, gate, crowd = config.pair_features(
+                observed, velocity, heading, valid, near
+            )
             if alpha is not None:
                 gate = gate * jnp.maximum(alpha, 0)
             pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
             message = _dense(MESSAGE_DIM, "message")(pairs)
             heard = attend(_dense(HEADS, "score", 0.5)(pairs), message, gate)
-            state = jnp.concatenate([state, heard, jnp.log1p(crowd + company)[:, None]], -1)
+            state = jnp.concatenate(
+                [state, heard, jnp.log1p(crowd + company)[:, None]], -1
+            )
         state = nn.relu(_dense(config.hidden, "state")(state))
 
-        curves = functools.partial(self._curves, speed=speed, heading=heading, walking=walking)
+        curves = functools.partial(
+            self._curves, speed=speed, heading=heading, walking=walking
+        )
         residual = curves(state, config.samples)
         if config.points:
             hidden = nn.relu(_dense(POINT_DIM, "point_hidden")(state))
@@ -191,7 +225,9 @@ class AnchorNetwork(nn.Module):
         forecast = limit_displacement(forecast, observed[:, -1], config.period)
         forecast = forecast + offset[None, :, None]
 
-        score = jnp.where(valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0)
+        score = jnp.where(
+            valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0
+        )
         score = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
         score = self.param("prior", nn.initializers.zeros, (config.samples,)) + score
         samples, points = forecast[: config.samples], forecast[config.samples :]
@@ -210,42 +246,55 @@ class AnchorNetwork(nn.Module):
         """[count, N, pred_len, 2] residuals to constant velocity, metres.
 
         `prefix` begins the names of the parameters. Of each person: `state [N, units]`,
-        `speed [N]` in metres a step, `heading [N, 2]` and its squared length `walking [N]`.
+        `speed [N]` in metres a step, `heading [N, 2]` and its squared length `walking
+        [N]`.
         """
         config, shape = self.config, (count, BASIS, 2)
         anchor = self.param(f"{prefix}anchor", _anchors(0.25, BENDS, BASIS), shape)
         still_anchor = self.param(f"{prefix}still", _anchors(0.1, BENDS, BASIS), shape)
-        bend = _dense(int(np.prod(shape)), f"{prefix}bend", 0.01)(state).reshape(-1, *shape)
+        bend = _dense(int(np.prod(shape)), f"{prefix}bend", 0.01)(state).reshape(
+            -1, *shape
+        )
         spread = _dense(count, f"{prefix}spread", 0.01)(state)
         spread = jnp.exp(jnp.clip(spread, -4, 4))[..., None, None]
         scale = (speed * config.pred_len + 0.5)[:, None, None, None]
-        residual = turned(scale * (bend + spread * anchor[None]), heading[:, None, None], 1)
+        residual = turned(
+            scale * (bend + spread * anchor[None]), heading[:, None, None], 1
+        )
         # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
-        standing = (1 - jnp.sqrt(walking + 1e-6)) * (config.pred_len * config.period / 2.4)
-        residual = residual + standing[:, None, None, None] * spread * still_anchor[None]
+        standing = (1 - jnp.sqrt(walking + 1e-6)) * (
+            config.pred_len * config.period / 2.4
+        )
+        residual = (
+            residual + standing[:, None, None, None] * spread * still_anchor[None]
+        )
         curve = jnp.asarray(_polynomials(config.pred_len, BASIS), residual.dtype)
         return jnp.einsum("nkbc,tb->kntc", residual, curve)
 
     def velocity(self, steps: Array) -> tuple[Array, Array]:
         """Velocity `[N, 2]` in metres a step, and the log differences that it depends on `[N, F]`.
 
-        The velocity is a weighted mean of the observed steps. The weights are learned functions of
-        a track's roughness: the last step is best on smooth tracks (univ), a mean of several on
-        noisy ones (hotel).
+        The velocity is a weighted mean of the observed steps. The weights are learned
+        functions of a track's roughness: the last step is best on smooth tracks (univ),
+        a mean of several on noisy ones (hotel).
         """
         differences = (jnp.diff(steps, axis=1), jnp.diff(steps, n=2, axis=1), steps)
         logs = [jnp.log(length(vector) + ROUGHNESS) for vector in differences]
         roughness = jnp.concatenate(logs, -1) / 2 + 1.5
         hidden = nn.relu(nn.Dense(16, name="rough")(roughness))
         recent = np.arange(steps.shape[1], dtype=np.float32)
-        weight = nn.softmax(recent[None] + nn.Dense(steps.shape[1], name="smooth")(hidden))
+        weight = nn.softmax(
+            recent[None] + nn.Dense(steps.shape[1], name="smooth")(hidden)
+        )
         return (weight[..., None] * steps).sum(1), roughness
 
 
 def _polynomials(steps: int, count: int) -> np.ndarray:
     """`[steps, count]` orthogonal polynomials of time, 0 at time 0; the first is a line up to 1."""
     time = np.arange(1, steps + 1) / steps
-    basis, upper = np.linalg.qr(time[:, None] ** np.arange(1, count + 1), mode="reduced")
+    basis, upper = np.linalg.qr(
+        time[:, None] ** np.arange(1, count + 1), mode="reduced"
+    )
     basis = basis * np.sign(np.diag(upper)) * np.sqrt((time**2).sum())
     return np.pad(basis, [(0, 0), (0, count - basis.shape[1])])
 
@@ -262,7 +311,9 @@ def _dense(features: int, name: str, scale: float = 2.0) -> nn.Dense:
     return nn.Dense(features, name=name, kernel_init=normal)
 
 
-def _anchors(scale: float, weights: np.ndarray, draws: int) -> nn.initializers.Initializer:
+def _anchors(
+    scale: float, weights: np.ndarray, draws: int
+) -> nn.initializers.Initializer:
     """Initialiser of `[k, S, 2]`: `draws` normal numbers (S or 1) by `weights [S, 1]`; first 0."""
 
     def initialise(key, shape, dtype=jnp.float32):

@@ -1,6 +1,7 @@
 """Configurations of SGAN's networks, and the table of poolings.
 
-Defaults are those of the published SGAN checkpoints, which SGAN's own command line does not have.
+Defaults are those of the published SGAN checkpoints, which SGAN's own command line does
+not have.
 """
 
 import dataclasses
@@ -69,10 +70,16 @@ class GeneratorConfig(Lengths):
                 f"not {self.noise_dim}: noise is a part of the decoder's first hidden state"
             )
         pooling = POOLINGS.name_of(self.pooling)
-        if self.pool_every_timestep and (not self.pools or "alpha_rows" in self.pooling.inputs):
-            raise InputError(f"pool_every_timestep needs a pooling other than {pooling!r}")
+        if self.pool_every_timestep and (
+            not self.pools or "alpha_rows" in self.pooling.inputs
+        ):
+            raise InputError(
+                f"pool_every_timestep needs a pooling other than {pooling!r}"
+            )
         if self.weighting is not None and not self.symbolic:
-            raise InputError(f"pooling {pooling!r} has no symbols for a weighting to weight")
+            raise InputError(
+                f"pooling {pooling!r} has no symbols for a weighting to weight"
+            )
         if self.weighting is None and self.symbolic:
             object.__setattr__(self, "weighting", Cnd())
 
@@ -94,7 +101,9 @@ class GeneratorConfig(Lengths):
     @property
     def needs_context_mlp(self) -> bool:
         """Whether a multi-layer perceptron stands between the encoder and the decoder."""
-        return self.noise_dim > 0 or self.pools or self.encoder_h_dim != self.decoder_h_dim
+        return (
+            self.noise_dim > 0 or self.pools or self.encoder_h_dim != self.decoder_h_dim
+        )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -24,13 +24,17 @@ def init_generator(config: GeneratorConfig, key: Array) -> Any:
     pairs = (1,) if "alpha_rows" in config.pooling.inputs else (1, 1)
     alpha = np.zeros((*pairs, config.obs_len))
     weigh = (lambda *_: alpha) if config.symbolic else None
-    params = Generator(config).init(key, scene, np.zeros((1, config.noise_dim)), alpha, weigh)
+    params = Generator(config).init(
+        key, scene, np.zeros((1, config.noise_dim)), alpha, weigh
+    )
     return with_weighting(params, config.weighting)
 
 
 def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
     """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling."""
-    hidden = Generator(config).apply(params, scene.displacement, method=Generator.observe)
+    hidden = Generator(config).apply(
+        params, scene.displacement, method=Generator.observe
+    )
     return interact_scene(config, params, hidden, scene)
 
 
@@ -62,11 +66,14 @@ def decode_scene(
         return Generator(config).apply(params, *inputs, method=Generator.decode)
 
     if config.pool_every_timestep:
-        # One sample after the other: arrays of all samples' pairs do not stay in the cache.
+        # One sample after the other: arrays of all samples' pairs do not stay in the
+        # cache.
         displacement: Any = jax.lax.map(decode, noise)
     else:
         displacement = jax.vmap(decode)(noise)
-    return jnp.asarray(scene.observed)[None, :, -1, None] + jnp.cumsum(displacement, axis=-2)
+    return jnp.asarray(scene.observed)[None, :, -1, None] + jnp.cumsum(
+        displacement, axis=-2
+    )
 
 
 def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:

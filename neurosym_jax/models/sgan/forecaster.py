@@ -41,7 +41,10 @@ class GeneratorForecaster(TwoStageForecaster):
     @property
     def variant(self) -> str:
         """The model, its pooling and weighting."""
-        pooling, weighting = POOLINGS.name_of(self.config.pooling), self.config.weighting
+        pooling, weighting = (
+            POOLINGS.name_of(self.config.pooling),
+            self.config.weighting,
+        )
         if weighting is None:
             return f"sgan_{pooling}"
         return f"neurosym_{pooling.removeprefix('neurosym_')}_{weighting.name}"
@@ -111,6 +114,8 @@ class GeneratorForecaster(TwoStageForecaster):
         """See `step.init_state`: a recipe may have a discriminator."""
         return init_state(self.config, recipe, key)
 
-    def rounds(self, windows: Any, recipe: Any, key: Array) -> Callable[..., tuple[Any, Any]]:
+    def rounds(
+        self, windows: Any, recipe: Any, key: Array
+    ) -> Callable[..., tuple[Any, Any]]:
         """A round is one compiled call, see `step.train_steps`."""
         return generator_rounds(self.config, windows, recipe, key)

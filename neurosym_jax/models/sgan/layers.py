@@ -1,7 +1,8 @@
 """Affine layers, perceptrons and recurrent cells, initialised as SGAN initialises them.
 
-Kernels are [in, out]. Chains of affine layers are folded into one matrix where that saves work (see
-`embed`, `Decoder` and the poolings); an optimiser still sees the parameters of the unfolded layers.
+Kernels are [in, out]. Chains of affine layers are folded into one matrix where that
+saves work (see `embed`, `Decoder` and the poolings); an optimiser still sees the
+parameters of the unfolded layers.
 """
 
 import abc
@@ -17,15 +18,25 @@ from jax import Array
 from neurosym_jax.configuration import Checked
 from neurosym_jax.plugins import Registry
 
-__all__ = ["CELLS", "LSTM", "Affine", "Cell", "Encoder", "Perceptron", "embed", "register_cell"]
+__all__ = [
+    "CELLS",
+    "LSTM",
+    "Affine",
+    "Cell",
+    "Encoder",
+    "Perceptron",
+    "embed",
+    "register_cell",
+]
 __all__ += ["with_bias"]
 
 
 def kaiming_normal(key, shape, dtype=jnp.float32):
     """Initialiser drawing from N(0, 2 / inputs): K. He et al., ICCV 2015."""
     scale = jnp.sqrt(jnp.array(2 / shape[0], dtype))
-    # Without barriers the compiler would multiply by products of constants, and the numbers drawn
-    # would depend on whether a network's initialisation is compiled as one program.
+    # Without barriers the compiler would multiply by products of constants, and the
+    # numbers drawn would depend on whether a network's initialisation is compiled as
+    # one program.
     return jax.lax.optimization_barrier(jax.random.normal(key, shape, dtype)) * scale
 
 
@@ -33,7 +44,9 @@ def uniform_within(bound: float) -> nn.initializers.Initializer:
     """Initialiser drawing from U(-bound, bound), torch's default for LSTMs and biases."""
 
     def initialise(key, shape, dtype=jnp.float32):
-        return jax.lax.optimization_barrier(jax.random.uniform(key, shape, dtype, -bound, bound))
+        return jax.lax.optimization_barrier(
+            jax.random.uniform(key, shape, dtype, -bound, bound)
+        )
 
     return initialise
 
@@ -86,7 +99,9 @@ class Affine(nn.Module):
     def setup(self):
         """Declare `kernel [inputs, outputs]` and `bias [outputs]`."""
         self.kernel = self.param("kernel", kaiming_normal, (self.inputs, self.outputs))
-        self.bias = self.param("bias", uniform_within(self.inputs**-0.5), (self.outputs,))
+        self.bias = self.param(
+            "bias", uniform_within(self.inputs**-0.5), (self.outputs,)
+        )
 
     def __call__(self, x: Array) -> Array:
         """`[..., inputs]` to `[..., outputs]`."""
@@ -117,8 +132,9 @@ class Perceptron(nn.Module):
 class Cell(Checked, abc.ABC):
     """A recurrent cell of encoder and decoder; the fields of a subclass are its options.
 
-    A step is `update(x @ input_kernel + biases + h @ recurrent_kernel, state)`, for an input x and
-    a state whose first array is h. This form lets the affine layers around the cell fold into it.
+    A step is `update(x @ input_kernel + biases + h @ recurrent_kernel, state)`, for an
+    input x and a state whose first array is h. This form lets the affine layers around
+    the cell fold into it.
     """
 
     title: ClassVar[str]
@@ -128,8 +144,9 @@ class Cell(Checked, abc.ABC):
     def network(self, inputs: int, features: int, name: str) -> Any:
         """The Flax module with the cell's parameters, called `name`.
 
-        It has `input_kernel` [inputs, G], `recurrent_kernel` [features, G] and maps x [..., inputs]
-        to `x @ input_kernel` + biases [..., G]. G is the number of pre-activations, the gates.
+        It has `input_kernel` [inputs, G], `recurrent_kernel` [features, G] and maps x
+        [..., inputs] to `x @ input_kernel` + biases [..., G]. G is the number of
+        pre-activations, the gates.
         """
 
     def scoped(self, inputs: int, features: int) -> Any:
@@ -169,8 +186,9 @@ class LSTM(Cell):
 class LSTMNetwork(nn.Module):
     """The parameters of one LSTM layer, uniform within 1/sqrt(features) as torch draws them.
 
-    Torch's two biases add up to one in the forward pass, but not under Adam or norm clipping, where
-    each gets its own update; Flax's cells have one bias, so training them is not training torch's.
+    Torch's two biases add up to one in the forward pass, but not under Adam or norm
+    clipping, where each gets its own update; Flax's cells have one bias, so training
+    them is not training torch's.
     """
 
     inputs: int
@@ -181,7 +199,9 @@ class LSTMNetwork(nn.Module):
         draw = uniform_within(self.features**-0.5)
         gates = 4 * self.features
         self.input_kernel = self.param("input_kernel", draw, (self.inputs, gates))
-        self.recurrent_kernel = self.param("recurrent_kernel", draw, (self.features, gates))
+        self.recurrent_kernel = self.param(
+            "recurrent_kernel", draw, (self.features, gates)
+        )
         self.input_bias = self.param("input_bias", draw, (gates,))
         self.recurrent_bias = self.param("recurrent_bias", draw, (gates,))
 
@@ -221,7 +241,9 @@ class Encoder(nn.Module):
         driven = with_bias(jnp.moveaxis(displacement, 1, 0) @ kernel, bias)
 
         def step(state, gates):
-            return self.cell.update(gates + state[0] @ self.recurrent.recurrent_kernel, state), None
+            return self.cell.update(
+                gates + state[0] @ self.recurrent.recurrent_kernel, state
+            ), None
 
         zeros = jnp.zeros((displacement.shape[0], self.h_dim), displacement.dtype)
         return jax.lax.scan(step, self.cell.start(zeros), driven)[0][0]

@@ -1,9 +1,9 @@
 """Scalars of SGAN's and NeuroSyM's training, and their gradients over one training batch.
 
-The variety loss depends on the best of k samples only, and so does its gradient: all k are decoded
-without a gradient, then the best (and the one that the discriminator scores) again with one.
-Encoding and pooling are done once: pooling is mapped over each group's scenes, encoder and decoder
-take all slots of all groups together.
+The variety loss depends on the best of k samples only, and so does its gradient: all k
+are decoded without a gradient, then the best (and the one that the discriminator
+scores) again with one. Encoding and pooling are done once: pooling is mapped over each
+group's scenes, encoder and decoder take all slots of all groups together.
 """
 
 import functools
@@ -27,8 +27,18 @@ from neurosym_jax.symbolic.soft import safe_root
 from neurosym_jax.training.stream import Groups, merge, split
 
 __all__ = ["Scalars", "adversarial_loss", "decode_groups", "discriminator_gradient"]
-__all__ += ["distance_errors", "draw_group_noise", "encode_groups", "generator_gradient"]
-__all__ += ["safe_norm", "squared_displacement_errors", "warn_if_no_gradient", "with_leak"]
+__all__ += [
+    "distance_errors",
+    "draw_group_noise",
+    "encode_groups",
+    "generator_gradient",
+]
+__all__ += [
+    "safe_norm",
+    "squared_displacement_errors",
+    "warn_if_no_gradient",
+    "with_leak",
+]
 
 LEAK = 0.1
 """Gentle pooling's share of the gradients that raise a unit, where the unit is below 0."""
@@ -54,12 +64,19 @@ def discriminator_gradient(
 
     # Real and fake trajectories as twice as many scenes, scored at once.
     twice = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), groups)
-    futures = [jnp.concatenate([scene.known_future, fake[0]]) for scene, fake in zip(groups, fakes)]
+    futures = [
+        jnp.concatenate([scene.known_future, fake[0]])
+        for scene, fake in zip(groups, fakes)
+    ]
 
     def loss(params: Any) -> Array:
-        halves = [jnp.split(part, 2) for part in _scores(recipe, params, twice, futures)]
+        halves = [
+            jnp.split(part, 2) for part in _scores(recipe, params, twice, futures)
+        ]
         real, fake = map(merge, zip(*halves))
-        return adversarial_loss(real, label_real, valid) + adversarial_loss(fake, label_fake, valid)
+        return adversarial_loss(real, label_real, valid) + adversarial_loss(
+            fake, label_fake, valid
+        )
 
     value, gradient = jax.value_and_grad(loss)(discriminator)
     return gradient, {"d_loss": value}
@@ -77,8 +94,9 @@ def generator_gradient(
 ) -> tuple[Any, Scalars]:
     """Gradient with respect to the parameters `generator`, not clipped, and the loss's terms.
 
-    `noises` [k, ...] are those of k samples of each group, see `draw_group_noise`. Without
-    adversarial term `discriminator` is (); with one, `label` is what the forecasts should get.
+    `noises` [k, ...] are those of k samples of each group, see `draw_group_noise`.
+    Without adversarial term `discriminator` is (); with one, `label` is what the
+    forecasts should get.
     """
     decode = functools.partial(decode_groups, generator_config)
 
@@ -86,7 +104,9 @@ def generator_gradient(
         params = with_leak(params) if recipe.gentle_pooling else params
         contexts = encode_groups(generator_config, params, groups)
         trials = decode(*jax.lax.stop_gradient((params, contexts)), groups, noises)
-        take = jax.vmap(lambda scene_noise, index: scene_noise[index], in_axes=(1, 0), out_axes=1)
+        take = jax.vmap(
+            lambda scene_noise, index: scene_noise[index], in_axes=(1, 0), out_axes=1
+        )
         chosen = [
             take(noise, criterion_errors(recipe, scene, future).argmin(axis=-1))
             for noise, scene, future in zip(noises, groups, trials)
@@ -119,15 +139,18 @@ def with_leak(generator: Any) -> Any:
     return {**generator, "training": {**leak, "decoder": leak}}
 
 
-def squared_displacement_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Array:
+def squared_displacement_errors(
+    forecast: AnyArray, truth: AnyArray, valid: AnyArray
+) -> Array:
     """[1, k] square metres: SGAN's criterion of one scene, one value a sample.
 
-    The squared error of the displacements `forecast` [k, N, pred_len, 2] from `truth` [N, pred_len,
-    2], summed over agents, steps and coordinates, by the number of `valid` [N] agents and steps.
+    The squared error of the displacements `forecast` [k, N, pred_len, 2] from `truth`
+    [N, pred_len, 2], summed over agents, steps and coordinates, by the number of
+    `valid` [N] agents and steps.
     """
-    squared = jnp.where(valid[None, :, None, None], (forecast - truth[None]) ** 2, 0).sum(
-        axis=(1, 2, 3)
-    )
+    squared = jnp.where(
+        valid[None, :, None, None], (forecast - truth[None]) ** 2, 0
+    ).sum(axis=(1, 2, 3))
     agents = jnp.maximum(valid.sum(dtype=squared.dtype), 1)
     return (squared / (agents * truth.shape[1]))[None]
 
@@ -173,10 +196,13 @@ def criterion_errors(recipe: GeneratorRecipe, scenes: Scene, futures: Array) -> 
     return jax.vmap(of_scene, in_axes=(0, 1))(scenes, futures)
 
 
-def variety_loss(recipe: GeneratorRecipe, groups: Groups, futures: Sequence[Array]) -> Array:
+def variety_loss(
+    recipe: GeneratorRecipe, groups: Groups, futures: Sequence[Array]
+) -> Array:
     """[] the criterion of the best forecasts: SGAN's summed over scenes, distances' mean of people.
 
-    `futures [C, scenes, slots, pred_len, 2]` of each group are the best by each row, in metres.
+    `futures [C, scenes, slots, pred_len, 2]` of each group are the best by each row, in
+    metres.
     """
     total = jnp.zeros(())
     for scene, future in zip(groups, futures):
@@ -197,7 +223,9 @@ def adversarial_loss(scores: Array, label: Array | float, valid: AnyArray) -> Ar
 
     The stable form `max(s, 0) - s y + log(1 + exp(-|s|))`.
     """
-    loss = jnp.maximum(scores, 0) - scores * label + jnp.log1p(jnp.exp(-jnp.abs(scores)))
+    loss = (
+        jnp.maximum(scores, 0) - scores * label + jnp.log1p(jnp.exp(-jnp.abs(scores)))
+    )
     return jnp.where(valid, loss, 0).sum() / valid.sum(dtype=loss.dtype)
 
 
@@ -215,17 +243,28 @@ def draw_group_noise(
     axes = 2 if config.noise.per_agent else 1
     shapes = [scene.valid.shape[:axes] for scene in groups]
     # One draw for all groups: each draw adds a second of compiling to the step.
-    noise = config.noise.draw(key, (samples, sum(map(math.prod, shapes)), config.noise_dim))
+    noise = config.noise.draw(
+        key, (samples, sum(map(math.prod, shapes)), config.noise_dim)
+    )
     return split(noise, shapes, axis=1)
 
 
 def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[Array]:
     """Contexts `[scenes, slots, C]` of each group."""
-    observe = functools.partial(Generator(config).apply, params, method=Generator.observe)
+    observe = functools.partial(
+        Generator(config).apply, params, method=Generator.observe
+    )
     hidden = _over_slots(observe, [scene.displacement for scene in groups])
-    interact = jax.vmap(lambda hidden, scene: interact_scene(config, params, hidden, scene))
-    groups = jax.tree.map(jnp.asarray, groups)  # `vmap` hands numpy on; pooling cannot take it.
-    return [interact(part, scene.replace(future=None)) for part, scene in zip(hidden, groups)]
+    interact = jax.vmap(
+        lambda hidden, scene: interact_scene(config, params, hidden, scene)
+    )
+    groups = jax.tree.map(
+        jnp.asarray, groups
+    )  # `vmap` hands numpy on; pooling cannot take it.
+    return [
+        interact(part, scene.replace(future=None))
+        for part, scene in zip(hidden, groups)
+    ]
 
 
 def decode_groups(
@@ -253,7 +292,9 @@ def decode_groups(
     return split(futures, shapes, axis=1)
 
 
-def _over_slots(function: Callable[[Array], Any], parts: Sequence[AnyArray]) -> list[Array]:
+def _over_slots(
+    function: Callable[[Array], Any], parts: Sequence[AnyArray]
+) -> list[Array]:
     """Apply `function`, of all slots together `[A, ...]`, to parts `[scenes, slots, ...]`."""
     return split(function(merge(parts)), [part.shape[:2] for part in parts])
 
@@ -272,6 +313,10 @@ def _scores(
     hidden = _over_slots(functools.partial(apply, method=Discriminator.observe), moves)
     score: Any = jax.vmap(functools.partial(apply, method=Discriminator.score))
     return [
-        score(part, jnp.concatenate([scene.observed, future], axis=2), jnp.asarray(scene.valid))
+        score(
+            part,
+            jnp.concatenate([scene.observed, future], axis=2),
+            jnp.asarray(scene.valid),
+        )
         for part, scene, future in zip(hidden, groups, futures)
     ]

@@ -1,7 +1,8 @@
 """The generator of SGAN and NeuroSyM, for one scene and one noise, and SGAN's discriminator.
 
-Encoding does not depend on the noise, so best-of-k encodes once and maps `decode` over k noises. It
-has two parts: `observe` (recurrent) looks at no neighbour, `interact` (pooling, context) does.
+Encoding does not depend on the noise, so best-of-k encodes once and maps `decode` over
+k noises. It has two parts: `observe` (recurrent) looks at no neighbour, `interact`
+(pooling, context) does.
 """
 
 from collections.abc import Callable
@@ -14,7 +15,14 @@ from jax import Array
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.sgan.layers import LSTM, Affine, Encoder, Perceptron, embed, with_bias
+from neurosym_jax.models.sgan.layers import (
+    LSTM,
+    Affine,
+    Encoder,
+    Perceptron,
+    embed,
+    with_bias,
+)
 from neurosym_jax.models.sgan.pooling import Pooling, PoolNetwork
 from neurosym_jax.scene import Scene
 
@@ -42,12 +50,17 @@ class Generator(nn.Module):
         self.decoder = Decoder(config)
 
     def __call__(
-        self, scene: Scene, noise: Array, alpha: Array | None = None, weigh: Weigh | None = None
+        self,
+        scene: Scene,
+        noise: Array,
+        alpha: Array | None = None,
+        weigh: Weigh | None = None,
     ) -> Array:
         """One forecast of `scene`: `[N, pred_len, 2]` displacements in metres.
 
-        `noise` is `[noise_dim]`, or `[N, noise_dim]` if drawn per agent. NeuroSyM needs the weights
-        `alpha [N, N, obs_len]`, and `weigh` if it pools at predicted steps (see `Decoder`).
+        `noise` is `[noise_dim]`, or `[N, noise_dim]` if drawn per agent. NeuroSyM needs
+        the weights `alpha [N, N, obs_len]`, and `weigh` if it pools at predicted steps
+        (see `Decoder`).
         """
         hidden = self.observe(jnp.asarray(scene.displacement))
         return self.decode(self.interact(hidden, scene, alpha), scene, noise, weigh)
@@ -56,16 +69,22 @@ class Generator(nn.Module):
         """Hidden states `[N, encoder_h_dim]` after `displacement [N, obs_len, 2]`, in metres."""
         return self.encoder(displacement)
 
-    def interact(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
+    def interact(
+        self, context: Array, scene: Scene, alpha: Array | None = None
+    ) -> Array:
         """Context `[N, decoder_h_dim - noise_dim]` from the `context [N, H]` of `observe`."""
         if self.config.pools:
-            context = jnp.concatenate([context, self.pool(context, scene, alpha)], axis=-1)
+            context = jnp.concatenate(
+                [context, self.pool(context, scene, alpha)], axis=-1
+            )
         return self.context_mlp(context) if self.config.needs_context_mlp else context
 
     def pool(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
         """The vectors `[N, B]` that `interact` adds to `context`; the config must pool."""
         track = jnp.asarray(scene.observed)
-        return pool(self.pooling, self.config.pooling, context, track, scene.valid, alpha)
+        return pool(
+            self.pooling, self.config.pooling, context, track, scene.valid, alpha
+        )
 
     def decode(
         self, context: Array, scene: Scene, noise: Array, weigh: Weigh | None = None
@@ -73,15 +92,17 @@ class Generator(nn.Module):
         """Forecast displacements `[N, pred_len, 2]` from `context` and one noise, see `Decoder`."""
         noise = jnp.broadcast_to(noise, (context.shape[0], self.config.noise_dim))
         hidden = jnp.concatenate([context, noise.astype(context.dtype)], axis=-1)
-        return self.decoder(hidden, scene, jnp.asarray(scene.displacement)[:, -1], weigh)
+        return self.decoder(
+            hidden, scene, jnp.asarray(scene.displacement)[:, -1], weigh
+        )
 
 
 class Decoder(nn.Module):
     """A first hidden state to `pred_len` displacements, each fed back in.
 
-    Without pooling inside the loop the chain hidden -> displacement -> embedding -> gates is
-    affine, so after the first step it is one matrix, added to the recurrent one. The fold changes
-    results by float rounding only.
+    Without pooling inside the loop the chain hidden -> displacement -> embedding ->
+    gates is affine, so after the first step it is one matrix, added to the recurrent
+    one. The fold changes results by float rounding only.
     """
 
     config: GeneratorConfig
@@ -95,16 +116,18 @@ class Decoder(nn.Module):
         if config.pool_every_timestep:
             hidden = config.decoder_h_dim
             self.pooling = pooling_network(config, hidden)
-            self.mlp = Perceptron((hidden + config.pooling.width(hidden), config.mlp_dim, hidden))
+            self.mlp = Perceptron(
+                (hidden + config.pooling.width(hidden), config.mlp_dim, hidden)
+            )
 
     def __call__(
         self, hidden: Array, scene: Scene, displacement: Array, weigh: Weigh | None
     ) -> Array:
         """Forecast displacements [N, pred_len, 2] in metres.
 
-        `hidden` is the first hidden state [N, decoder_h_dim], `displacement [N, 2]` the last one
-        observed. If NeuroSyM pools at predicted steps, `weigh` gives the alpha of the last
-        `obs_len` positions, observed or predicted, up to a step.
+        `hidden` is the first hidden state [N, decoder_h_dim], `displacement [N, 2]` the
+        last one observed. If NeuroSyM pools at predicted steps, `weigh` gives the alpha
+        of the last `obs_len` positions, observed or predicted, up to a step.
         """
         if not self.config.pool_every_timestep:
             return self._folded(hidden, displacement)
@@ -114,7 +137,11 @@ class Decoder(nn.Module):
             split_rngs={"params": False},
             length=self.config.pred_len,
         )
-        carry = (self.config.cell.start(hidden), jnp.asarray(scene.observed), displacement)
+        carry = (
+            self.config.cell.start(hidden),
+            jnp.asarray(scene.observed),
+            displacement,
+        )
         _, displacements = unroll(self, carry, None)
         return jnp.moveaxis(displacements, 0, 1)
 
@@ -126,14 +153,19 @@ class Decoder(nn.Module):
 
         def step(carry, _):
             gates, state = carry
-            # The bias is added here: were the sum carried, XLA would store it in a pass of its own.
+            # The bias is added here: were the sum carried, XLA would store it in a pass
+            # of its own.
             state = cell.update(with_bias(gates, feedback_bias), state)
-            # The displacement is computed here: were the hidden states the loop's output, XLA would
-            # compute them twice, once to be stacked and once for the product.
+            # The displacement is computed here: were the hidden states the loop's
+            # output, XLA would compute them twice, once to be stacked and once for the
+            # product.
             return (state[0] @ feedback, state), self.hidden2pos(state[0])
 
-        # `feedback_bias` has the output layer's bias, which the displacement observed has not.
-        gates = with_bias(displacement, -self.hidden2pos.bias) @ kernel + hidden @ recurrent
+        # `feedback_bias` has the output layer's bias, which the displacement observed
+        # has not.
+        gates = (
+            with_bias(displacement, -self.hidden2pos.bias) @ kernel + hidden @ recurrent
+        )
         carry = gates, cell.start(hidden)
         _, displacements = jax.lax.scan(step, carry, length=self.config.pred_len)
         return jnp.moveaxis(displacements, 0, 1)
@@ -155,11 +187,18 @@ class Decoder(nn.Module):
 
 def pooling_network(config: GeneratorConfig, h_dim: int) -> Any:
     """The network of the config's pooling, for hidden states of size `h_dim`."""
-    return config.pooling.network(h_dim, obs_len=config.obs_len, embedding_dim=config.embedding_dim)
+    return config.pooling.network(
+        h_dim, obs_len=config.obs_len, embedding_dim=config.embedding_dim
+    )
 
 
 def pool(
-    network: Any, pooling: Pooling, hidden: Array, track: Array, valid: Any, alpha: Array | None
+    network: Any,
+    pooling: Pooling,
+    hidden: Array,
+    track: Array,
+    valid: Any,
+    alpha: Array | None,
 ) -> Array:
     """Pooled vectors [N, B]: `network` called with the inputs that its `pooling` names.
 
@@ -173,7 +212,9 @@ def pool(
         )
     inputs = {"hidden": hidden, "position": track[:, -1], "track": track}
     inputs |= {"alpha": alpha, "alpha_rows": alpha}
-    return network(valid=valid, **{name: inputs[name] for name in sorted(pooling.inputs)})
+    return network(
+        valid=valid, **{name: inputs[name] for name in sorted(pooling.inputs)}
+    )
 
 
 class Discriminator(nn.Module):

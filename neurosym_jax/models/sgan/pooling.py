@@ -1,7 +1,7 @@
 """What a pooling is, and those of SGAN: none, Social LSTM's and its own.
 
-Its own is a perceptron of every pair, the maximum over neighbours, a ReLU. An agent is among its
-own neighbours, as in SGAN, so the maximum is never over nothing.
+Its own is a perceptron of every pair, the maximum over neighbours, a ReLU. An agent is
+among its own neighbours, as in SGAN, so the maximum is never over nothing.
 """
 
 import abc
@@ -32,7 +32,8 @@ NO_FORECAST = (
 class Pooling(Checked, abc.ABC):
     """A pooling over each agent's neighbours in one scene; the fields of a subclass are options.
 
-    A subclass is registered by `register_pooling` and chosen by `GeneratorConfig.pooling`.
+    A subclass is registered by `register_pooling` and chosen by
+    `GeneratorConfig.pooling`.
     """
 
     title: ClassVar[str]
@@ -51,8 +52,8 @@ class Pooling(Checked, abc.ABC):
     def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> Any:
         """The Flax module from `inputs` to [N, `width(h_dim)`].
 
-        It returns finite vectors for every slot; only valid agents contribute. Sizes are those of
-        a hidden state, a track, and an embedded position in the generator.
+        It returns finite vectors for every slot; only valid agents contribute. Sizes
+        are those of a hidden state, a track, and an embedded position in the generator.
         """
 
     def width(self, h_dim: int) -> int:
@@ -79,9 +80,9 @@ class NoPooling(Pooling):
 class Social(Pooling):
     """Social LSTM's pooling: neighbours' hidden states summed in the cells of a grid.
 
-    Alahi et al., CVPR 2016. The grid has `grid_size` x `grid_size` cells over a square of side
-    `neighborhood_size` metres centred on the agent, x to the right and y downwards, as in SGAN's
-    code.
+    Alahi et al., CVPR 2016. The grid has `grid_size` x `grid_size` cells over a square
+    of side `neighborhood_size` metres centred on the agent, x to the right and y
+    downwards, as in SGAN's code.
     """
 
     title: ClassVar[str] = "SGAN, social pooling"
@@ -119,7 +120,9 @@ class _GridNetwork(nn.Module):
         cell = jnp.where(inside, column + self.grid_size * row, -1)
         cells = jnp.arange(self.grid_size**2, dtype=cell.dtype)[None, None]
         occupied = (cell[..., None] == cells).astype(hidden.dtype)
-        return self.mlp(jnp.einsum("ijc,jh->ich", occupied, hidden).reshape(valid.shape[0], -1))
+        return self.mlp(
+            jnp.einsum("ijc,jh->ich", occupied, hidden).reshape(valid.shape[0], -1)
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,8 +141,8 @@ class PoolNet(Pooling):
 class PoolNetwork(nn.Module):
     """SGAN's pooling module: a perceptron of `[Dense(p_j - p_i); h_j]`, maximum over j.
 
-    The first layer is linear in the pair, so it splits into per-agent parts,
-    `W [S (p_j - p_i) + s; h_j] + b = u_j - v_i`; only its ReLU and the small second layer are
+    The first layer is linear in the pair, so it splits into per-agent parts, `W [S (p_j
+    - p_i) + s; h_j] + b = u_j - v_i`; only its ReLU and the small second layer are
     computed per pair.
     """
 
@@ -162,7 +165,9 @@ class PoolNetwork(nn.Module):
         v = position @ (self.spatial_embedding.kernel @ embedding_kernel)
         bias = self.spatial_embedding.bias @ embedding_kernel + first.bias
         u = with_bias(v + hidden @ hidden_kernel, bias)
-        highest = max_over_neighbours(lambda _, v, u, __: u - v, (), v, u, (), second, valid)
+        highest = max_over_neighbours(
+            lambda _, v, u, __: u - v, (), v, u, (), second, valid
+        )
         return bottleneck_relu(self, highest)
 
 
@@ -177,14 +182,15 @@ def max_over_neighbours(
 ) -> Array:
     """`max_j W relu(first_layer of i and j) + b` over valid j, for every agent i.
 
-    `first_layer(shared, own, theirs, of_pair)` gives the [hidden] of one pair before its ReLU, from
-    parameters and from slices of `agents` and `neighbours` [N, ...] and `pairs` [N, N, ...]; W and
-    b are `second`'s. The result is [N, B], finite for every slot, 0 if nobody is `valid [N]`.
+    `first_layer(shared, own, theirs, of_pair)` gives the [hidden] of one pair before
+    its ReLU, from parameters and from slices of `agents` and `neighbours` [N, ...] and
+    `pairs` [N, N, ...]; W and b are `second`'s. The result is [N, B], finite for every
+    slot, 0 if nobody is `valid [N]`.
 
-    Agents are processed one by one, so the widest array is `[N, hidden]`, which stays in the cache
-    where `[N, N, hidden]` does not. Only the neighbour who wins the maximum of an output (of
-    equals, the first) has a gradient, so the backward pass computes no other pair. It is written by
-    hand: there is no forward-mode derivative.
+    Agents are processed one by one, so the widest array is `[N, hidden]`, which stays
+    in the cache where `[N, N, hidden]` does not. Only the neighbour who wins the
+    maximum of an output (of equals, the first) has a gradient, so the backward pass
+    computes no other pair. It is written by hand: there is no forward-mode derivative.
     """
     layer = jax.vmap(first_layer, in_axes=(None, None, 0, 0))
     inputs = (shared, agents, neighbours, pairs, second.kernel, second.bias, valid)
@@ -195,12 +201,16 @@ def max_over_neighbours(
 @functools.partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _maximum(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
     def of_agent(agent):
-        return _candidates(layer, shared, neighbours, kernel, bias, valid, *agent).max(axis=0)
+        return _candidates(layer, shared, neighbours, kernel, bias, valid, *agent).max(
+            axis=0
+        )
 
     return jax.lax.map(of_agent, (agents, pairs))
 
 
-def _candidates(layer, shared, neighbours, kernel, bias, valid, own, pair_rows) -> Array:
+def _candidates(
+    layer, shared, neighbours, kernel, bias, valid, own, pair_rows
+) -> Array:
     """[N, B] candidates of one agent; -inf where not valid."""
     hidden = nn.relu(layer(shared, own, neighbours, pair_rows))
     return jnp.where(valid[:, None], with_bias(hidden @ kernel, bias), -jnp.inf)
@@ -213,7 +223,9 @@ def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
         values = _candidates(layer, shared, neighbours, kernel, bias, valid, *agent)
         highest = values.max(axis=0)
         # `argmax` is several times slower on a CPU than these two reductions.
-        return highest, jnp.where(values == highest[None], slots, valid.shape[0] - 1).min(axis=0)
+        return highest, jnp.where(
+            values == highest[None], slots, valid.shape[0] - 1
+        ).min(axis=0)
 
     highest, winner = jax.lax.map(of_agent, (agents, pairs))
     return highest, (shared, agents, neighbours, pairs, kernel, winner)
@@ -237,7 +249,9 @@ def _backward(layer, saved, cotangent):
             _add_rows(neighbour_grads, winner, neighbour_grad),
             weight_grad + active * before,
         )
-        pair_grads = _add_rows(jax.tree.map(jnp.zeros_like, pair_rows), winner, pair_grad)
+        pair_grads = _add_rows(
+            jax.tree.map(jnp.zeros_like, pair_rows), winner, pair_grad
+        )
         return sums, (own_grad, pair_grads)
 
     zeros = jax.tree.map(jnp.zeros_like, (shared, neighbours, weight))
@@ -246,7 +260,15 @@ def _backward(layer, saved, cotangent):
     )
     shared_grad, neighbour_grads, weight_grad = sums
     bias_grad = cotangent.sum(axis=0)
-    return shared_grad, own_grads, neighbour_grads, pair_grads, weight_grad.T, bias_grad, None
+    return (
+        shared_grad,
+        own_grads,
+        neighbour_grads,
+        pair_grads,
+        weight_grad.T,
+        bias_grad,
+        None,
+    )
 
 
 def _add_rows(arrays: Any, rows: Array, values: Any) -> Any:
@@ -259,8 +281,9 @@ _maximum.defvjp(_forward, _backward)
 def bottleneck_relu(module: nn.Module, x: Array) -> Array:
     """`relu(x [..., F])`, the end of the pooling `module`.
 
-    Its gradient at `x <= 0` is 0, or, where the module has the variable `leak` of the collection
-    `training`, that share of the gradients which raise `x` (see `training.step`).
+    Its gradient at `x <= 0` is 0, or, where the module has the variable `leak` of the
+    collection `training`, that share of the gradients which raise `x` (see
+    `training.step`).
     """
     if not module.has_variable("training", "leak"):
         return nn.relu(x)
@@ -270,6 +293,8 @@ def bottleneck_relu(module: nn.Module, x: Array) -> Array:
 @jax.custom_gradient
 def _leaking_relu(x: Array, leak: Array) -> Any:
     def pull(cotangent: Array) -> tuple[Array, Array]:
-        return jnp.where(x > 0, cotangent, leak * jnp.minimum(cotangent, 0)), jnp.zeros_like(leak)
+        return jnp.where(
+            x > 0, cotangent, leak * jnp.minimum(cotangent, 0)
+        ), jnp.zeros_like(leak)
 
     return nn.relu(x), pull

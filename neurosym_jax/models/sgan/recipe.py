@@ -46,7 +46,8 @@ RECIPES = {
         steps=8400,
         criterion="squared_displacement",
         adversarial_weight=1.0,
-        # The released code smooths zeros by multiplying them by the random number: they stay 0.
+        # The released code smooths zeros by multiplying them by the random number: they
+        # stay 0.
         label_fake=(0.0, 0.0),
         learning_rate=1e-4,
         schedule="constant",

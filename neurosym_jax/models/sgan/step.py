@@ -1,11 +1,12 @@
 """One training step as a pure function `(state, batch, key) -> (state, metrics)`.
 
-Gentle pooling keeps the units of SGAN's and NeuroSyM's poolings alive. Such a pooling ends in a
-layer of 512 inputs, a maximum over neighbours and a ReLU. A unit that is never above 0 has no
-gradient and stays so. The layer's first values are large (positions are in metres), so a loss shuts
-units at once, and one Adam step of size r moves a unit by up to 512 r times its inputs. So the
-layer starts small and above 0, learns slowly, and a unit below 0 gets a share of the gradients that
-raise it (`gradients.with_leak`). Forecasts of given parameters do not change.
+Gentle pooling keeps the units of SGAN's and NeuroSyM's poolings alive. Such a pooling
+ends in a layer of 512 inputs, a maximum over neighbours and a ReLU. A unit that is
+never above 0 has no gradient and stays so. The layer's first values are large
+(positions are in metres), so a loss shuts units at once, and one Adam step of size r
+moves a unit by up to 512 r times its inputs. So the layer starts small and above 0,
+learns slowly, and a unit below 0 gets a share of the gradients that raise it
+(`gradients.with_leak`). Forecasts of given parameters do not change.
 """
 
 import dataclasses
@@ -62,7 +63,9 @@ def init_state(
     if not recipe.adversarial_weight:
         return new_state(recipe, params)
     network, observed = Discriminator(recipe.discriminator), jnp.zeros((1, 1, 2))
-    discriminator = network.init(discriminator_key, observed, observed, jnp.ones(1, bool))
+    discriminator = network.init(
+        discriminator_key, observed, observed, jnp.ones(1, bool)
+    )
     return new_state(recipe, params, init_adversary(recipe, discriminator))
 
 
@@ -100,8 +103,8 @@ def train_steps(
 ) -> tuple[TrainState, Scalars]:
     """One compiled call of many steps: the state after the last one, and metrics `[steps]`.
 
-    `batches` are groups `[steps, batches, ...]`, see `train_step`; `key` is the run's, the same for
-    all steps. The buffers of `state` are donated.
+    `batches` are groups `[steps, batches, ...]`, see `train_step`; `key` is the run's,
+    the same for all steps. The buffers of `state` are donated.
     """
 
     def step(state: TrainState, batches: Groups):
@@ -127,7 +130,9 @@ def train_step(
     keys = jax.random.split(key, 7 + 4 * earlier)
 
     def drawn(batch: int, keys: Array, samples: int) -> Drawn:
-        groups = augment(jax.tree.map(lambda leaf: leaf[batch], batches), keys[0], recipe)
+        groups = augment(
+            jax.tree.map(lambda leaf: leaf[batch], batches), keys[0], recipe
+        )
         return groups, draw_group_noise(generator_config, groups, keys[1], samples)
 
     def label(key: Array, between: tuple[float, float]) -> Array:
@@ -162,9 +167,8 @@ def learn(
 ) -> tuple[TrainState, Scalars, tuple[Any, Any]]:
     """An Adam step of the discriminator on `first`, if any, then of the generator on `second`.
 
-    `real` are the two steps' labels [] of real trajectories, `fake` [] the discriminator's of
-    forecasts.
-    The last value are both gradients, not clipped.
+    `real` are the two steps' labels [] of real trajectories, `fake` [] the
+    discriminator's of forecasts. The last value are both gradients, not clipped.
     """
     discriminator_grads, metrics = (), {}
     if first is not None:
@@ -176,7 +180,11 @@ def learn(
         generator_config, recipe, state.params, discriminator, *second, label=real[1]
     )
     scale = scale_pooling_updates if recipe.gentle_pooling else lambda moves: moves
-    return update(recipe, state, grads, scale), metrics | terms, (discriminator_grads, grads)
+    return (
+        update(recipe, state, grads, scale),
+        metrics | terms,
+        (discriminator_grads, grads),
+    )
 
 
 def learn_discriminator(
@@ -209,7 +217,10 @@ def init_gentle_pooling(generator: Any) -> Any:
 
     def start(pooling: Any) -> Any:
         layer = pooling["mlp"]["layer_1"]
-        layer = {"kernel": SCALE * layer["kernel"], "bias": jnp.full_like(layer["bias"], BIAS)}
+        layer = {
+            "kernel": SCALE * layer["kernel"],
+            "bias": jnp.full_like(layer["bias"], BIAS),
+        }
         return {**pooling, "mlp": {**pooling["mlp"], "layer_1": layer}}
 
     return _map_pooling_params(generator, start)

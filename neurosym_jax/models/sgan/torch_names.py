@@ -1,7 +1,8 @@
 """Parameters of SGAN's and NeuroSyM's networks by torch's names, and by ours.
 
-Our paths and shapes are those of our networks; a table of words turns a path into torch's name. Our
-kernels are `[in, out]`, torch's weights `[out, in]`; an LSTM's gates are i, f, g, o in both.
+Our paths and shapes are those of our networks; a table of words turns a path into
+torch's name. Our kernels are `[in, out]`, torch's weights `[out, in]`; an LSTM's gates
+are i, f, g, o in both.
 """
 
 import dataclasses
@@ -61,7 +62,12 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
     """
     words = dict(WORDS)
     if isinstance(config, DiscriminatorConfig):
-        inputs = jax.random.key(0), np.zeros((1, 2, 2)), np.zeros((1, 2, 2)), np.ones(1, bool)
+        inputs = (
+            jax.random.key(0),
+            np.zeros((1, 2, 2)),
+            np.zeros((1, 2, 2)),
+            np.ones(1, bool),
+        )
         shapes = jax.eval_shape(Discriminator(config).init, *inputs)
     else:
         pooling, forecaster = config.pooling, GeneratorForecaster(config)
@@ -87,23 +93,30 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
     return names
 
 
-def without_dropout(state: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
+def without_dropout(
+    state: Mapping[str, Any], arguments: Mapping[str, Any]
+) -> dict[str, Any]:
     """The tensors by their names without dropout, which takes a number in a perceptron."""
     if not arguments.get("dropout"):
         return dict(state)
-    return {re.sub(r"(mlp\w*|real_classifier)\.3\.", r"\1.2.", n): a for n, a in state.items()}
+    return {
+        re.sub(r"(mlp\w*|real_classifier)\.3\.", r"\1.2.", n): a
+        for n, a in state.items()
+    }
 
 
 def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any]:
     """Our nested float32 parameters from torch's flat state dict of arrays.
 
-    Raises:
-        InputError: naming the tensors that `config` needs and `state` lacks, those that it has
+    Raises: InputError: naming the tensors that `config` needs and `state` lacks, those
+        that it has
             and the network does not, and those of another shape; for `as_described`.
     """
     names = torch_names(config)
     shapes = {name: shape[::-1] for name, (_, shape) in names.items()}
-    arrays = _checked({n: a for n, a in state.items() if not n.startswith(UNUSED)}, shapes, config)
+    arrays = _checked(
+        {n: a for n, a in state.items() if not n.startswith(UNUSED)}, shapes, config
+    )
     # Copies: torch goes on training the arrays that it was asked for.
     return nested_parameters(
         {path: np.array(arrays[name].T, order="C") for name, (path, _) in names.items()}
@@ -113,17 +126,23 @@ def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any
 def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.ndarray]:
     """The inverse of `params_from_torch`, with the same errors by our names.
 
-    `load_state_dict` wants every tensor that the code declares: those that NeuroSyM's generators
-    never use are zeros.
+    `load_state_dict` wants every tensor that the code declares: those that NeuroSyM's
+    generators never use are zeros.
     """
     names = torch_names(config)
     arrays = _checked(flat_parameters(params), dict(names.values()), config)
-    state = {name: np.ascontiguousarray(arrays[path].T) for name, (path, _) in names.items()}
+    state = {
+        name: np.ascontiguousarray(arrays[path].T) for name, (path, _) in names.items()
+    }
     if isinstance(config, GeneratorConfig) and isinstance(config.pooling, AsDescribed):
-        sgan = dataclasses.replace(config, weighting=None, pooling=PoolNet(**vars(config.pooling)))
+        sgan = dataclasses.replace(
+            config, weighting=None, pooling=PoolNet(**vars(config.pooling))
+        )
         for name, (_, shape) in torch_names(sgan).items():
             if name.startswith("pool_net."):
-                state[name.replace("pool_net.", UNUSED)] = np.zeros(shape[::-1], np.float32)
+                state[name.replace("pool_net.", UNUSED)] = np.zeros(
+                    shape[::-1], np.float32
+                )
     return state
 
 
@@ -135,5 +154,9 @@ def _checked(
         if array.dtype.kind != "f":
             raise InputError(f"{brief(name)} is not floating point")
     part = "generator" if isinstance(config, GeneratorConfig) else "discriminator"
-    refuse_misfit(arrays, shapes, f"the {part}'s parameters do not fit its configuration")
-    return {name: array.astype(np.float32, copy=False) for name, array in arrays.items()}
+    refuse_misfit(
+        arrays, shapes, f"the {part}'s parameters do not fit its configuration"
+    )
+    return {
+        name: array.astype(np.float32, copy=False) for name, array in arrays.items()
+    }

@@ -39,10 +39,14 @@ class Node:
     ):
         """Open the ports; InputError for an invalid name or URI.
 
-        The master ends an older node of that `name`; `report` is called with one line about each
-        event of a connection; `remaps` are "FROM:=TO" each.
+        The master ends an older node of that `name`; `report` is called with one line
+        about each event of a connection; `remaps` are "FROM:=TO" each.
         """
-        self.name, self.master, self._report = node_name(name), master_uri(master), report
+        self.name, self.master, self._report = (
+            node_name(name),
+            master_uri(master),
+            report,
+        )
         self.names = names_of(self.name, remaps)
         self.stopped = threading.Event()
         """Set when the graph asks the node to end; its owner then closes it."""
@@ -84,7 +88,9 @@ class Node:
         with contextlib.suppress(CallError):  # There may be no master to tell.
             for end in [*self._subscribers.values(), *self._publishers.values()]:
                 about = self.name, end.topic.name, self.uri
-                call(self.master, f"unregister{type(end).__name__}", *about, timeout=1.0)
+                call(
+                    self.master, f"unregister{type(end).__name__}", *about, timeout=1.0
+                )
         for subscriber in self._subscribers.values():
             subscriber.close()
         self._data.close()
@@ -112,7 +118,9 @@ class Node:
         try:
             address = call(self.master, "lookupNode", self.name, self.name)
         except Refused:
-            self._report(f"master at {self.master}: forgot this node, which registers again")
+            self._report(
+                f"master at {self.master}: forgot this node, which registers again"
+            )
             self._registered.clear()
         else:
             if address != self.uri:
@@ -121,7 +129,9 @@ class Node:
 
     def _register(self) -> None:
         ends = [*self._publishers.values(), *self._subscribers.values()]
-        for end in [candidate for candidate in ends if candidate not in self._registered]:
+        for end in [
+            candidate for candidate in ends if candidate not in self._registered
+        ]:
             about = self.name, end.topic.name, end.topic.type, self.uri
             answer = call(self.master, f"register{type(end).__name__}", *about)
             if isinstance(end, Subscriber):
@@ -167,10 +177,16 @@ class Node:
 
     def _bus_info(self) -> list[list[Any]]:
         """[id, other side, direction, transport, topic, connected] of every connection."""
-        ends = [("i", link.topic, link.publishers) for link in self._subscribers.values()]
-        ends += [("o", link.topic, link.subscribers) for link in self._publishers.values()]
+        ends = [
+            ("i", link.topic, link.publishers) for link in self._subscribers.values()
+        ]
+        ends += [
+            ("o", link.topic, link.subscribers) for link in self._publishers.values()
+        ]
         rows = [
-            (peer, way, "TCPROS", topic.name, True) for way, topic, peers in ends for peer in peers
+            (peer, way, "TCPROS", topic.name, True)
+            for way, topic, peers in ends
+            for peer in peers
         ]
         return [[number, *row] for number, row in enumerate(rows)]
 
@@ -224,8 +240,8 @@ def master_uri(given: str | None = None) -> str:
 def local_host(master: str) -> str:
     """Our host name: `$ROS_HOSTNAME`, `$ROS_IP`, else the address that faces `master`.
 
-    With the master on this computer it is the computer's name, as with rospy, because other
-    computers cannot reach the loopback address.
+    With the master on this computer it is the computer's name, as with rospy, because
+    other computers cannot reach the loopback address.
     """
     if named := os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP"):
         return named

@@ -1,7 +1,7 @@
 """Both sides of a topic.
 
-A publisher keeps its newest messages, so that no subscriber delays another; a subscriber has a
-thread per publisher, which survives its restarts.
+A publisher keeps its newest messages, so that no subscriber delays another; a
+subscriber has a thread per publisher, which survives its restarts.
 """
 
 import select
@@ -22,10 +22,15 @@ from neurosym_robot.ros.tcpros.wire import (
 )
 from neurosym_robot.server import Ring, shut
 
-PATIENCE = (0.1, 2.0)  # seconds before a lost publisher is tried again: at first, and at most
+PATIENCE = (
+    0.1,
+    2.0,
+)  # seconds before a lost publisher is tried again: at first, and at most
 MOST = 32  # publishers of a topic that are listened to at once
 SLOW = 5.0  # seconds that a subscriber may take for one message before it is dropped
-LOOK = 1.0  # seconds between checks for subscribers that have left, while nothing is sent
+LOOK = (
+    1.0  # seconds between checks for subscribers that have left, while nothing is sent
+)
 
 Hear = Callable[[bytes, Mapping[str, str]], None]
 """Called with every serialised message and its publisher's header, in a thread."""
@@ -37,7 +42,11 @@ class Publisher:
     """Publishes messages of one topic; made by `Node.advertise`."""
 
     def __init__(
-        self, topic: Topic, caller: str, report: Callable[[str], None], queue_size: int = 10
+        self,
+        topic: Topic,
+        caller: str,
+        report: Callable[[str], None],
+        queue_size: int = 10,
     ):
         """A publisher of the node `caller`; a full queue drops its oldest message."""
         self.topic, self._caller, self._report = topic, caller, report
@@ -65,18 +74,23 @@ class Publisher:
             connection.sendall(encode_header({"error": reason}))
             return
         connection.settimeout(SLOW)
-        # A subscriber that has read the header misses nothing that is published from then on.
+        # A subscriber that has read the header misses nothing that is published from
+        # then on.
         sent = self._newest.newest
         self._peers[connection] = peer
         try:
             connection.sendall(encode_header(topic.header(self._caller, latching="0")))
             # Subscribers send nothing, so that something to read is the end.
-            while not select.select([connection], [], [], 0)[0] or connection.recv(4096):
+            while not select.select([connection], [], [], 0)[0] or connection.recv(
+                4096
+            ):
                 first, blocks = self._newest.after(sent, LOOK)
                 sent = first + len(blocks) - 1
                 connection.sendall(b"".join(blocks))
         except TimeoutError:
-            self._report(f"{topic.name}: dropped the subscriber {peer}, which does not read")
+            self._report(
+                f"{topic.name}: dropped the subscriber {peer}, which does not read"
+            )
         finally:
             del self._peers[connection]
 
@@ -89,7 +103,12 @@ class Subscriber:
     """Hears all publishers of one topic; made by `Node.subscribe`."""
 
     def __init__(
-        self, topic: Topic, caller: str, report: Callable[[str], None], hear: Hear, refuse: Refuse
+        self,
+        topic: Topic,
+        caller: str,
+        report: Callable[[str], None],
+        hear: Hear,
+        refuse: Refuse,
     ):
         """A subscriber of the node `caller`; `report` is called with one line about connections."""
         self.topic, self.caller, self.report = topic, caller, report
@@ -110,9 +129,10 @@ class Subscriber:
     def update(self, uris: Iterable[str], all_of_them: bool = True) -> None:
         """Connect to the publishers that the master names.
 
-        A publisher that is no longer named is left when its connection ends: a restarted master
-        has forgotten publishers that are still there. The answer to a registration only adds,
-        because it may be older than an update: it is not `all_of_them`.
+        A publisher that is no longer named is left when its connection ends: a
+        restarted master has forgotten publishers that are still there. The answer to a
+        registration only adds, because it may be older than an update: it is not
+        `all_of_them`.
         """
         with self._lock:
             current = dict.fromkeys(uris)
@@ -153,7 +173,9 @@ class _Link(threading.Thread):
                     self._say("connected")
                     while not self._ending.is_set():
                         message = read_block(self._connection)
-                        delay = PATIENCE[0]  # A message came; else the next try waits longer.
+                        delay = PATIENCE[
+                            0
+                        ]  # A message came; else the next try waits longer.
                         self._subscriber.hear(message, self.header)
             except Mismatch as error:
                 self._say(f"refused: {error}")
@@ -181,14 +203,19 @@ class _Link(threading.Thread):
 
     def _shake(self, connection: socket.socket) -> dict[str, str]:
         topic = self._subscriber.topic
-        # With any md5sum the publisher answers, and we compare and report what is wrong.
+        # With any md5sum the publisher answers, and we compare and report what is
+        # wrong.
         fields = topic.header(self._subscriber.caller, md5sum="*", tcp_nodelay="1")
         header = shake_hands(connection, fields)
         if "error" in header:
             raise ProtocolError(f"it answers: {header['error']!r:.200}")
-        type_and_md5 = f"{header.get('type')!s:.80} with md5 {header.get('md5sum')!s:.40}"
+        type_and_md5 = (
+            f"{header.get('type')!s:.80} with md5 {header.get('md5sum')!s:.40}"
+        )
         if topic.md5 not in ("*", header.get("md5sum")):
-            raise Mismatch(f"it publishes {type_and_md5}, not {topic.type} with md5 {topic.md5}")
+            raise Mismatch(
+                f"it publishes {type_and_md5}, not {topic.type} with md5 {topic.md5}"
+            )
         if reason := self._subscriber.refuse(header):
             raise Mismatch(f"it publishes {type_and_md5}, {reason}")
         connection.settimeout(None)
@@ -197,4 +224,6 @@ class _Link(threading.Thread):
     def _say(self, text: str) -> None:
         if text != self._said and not self._ending.is_set():
             self._said = text
-            self._subscriber.report(f"{self._subscriber.topic.name} from {self._uri}: {text}")
+            self._subscriber.report(
+                f"{self._subscriber.topic.name} from {self._uri}: {text}"
+            )

@@ -1,9 +1,10 @@
 """What goes over the wire: the blocks of a TCPROS connection, and the XML-RPC of ROS.
 
-A block has its length in front, and the first is a header (https://wiki.ros.org/ROS/TCPROS,
-https://wiki.ros.org/ROS/Connection%20Header). Masters and nodes call each other as
-https://wiki.ros.org/ROS/Master_API and https://wiki.ros.org/ROS/Slave_API say: each answer is
-`[code, message, value]`, and code 1 means success. What the other side sends is bounded.
+A block has its length in front, and the first is a header
+(https://wiki.ros.org/ROS/TCPROS, https://wiki.ros.org/ROS/Connection%20Header). Masters
+and nodes call each other as https://wiki.ros.org/ROS/Master_API and
+https://wiki.ros.org/ROS/Slave_API say: each answer is `[code, message, value]`, and
+code 1 means success. What the other side sends is bounded.
 """
 
 import contextlib
@@ -20,7 +21,9 @@ from xmlrpc.server import SimpleXMLRPCDispatcher, SimpleXMLRPCRequestHandler
 
 from neurosym_robot.server import BoundedServer, deadline
 
-MAX_HEADER = 1 << 20  # bytes; a header carries the message's definition, a few kilobytes at most
+MAX_HEADER = (
+    1 << 20
+)  # bytes; a header carries the message's definition, a few kilobytes at most
 MAX_MESSAGE = 4 << 20  # bytes; ten thousand people are about 1 MB
 MAX_BODY = 4 << 20  # bytes; the state of a graph of thousands of topics stays below
 TIMEOUT = 5.0  # seconds of a call
@@ -28,7 +31,13 @@ HANDSHAKE = 5.0  # seconds for each step until messages come
 
 # What Python's parsers raise at an answer that is none.
 NONSENSE = (
-    *(http.client.HTTPException, xmlrpc.client.Error, ExpatError, ValueError, TypeError),
+    *(
+        http.client.HTTPException,
+        xmlrpc.client.Error,
+        ExpatError,
+        ValueError,
+        TypeError,
+    ),
     *(LookupError, AttributeError, ArithmeticError),
 )
 
@@ -40,7 +49,9 @@ class Topic:
     name: str  # global: it begins with a slash
     type: str = "*"  # "package/Name"
     md5: str = "*"  # of the type's definition, as ROS computes it
-    definition: str = ""  # text of the definition and of those that it uses, for recorders
+    definition: str = (
+        ""  # text of the definition and of those that it uses, for recorders
+    )
 
     def header(self, caller: str, **fields: str) -> dict[str, str]:
         """Fields of the header that begins a connection of the node `caller`."""
@@ -66,14 +77,19 @@ def encode_block(data: bytes) -> bytes:
 def encode_header(fields: Mapping[str, str]) -> bytes:
     """A header as the block that begins a connection."""
     return encode_block(
-        b"".join(encode_block(f"{key}={value}".encode()) for key, value in fields.items())
+        b"".join(
+            encode_block(f"{key}={value}".encode()) for key, value in fields.items()
+        )
     )
 
 
-def shake_hands(connection: socket.socket, fields: Mapping[str, str] | None = None) -> dict:
+def shake_hands(
+    connection: socket.socket, fields: Mapping[str, str] | None = None
+) -> dict:
     """Send a header if there is one, and return that of the other side.
 
-    The connection sends at once, and notices within half a minute when the other computer is gone.
+    The connection sends at once, and notices within half a minute when the other
+    computer is gone.
     """
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -102,7 +118,9 @@ def read_block(connection: socket.socket, limit: int = MAX_MESSAGE) -> bytes:
     """The next block, without its length; ProtocolError if longer than `limit` bytes."""
     length = int.from_bytes(_read(connection, 4), "little")
     if length > limit:
-        raise ProtocolError(f"a block of {length} bytes was announced, more than {limit}")
+        raise ProtocolError(
+            f"a block of {length} bytes was announced, more than {limit}"
+        )
     return bytes(_read(connection, length))
 
 
@@ -135,9 +153,13 @@ def call(uri: str, method: str, *arguments: Any, timeout: float = TIMEOUT) -> An
     said = xmlrpc.client.dumps(arguments, method).encode()
     try:
         at = urlsplit(uri)
-        connection = http.client.HTTPConnection(at.hostname or "", at.port, timeout=timeout)
+        connection = http.client.HTTPConnection(
+            at.hostname or "", at.port, timeout=timeout
+        )
         with contextlib.closing(connection):
-            connection.request("POST", at.path or "/", said, {"Content-Type": "text/xml"})
+            connection.request(
+                "POST", at.path or "/", said, {"Content-Type": "text/xml"}
+            )
             body = connection.getresponse().read(MAX_BODY + 1)
         if len(body) > MAX_BODY:
             raise ValueError(f"the answer is longer than {MAX_BODY} bytes")

@@ -1,6 +1,7 @@
 """ROS 2: tracker -> inference -> view.
 
-ros2 launch neurosym_ros forecast.launch.py model:=/path/to/a/model people:=/my_tracker/people
+ros2 launch neurosym_ros forecast.launch.py model:=/path/to/a/model
+people:=/my_tracker/people
 """
 
 from pathlib import Path
@@ -49,6 +50,7 @@ def nodes(context):
 def generate_launch_description():
     """What `ros2 launch` asks for."""
     declared = [
-        DeclareLaunchArgument(name, default_value=value) for name, value in ARGUMENTS.items()
+        DeclareLaunchArgument(name, default_value=value)
+        for name, value in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])

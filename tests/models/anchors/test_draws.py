@@ -46,10 +46,14 @@ def scene_of(start, step=(0.0, 0.0), **changes):
     """People at `start [N, 2]` now, who came by `step` ([N, 2] or [2], metres)."""
     past = np.arange(-7, 1)[:, None] * np.broadcast_to(step, np.shape(start))[:, None]
     scene = make_scene(np.zeros((len(start), 8, 2))).bare()
-    return scene.replace(observed=jnp.asarray(np.asarray(start)[:, None] + past), **changes)
+    return scene.replace(
+        observed=jnp.asarray(np.asarray(start)[:, None] + past), **changes
+    )
 
 
-ROW = scene_of(0.3 * np.arange(5)[:, None] * [1, 0], [[0.4 * 2**i, 0] for i in range(5)])
+ROW = scene_of(
+    0.3 * np.arange(5)[:, None] * [1, 0], [[0.4 * 2**i, 0] for i in range(5)]
+)
 """Of `points`: people who pass each other and do not walk together."""
 
 
@@ -93,7 +97,9 @@ def test_people_are_drawn_independently_but_do_not_overlap(points):
 def test_scenes_are_as_probable_as_the_pairs_say():
     """Three people with three points, against the probabilities of all 27 scenes."""
     rng = np.random.default_rng(2)
-    cost = {(i, j): rng.uniform(0, 1.5, (3, 3)) for i in range(3) for j in range(i + 1, 3)}
+    cost = {
+        (i, j): rng.uniform(0, 1.5, (3, 3)) for i in range(3) for j in range(i + 1, 3)
+    }
     scenes = list(itertools.product(range(3), repeat=3))
     nats = [sum(table[s[i], s[j]] for (i, j), table in cost.items()) for s in scenes]
     expected = np.exp(-np.array(nats)) / np.exp(-np.array(nats)).sum()
@@ -101,7 +107,9 @@ def test_scenes_are_as_probable_as_the_pairs_say():
     both = cost | {(j, i): table.T for (i, j), table in cost.items()}
     table = [[both[int(other), i] for other in near[i]] for i in range(3)]
     start = jnp.asarray(rng.integers(0, 3, (30000, 3)))
-    chosen = jax.jit(couple)(start, jnp.asarray(near), jnp.asarray(table, jnp.float32), KEY)
+    chosen = jax.jit(couple)(
+        start, jnp.asarray(near), jnp.asarray(table, jnp.float32), KEY
+    )
     often = np.bincount(np.asarray(chosen) @ [9, 3, 1], minlength=27) / 30000
     np.testing.assert_allclose(often, expected, atol=0.006)
     assert np.abs(expected - 1 / 27).max() > 0.05
@@ -116,7 +124,13 @@ def test_what_two_people_do_is_that_of_sums_over_loops(points):
     places = np.asarray(points, np.float64)
     parts = np.linspace(0, 1, 201)[:, None, None]
     between = places[:, :, None, :-1] * (1 - parts) + places[:, :, None, 1:] * parts
-    for i, slot, a, b in ((0, 0, 3, 7), (2, 1, 19, 0), (4, 0, 5, 5), (3, 0, 8, 2), (1, 1, 0, 1)):
+    for i, slot, a, b in (
+        (0, 0, 3, 7),
+        (2, 1, 19, 0),
+        (4, 0, 5, 5),
+        (3, 0, 8, 2),
+        (1, 1, 0, 1),
+    ):
         other = int(near[i, slot])
         offset = between[b, i] - between[a, other]
         expected = max(0, 1 - np.linalg.norm(offset, axis=-1).min() / 0.3)
@@ -128,16 +142,21 @@ def test_what_two_people_do_is_that_of_sums_over_loops(points):
 
 
 @pytest.mark.parametrize(
-    ("steps", "together"), [([[0.5, 0], [0.5, 0]], True), ([[0.5, 0], [-0.5, 0]], False)]
+    ("steps", "together"),
+    [([[0.5, 0], [0.5, 0]], True), ([[0.5, 0], [-0.5, 0]], False)],
 )
 def test_two_who_walk_together_stay_together(steps, together):
     """They slow down or go on in the same scenes; two who pass each other do not."""
     start = np.array([[0.0, 0], [0, 0.8]])
     ahead = np.arange(1, 9)[:, None] * np.asarray(steps)[:, None]  # [N, T, 2]
-    points = jnp.asarray(start[:, None] + np.linspace(0.4, 1.6, 20)[:, None, None, None] * ahead)
+    points = jnp.asarray(
+        start[:, None] + np.linspace(0.4, 1.6, 20)[:, None, None, None] * ahead
+    )
     draws = np.asarray(DRAW(points, scene_of(start, steps), KEY, 400, 0.4))
     pace = draws[:, :, -1, 0] / np.array(steps)[:, 0]
-    assert np.corrcoef(pace.T)[0, 1] == pytest.approx(0.6 if together else 0.0, abs=0.25)
+    assert np.corrcoef(pace.T)[0, 1] == pytest.approx(
+        0.6 if together else 0.0, abs=0.25
+    )
 
 
 def test_many_companions_hold_a_person_as_one_does():
@@ -168,7 +187,9 @@ def test_samples_are_drawn_as_often_as_their_probabilities_say():
         drawn = draw_samples(samples, probability, KEY, count)
         assert drawn.shape == (count, 2, 4, 2)
         if expected:
-            np.testing.assert_array_equal(np.bincount(drawn[:, 0, 0, 0].astype(int)), expected)
+            np.testing.assert_array_equal(
+                np.bincount(drawn[:, 0, 0, 0].astype(int)), expected
+            )
     often = jax.vmap(lambda key: draw_samples(samples, probability, key, 1)[0, 0, 0, 0])
     counts = np.bincount(often(jax.random.split(KEY, 2000)).astype(int)) / 2000
     np.testing.assert_allclose(counts, probability, atol=0.04)
@@ -176,18 +197,22 @@ def test_samples_are_drawn_as_often_as_their_probabilities_say():
 
 @pytest.fixture(scope="module")
 def model():
-    return random_model(AnchorConfig(pred_len=4, samples=5, points=6, hidden=8), std=0.3)
+    return random_model(
+        AnchorConfig(pred_len=4, samples=5, points=6, hidden=8), std=0.3
+    )
 
 
 def test_the_distribution_is_in_the_callers_frame_and_of_the_seed(model):
-    observed = np.array([500.0, -80.0]) + np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(
-        1
-    )
+    observed = np.array([500.0, -80.0]) + np.random.default_rng(0).normal(
+        0, 0.3, (3, 8, 2)
+    ).cumsum(1)
     draws = predict_distribution(model, observed, draws=24)
     assert draws.shape == (24, 3, 4, 2)
     assert draws.dtype == np.float64
     assert np.abs(draws - observed[:, -1:]).max() < 10
-    np.testing.assert_array_equal(draws, predict_distribution(model, observed, draws=24))
+    np.testing.assert_array_equal(
+        draws, predict_distribution(model, observed, draws=24)
+    )
     for changed in ({"seed": 1}, {"frame": 1}, {"recording": "other"}):
         other = predict_distribution(model, observed, draws=24, **changed)
         assert (other != draws).any()
@@ -202,14 +227,17 @@ def test_the_distribution_is_in_the_callers_frame_and_of_the_seed(model):
 
 def test_the_distribution_of_a_mirrored_scene_is_the_mirrored_one(model):
     observed = np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(1)
-    observed += 20 * np.arange(3)[:, None, None]  # Everybody is alone and has all points.
+    observed += (
+        20 * np.arange(3)[:, None, None]
+    )  # Everybody is alone and has all points.
     mirror = np.array([1.0, -1.0])
     draws = predict_distribution(model, observed, draws=24)
     mirrored = predict_distribution(model, observed * mirror, draws=24) * mirror
     for axis in range(2):
         both = (np.sort(each[..., axis], axis=0) for each in (draws, mirrored))
         np.testing.assert_allclose(*both, atol=1e-4)
-    # The network by itself is not symmetric: each half of the draws differs from the other.
+    # The network by itself is not symmetric: each half of the draws differs from the
+    # other.
     scene = make_scene(observed)
     views = (scene, scene.replace(observed=scene.observed * mirror.astype(np.float32)))
     points = [apply_anchors(model.config, model.params, view).points for view in views]
@@ -220,16 +248,23 @@ def test_the_distribution_of_a_mirrored_scene_is_the_mirrored_one(model):
 @pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
 def test_one_bad_position_moves_nobody_elses_distribution():
     model = load_model("anchors_zara1_8")
-    walks = np.arange(8.0)[:, None] * [0.5, 0] + np.array([[[0, 0]], [[0, 1]], [[3, 2]]])
+    walks = np.arange(8.0)[:, None] * [0.5, 0] + np.array(
+        [[[0, 0]], [[0, 1]], [[3, 2]]]
+    )
     usual = predict_distribution(model, walks, draws=300)
     for size in (1.0, 15.0, 1000.0):
         for step in range(8):
             wrong = walks.copy()
             wrong[0, step] += size * np.array([0.6, 0.8])
             draws = predict_distribution(model, wrong, draws=300)
-            assert np.linalg.norm(draws[:, 0] - wrong[0, -1], axis=-1).max() < 8 * 1.6 + 0.3
+            assert (
+                np.linalg.norm(draws[:, 0] - wrong[0, -1], axis=-1).max()
+                < 8 * 1.6 + 0.3
+            )
             for level in (0.1, 0.5, 0.9):
-                quantiles = (np.quantile(each[:, 1:], level, axis=0) for each in (draws, usual))
+                quantiles = (
+                    np.quantile(each[:, 1:], level, axis=0) for each in (draws, usual)
+                )
                 np.testing.assert_allclose(*quantiles, atol=0.5)
 
 
@@ -237,20 +272,30 @@ def test_models_without_a_trained_distribution_draw_their_samples():
     observed = np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(1)
     generator = random_model(GeneratorConfig(pred_len=4))
     draws = predict_distribution(generator, observed, draws=7, seed=2)
-    np.testing.assert_allclose(draws, predict(generator, observed, samples=7, seed=2), atol=1e-5)
+    np.testing.assert_allclose(
+        draws, predict(generator, observed, samples=7, seed=2), atol=1e-5
+    )
     table = load_model("anchor_table_zara1_8")
     draws = predict_distribution(table, observed, draws=200)
     samples, probability = predict_representatives(table, observed)
-    often = np.bincount(np.abs(draws[:, None] - samples).max((2, 3, 4)).argmin(1), minlength=20)
+    often = np.bincount(
+        np.abs(draws[:, None] - samples).max((2, 3, 4)).argmin(1), minlength=20
+    )
     np.testing.assert_allclose(often, 200 * probability, atol=1)
 
 
 def test_metrics_of_the_distribution_are_of_draws(model):
     rng = np.random.default_rng(1)
-    paths = rng.normal(size=(7, 1, 2)) * 2 + np.cumsum(rng.normal(0.3, 0.1, (7, 12, 2)), axis=1)
+    paths = rng.normal(size=(7, 1, 2)) * 2 + np.cumsum(
+        rng.normal(0.3, 0.1, (7, 12, 2)), axis=1
+    )
     identity = np.array([[0, 0], [0, 1], [0, 2]], np.uint32)
     windows = Windows(paths, np.arange(7), np.array([0, 2, 4, 7]), identity, 8)
-    options = {"samples": 5, "seed": 0, "metrics": ("energy_score", "coverage_50", "joint_ade")}
+    options = {
+        "samples": 5,
+        "seed": 0,
+        "metrics": ("energy_score", "coverage_50", "joint_ade"),
+    }
     scores = score_forecaster(
         model.forecaster, model.params, make_batches(windows), **options
     ).scores
@@ -258,9 +303,13 @@ def test_metrics_of_the_distribution_are_of_draws(model):
     for rows, number in pairs:
         observed, future = np.split(paths[rows], [8], axis=1)
         draws = predict_distribution(model, observed, draws=DRAWS, frame=number)
-        for name, own in score(draws, future, metrics=["energy_score", "coverage_50"]).items():
+        for name, own in score(
+            draws, future, metrics=["energy_score", "coverage_50"]
+        ).items():
             mean = scores[name].total[number] / scores[name].count[number]
             assert mean == pytest.approx(own.mean, rel=1e-3), name
         samples = predict(model, observed, samples=5)
         joint = score(samples, future, metrics=["joint_ade"])["joint_ade"]
-        assert scores["joint_ade"].total[number] == pytest.approx(joint.total[0], rel=1e-4)
+        assert scores["joint_ade"].total[number] == pytest.approx(
+            joint.total[0], rel=1e-4
+        )

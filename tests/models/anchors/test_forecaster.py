@@ -25,13 +25,17 @@ from tests.networks import random_model
 
 @pytest.fixture(scope="module")
 def model():
-    return random_model(AnchorConfig(pred_len=4, samples=5, hidden=8, weighting="learned"), std=0.3)
+    return random_model(
+        AnchorConfig(pred_len=4, samples=5, hidden=8, weighting="learned"), std=0.3
+    )
 
 
 @pytest.fixture(scope="module")
 def windows():
     rng = np.random.default_rng(1)
-    paths = rng.normal(size=(7, 1, 2)) * 2 + np.cumsum(rng.normal(0.3, 0.1, (7, 12, 2)), axis=1)
+    paths = rng.normal(size=(7, 1, 2)) * 2 + np.cumsum(
+        rng.normal(0.3, 0.1, (7, 12, 2)), axis=1
+    )
     identity = np.array([[0, 0], [0, 1], [0, 2]], np.uint32)
     return Windows(paths, np.arange(7), np.array([0, 2, 4, 7]), identity, 8)
 
@@ -44,11 +48,15 @@ def test_every_way_gives_the_same_samples_and_probabilities(model, windows):
     assert np.ptp(likely, axis=0).min() > 0.01
     for number, scene in enumerate(observed):
         alone, probability = predict_representatives(model, scene, samples=5)
-        np.testing.assert_allclose(futures[:, windows.rows(np.array([number]))], alone, atol=1e-5)
+        np.testing.assert_allclose(
+            futures[:, windows.rows(np.array([number]))], alone, atol=1e-5
+        )
         np.testing.assert_allclose(likely[:, number], probability, atol=1e-6)
         np.testing.assert_array_equal(predict(model, scene, samples=5), alone)
     last = make_scene(scene)
-    raw = jax.jit(model.forecaster.forecast)(model.params, last.bare(), np.zeros((5, 0)))
+    raw = jax.jit(model.forecaster.forecast)(
+        model.params, last.bare(), np.zeros((5, 0))
+    )
     np.testing.assert_allclose(raw, alone - last.origin, atol=1e-5)
     many = predict_scenes(model, observed, samples=5)
     np.testing.assert_allclose(np.concatenate(many, axis=1), futures, atol=1e-5)
@@ -67,13 +75,17 @@ def test_fewer_samples_have_the_probabilities_given_that_they_are_all(model, win
     np.testing.assert_allclose(
         conditional, probability[places] / probability[places].sum(), rtol=1e-4
     )
-    with pytest.raises(InputError, match="samples: anchors, learned makes at most 5, not 6"):
+    with pytest.raises(
+        InputError, match="samples: anchors, learned makes at most 5, not 6"
+    ):
         predict_scenes(model, [observed], samples=6)
 
 
 def test_the_spread_serves_the_probable_samples_first():
     ends = jnp.array([0.0, 0.1, 5.0, 9.0])[:, None, None, None] * jnp.ones((1, 2, 3, 2))
-    ends = ends.at[:, 1].set(jnp.arange(4.0)[::-1, None, None] * 100)  # A slot of padding.
+    ends = ends.at[:, 1].set(
+        jnp.arange(4.0)[::-1, None, None] * 100
+    )  # A slot of padding.
     valid = jnp.array([True, False])
     chosen = spread_of(ends, jnp.array([0.4, 0.35, 0.05, 0.2]), valid, 3)
     np.testing.assert_array_equal(chosen, [0, 3, 2])
@@ -98,7 +110,9 @@ def test_probabilities_count_in_scores(model, windows):
     names, means = ("central_ade", "joint_ade"), {}
     for samples in (1, 5):
         options = {"samples": samples, "seed": 0, "metrics": names}
-        done = score_forecaster(model.forecaster, model.params, make_batches(windows), **options)
+        done = score_forecaster(
+            model.forecaster, model.params, make_batches(windows), **options
+        )
         means[samples] = [done.mean(name) for name in names]
     assert means[5][0] == pytest.approx(means[1][1], rel=1e-4)
     assert means[5][1] < means[1][1]
@@ -118,10 +132,13 @@ def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):
     assert jnp.abs(alpha_gradient[..., -1]).max() > 0
     assert jnp.abs(alpha_gradient[..., :-1]).max() == 0
     assert jnp.abs(observed_gradient).max() > 0
-    params_gradient = jax.jit(jax.grad(lambda params: end(params, None, jnp.asarray(seen))))(
-        model.params
+    params_gradient = jax.jit(
+        jax.grad(lambda params: end(params, None, jnp.asarray(seen)))
+    )(model.params)
+    assert any(
+        jnp.abs(leaf).max() > 0
+        for leaf in jax.tree.leaves(params_gradient["weighting"])
     )
-    assert any(jnp.abs(leaf).max() > 0 for leaf in jax.tree.leaves(params_gradient["weighting"]))
 
 
 @pytest.mark.parametrize("spacing", [0.2, 3.0])
@@ -136,7 +153,9 @@ def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, spacing)
         forecasts[crowd] = run(make_scene(walks))
     np.testing.assert_allclose(forecasts[anchors.CROWD], forecasts[1000], atol=1e-5)
     near = anchors.neighbours(make_scene(walks), model.config.radius, 0.4)
-    np.testing.assert_array_equal(model.forecaster.prepared(make_scene(walks)).near, near)
+    np.testing.assert_array_equal(
+        model.forecaster.prepared(make_scene(walks)).near, near
+    )
     assert model.forecaster.prepared(make_scene(walks[: anchors.CROWD])).near is None
     distance = np.linalg.norm(walks[:, None, -1] - walks[:, -1], axis=-1)
     for agent, slots in enumerate(near):  # An agent's own slot fills what is left.

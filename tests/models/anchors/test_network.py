@@ -53,18 +53,28 @@ def test_padding_changes_nothing_and_people_have_no_order(network, people):
 def test_neighbours_that_are_listed_are_those_of_all_pairs(network, people):
     apply, _ = network
     present = jnp.arange(6) < 5
-    near = jnp.array([[other for other in range(6) if other != person] for person in range(6)])
+    near = jnp.array(
+        [[other for other in range(6) if other != person] for person in range(6)]
+    )
     listed, complete = apply(people, present, None, 0.0, near), apply(people, present)
-    np.testing.assert_allclose(listed.samples[:, :5], complete.samples[:, :5], atol=1e-4)
+    np.testing.assert_allclose(
+        listed.samples[:, :5], complete.samples[:, :5], atol=1e-4
+    )
     np.testing.assert_allclose(listed.points[:, :5], complete.points[:, :5], atol=1e-4)
 
 
 def test_untrained_samples_scatter_about_constant_velocity_and_are_almost_straight():
-    walk = jnp.array([[0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 3.1]])[..., None] * jnp.array([1.0, 0.0])
+    walk = jnp.array([[0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 3.1]])[..., None] * jnp.array(
+        [1.0, 0.0]
+    )
     table = AnchorTable(AnchorTableConfig(samples=1000))
-    forecast = jax.jit(lambda key: table.init_with_output(key, walk)[0][0])(jax.random.key(0))[:, 0]
+    forecast = jax.jit(lambda key: table.init_with_output(key, walk)[0][0])(
+        jax.random.key(0)
+    )[:, 0]
     # 0.8 of the last step and 0.2 of the mean of three.
-    np.testing.assert_allclose(forecast[0, :, 0] - 3.1, 0.66 * np.arange(1, 9), rtol=1e-3)
+    np.testing.assert_allclose(
+        forecast[0, :, 0] - 3.1, 0.66 * np.arange(1, 9), rtol=1e-3
+    )
     deviation = np.hypot(0.25 * 0.5 * 8, 0.1)
     np.testing.assert_allclose(jnp.std(forecast[:, -1], axis=0), deviation, rtol=0.1)
     network = AnchorNetwork(AnchorConfig(samples=1000, hidden=8, geometry=False))
@@ -75,10 +85,18 @@ def test_untrained_samples_scatter_about_constant_velocity_and_are_almost_straig
         np.testing.assert_allclose(size, [1, 0.1, 0.1, 0.1, 0.1], rtol=0.1)
 
 
-def test_forecasts_move_with_the_scene_and_those_of_walkers_turn_with_it(network, people):
+def test_forecasts_move_with_the_scene_and_those_of_walkers_turn_with_it(
+    network, people
+):
     apply, params = network
-    shifted, unmoved = apply(people + jnp.array([5.0, -3.0]), VALID), apply(people, VALID)
-    for moved, before in ((shifted.samples, unmoved.samples), (shifted.points, unmoved.points)):
+    shifted, unmoved = (
+        apply(people + jnp.array([5.0, -3.0]), VALID),
+        apply(people, VALID),
+    )
+    for moved, before in (
+        (shifted.samples, unmoved.samples),
+        (shifted.points, unmoved.points),
+    ):
         np.testing.assert_allclose(moved, before + jnp.array([5.0, -3.0]), atol=2e-4)
     # What standing people may do is learned in the scene's axes.
     scene_axes = {"still": jnp.zeros((4, 5, 2)), "point_still": jnp.zeros((3, 5, 2))}
@@ -120,9 +138,12 @@ def test_features_of_a_pair_by_hand():
     metres = np.hypot(9, 1)
     place = [9 / metres, 1 / metres, -1, 0]
     distance = [1, np.exp(-metres), metres / 10, 1 / (metres + 0.3)]
-    # They are closest in 9 s; 5 s ahead, where the search ends, they are 4 m and 1 m apart.
+    # They are closest in 9 s; 5 s ahead, where the search ends, they are 4 m and 1 m
+    # apart.
     approach = [5, np.exp(-2 * np.hypot(4, 1) - 5), 1, 0]
-    np.testing.assert_allclose(features[0, 1], [*place, *distance, *approach], atol=2e-3)
+    np.testing.assert_allclose(
+        features[0, 1], [*place, *distance, *approach], atol=2e-3
+    )
     np.testing.assert_array_equal(features[[0, 1], [0, 1]], 0)
     np.testing.assert_allclose(near[0, 1], (1 - metres**2 / 100) ** 2, rtol=1e-5)
     np.testing.assert_allclose(crowd, (1 - metres**2 / 400) ** 2, rtol=1e-5)
@@ -135,9 +156,13 @@ def test_what_the_attention_sees(people, geometry, symbols):
     network = AnchorNetwork(config)
     pair = jnp.stack([people[0], people[0] + jnp.array([3.0, 1.0])])
     params = random_params(network, pair, VALID[:2], std=0.2)
-    apply = jax.jit(lambda observed: network.apply(params, observed, VALID[:2])[0][:, 0])
+    apply = jax.jit(
+        lambda observed: network.apply(params, observed, VALID[:2])[0][:, 0]
+    )
     last = pair[1, -1]
-    faster, stands = (pair.at[1].set(last + (pair[1] - last) * by) for by in (1.05, 0.0))
+    faster, stands = (
+        pair.at[1].set(last + (pair[1] - last) * by) for by in (1.05, 0.0)
+    )
     speed_effect, state_effect = (
         float(jnp.abs(apply(other) - apply(pair)).max()) for other in (faster, stands)
     )
@@ -156,7 +181,10 @@ def test_gradients_are_finite_where_people_stand_on_one_spot(network):
 
     def loss(params, observed):
         samples, log_probability, points = network.apply(params, observed, valid)
-        return sum(jnp.square(part - 1).sum() for part in (samples, points)) + log_probability[0]
+        return (
+            sum(jnp.square(part - 1).sum() for part in (samples, points))
+            + log_probability[0]
+        )
 
     gradients = jax.jit(jax.grad(loss, (0, 1)))(params, observed)
     assert all(jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))

@@ -11,9 +11,20 @@ from numpy.testing import assert_allclose
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorNetwork
 from neurosym_jax.models.sgan import layers
-from neurosym_jax.models.sgan.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.sgan.config import (
+    POOLINGS,
+    DiscriminatorConfig,
+    GeneratorConfig,
+)
 from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
-from neurosym_jax.models.sgan.layers import CELLS, LSTM, Affine, Encoder, LSTMNetwork, Perceptron
+from neurosym_jax.models.sgan.layers import (
+    CELLS,
+    LSTM,
+    Affine,
+    Encoder,
+    LSTMNetwork,
+    Perceptron,
+)
 from neurosym_jax.models.sgan.network import pooling_network
 from neurosym_jax.models.sgan.pooling import PoolNetwork
 from neurosym_jax.scene import make_scene
@@ -29,7 +40,10 @@ CONFIGS = {
     "bare": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4),
     "social": GeneratorConfig(pooling="social,grid_size=4", pred_len=4),
     "every step": GeneratorConfig(
-        pool_every_timestep=True, pooling="pool_net,hidden_dim=16", decoder_h_dim=40, pred_len=4
+        pool_every_timestep=True,
+        pooling="pool_net,hidden_dim=16",
+        decoder_h_dim=40,
+        pred_len=4,
     ),
     "symbols, every step": GeneratorConfig(
         pooling="as_described,hidden_dim=16",
@@ -38,9 +52,13 @@ CONFIGS = {
         pred_len=7,
         weighting="quantised",
     ),
-    "bare, wider": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4, decoder_h_dim=40),
+    "bare, wider": GeneratorConfig(
+        pooling="none", noise_dim=0, pred_len=4, decoder_h_dim=40
+    ),
     "rnn": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4, cell=RNN()),
-    "one step": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=1, obs_len=1),
+    "one step": GeneratorConfig(
+        pooling="pool_net,hidden_dim=16", pred_len=1, obs_len=1
+    ),
 }
 EACH = pytest.mark.parametrize("config", CONFIGS.values(), ids=list(CONFIGS))
 
@@ -71,7 +89,11 @@ def stepped(part, state, x):
     embedded = dense(x, part["spatial_embedding"])
     if "rnn" in part:
         rnn = part["rnn"]
-        gate = embedded @ rnn["input_kernel"] + state[0] @ rnn["recurrent_kernel"] + rnn["bias"]
+        gate = (
+            embedded @ rnn["input_kernel"]
+            + state[0] @ rnn["recurrent_kernel"]
+            + rnn["bias"]
+        )
         return np.tanh(gate), state[1]
     hidden, cell = state
     lstm = part["lstm"]
@@ -124,7 +146,9 @@ def unfolded(config, params, scene, noise):
             pooled = pool(decoder["pooling"], hidden, track)
             joined = np.concatenate([hidden, pooled], axis=1)
             sizes = (joined.shape[1], config.mlp_dim, config.decoder_h_dim)
-            hidden = np.asarray(Perceptron(sizes).apply({"params": decoder["mlp"]}, joined))
+            hidden = np.asarray(
+                Perceptron(sizes).apply({"params": decoder["mlp"]}, joined)
+            )
     return np.stack(steps, axis=1)
 
 
@@ -139,7 +163,9 @@ def test_against_the_unfolded_chain(config):
     noise = np.random.default_rng(2).normal(size=config.noise_dim).astype(np.float32)
     params = random_params(Generator(config), scene, noise, *weights_of(config, scene))
     forecast = jax.jit(
-        lambda params: Generator(config).apply(params, scene, noise, *weights_of(config, scene))
+        lambda params: Generator(config).apply(
+            params, scene, noise, *weights_of(config, scene)
+        )
     )(params)
     assert forecast.shape == (5, config.pred_len, 2)
     expected = unfolded(config, params, scene, noise)
@@ -170,7 +196,9 @@ def test_discriminator(kind):
     trajectory = (scene.observed, scene.displacement, scene.valid)
     params = random_params(Discriminator(config), *trajectory)
     bias = params["params"]["classifier"]["layer_1"]["bias"]
-    params["params"]["classifier"]["layer_1"]["bias"] = bias * 0 + 3  # So that scores live.
+    params["params"]["classifier"]["layer_1"]["bias"] = (
+        bias * 0 + 3
+    )  # So that scores live.
     apply = jax.jit(Discriminator(config).apply)
     scores = apply(params, *trajectory)
     parts = params["params"]
@@ -184,7 +212,9 @@ def test_discriminator(kind):
         expected = np.maximum(dense(expected, parts["classifier"][layer]), 0)
     assert_allclose(scores, expected[:, 0], atol=1e-5)
     assert scores.min() > 0
-    padded = [jnp.pad(part, [(0, 3)] + [(0, 0)] * (part.ndim - 1)) for part in trajectory]
+    padded = [
+        jnp.pad(part, [(0, 3)] + [(0, 0)] * (part.ndim - 1)) for part in trajectory
+    ]
     assert_allclose(apply(params, *padded)[:5], scores, atol=1e-5)
 
 
@@ -216,7 +246,9 @@ def test_tanh_and_sigmoid(name, dtype):
 def test_initialised_as_torch_does():
     """As in SGAN: Kaiming normal, not cut off, and no gain but that of ReLU."""
     module = LSTMNetwork(inputs=16, features=64)
-    params = module.init(jax.random.key(0), method=lambda lstm: lstm.input_bias)["params"]
+    params = module.init(jax.random.key(0), method=lambda lstm: lstm.input_bias)[
+        "params"
+    ]
     kernels = {"input_kernel": (16, 256), "recurrent_kernel": (64, 256)}
     biases = {"input_bias": (256,), "recurrent_bias": (256,)}
     assert {name: leaf.shape for name, leaf in params.items()} == kernels | biases

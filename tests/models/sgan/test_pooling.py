@@ -27,7 +27,9 @@ ALPHA = RNG.uniform(size=(N, N, T)).astype(np.float32)
 ALL = np.ones(N, bool)
 HIDDEN_POOLING = PoolNetwork(embedding_dim=E, h_dim=H, hidden_dim=9, bottleneck_dim=B)
 GRID = _GridNetwork(h_dim=H, grid_size=4, neighborhood_size=1.6)
-DESCRIBED, ROS = (network(T, E, H, 9, B) for network in (_DescribedNetwork, _RosNetwork))
+DESCRIBED, ROS = (
+    network(T, E, H, 9, B) for network in (_DescribedNetwork, _RosNetwork)
+)
 
 
 def relu_layers(x, mlp):
@@ -79,22 +81,29 @@ def test_the_maximum_over_pairs_of_a_perceptron(module, others, embed, kernel):
         layer, mlp = params["params"]["spatial_embedding"], params["params"]["mlp"]
 
         def of_pair(i, j):
-            return relu_layers(jnp.concatenate([embed(layer, i, j).ravel(), hidden[j]]), mlp)
+            return relu_layers(
+                jnp.concatenate([embed(layer, i, j).ravel(), hidden[j]]), mlp
+            )
 
         people = jnp.arange(N)
-        return jax.vmap(lambda i: jax.vmap(lambda j: of_pair(i, j))(people).max(axis=0))(people)
+        return jax.vmap(
+            lambda i: jax.vmap(lambda j: of_pair(i, j))(people).max(axis=0)
+        )(people)
 
     def pooled(params, hidden):
         return module.apply(params, hidden, *inputs)
 
-    result, expected = (jax.jit(function)(params, HIDDEN) for function in (pooled, written_out))
+    result, expected = (
+        jax.jit(function)(params, HIDDEN) for function in (pooled, written_out)
+    )
     assert_allclose(result, expected, atol=1e-5)
-    # Nothing is compared where the last ReLU has shut everything, or where all people are the same.
+    # Nothing is compared where the last ReLU has shut everything, or where all people
+    # are the same.
     assert np.ptp(expected, axis=0).max() > 0.1
     result, expected = (
-        jax.jit(jax.grad(lambda *others, pool=function: (pool(*others) ** 2).sum(), (0, 1)))(
-            params, HIDDEN
-        )
+        jax.jit(
+            jax.grad(lambda *others, pool=function: (pool(*others) ** 2).sum(), (0, 1))
+        )(params, HIDDEN)
         for function in (pooled, written_out)
     )
     jax.tree.map(lambda *pair: assert_allclose(*pair, atol=1e-4), result, expected)
@@ -138,7 +147,9 @@ def test_gradients_where_people_coincide(module, valid):
     def total(params, hidden, observed, alpha):
         return jnp.square(module.apply(params, hidden, observed, valid, alpha)).sum()
 
-    gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))(params, HIDDEN, 0 * OBSERVED, ALPHA)
+    gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))(
+        params, HIDDEN, 0 * OBSERVED, ALPHA
+    )
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
     assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0]))
 

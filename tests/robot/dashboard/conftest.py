@@ -49,7 +49,11 @@ def shown(seconds: float, people: int = 3, start: float = 1.7e9) -> Iterator[Sho
         fake.window.push(*frame)
         status.heard(frame.stamp, 0.01)
         forecast = None
-        fake.dropped = {7: "short", 9: "<script>", **dict.fromkeys(ids.tolist(), "short")}
+        fake.dropped = {
+            7: "short",
+            9: "<script>",
+            **dict.fromkeys(ids.tolist(), "short"),
+        }
         if n >= 28:
             now = np.arange(-7, 9)[:, None] * 0.4 + n / 10
             path = origin + speed * now
@@ -92,7 +96,10 @@ def page(browser):
     page = context.new_page()
     wrong: list[str] = []
     page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on("console", lambda line: wrong.append(line.text) if line.type == "error" else None)
+    page.on(
+        "console",
+        lambda line: wrong.append(line.text) if line.type == "error" else None,
+    )
     page.set_default_timeout(10_000)
     yield page
     context.close()

@@ -49,9 +49,16 @@ def check(scene, event) -> None:
             ways = [[(point.x, point.y) for point in line.points] for line in lines]
             expected = [*result.samples[:, n], result.samples[result.central, n]]
             assert_allclose(np.array(ways)[:, 1:], expected)
-            assert_allclose(np.array(ways)[:, 0], [forecast.observed[n, -1]] * len(ways))
-            thickness, opacity = zip(*((line.thickness, line.color.a) for line in lines))
-            assert (thickness.index(max(thickness)), opacity.index(max(opacity))) == (5, 5)
+            assert_allclose(
+                np.array(ways)[:, 0], [forecast.observed[n, -1]] * len(ways)
+            )
+            thickness, opacity = zip(
+                *((line.thickness, line.color.a) for line in lines)
+            )
+            assert (thickness.index(max(thickness)), opacity.index(max(opacity))) == (
+                5,
+                5,
+            )
 
 
 def test_an_mcap_holds_scene_numbers_and_events(stream, schema, tmp_path):
@@ -82,16 +89,23 @@ def test_an_mcap_holds_scene_numbers_and_events(stream, schema, tmp_path):
 
 
 def test_a_client_is_told_by_websocket(stream, schema):
-    client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
+    client = pytest.importorskip(
+        "websockets.sync.client", reason="websockets is not installed"
+    )
     view = FoxgloveView(predictor(), 0, frame_id=lambda: "odom")
     *_, last = stream(4)
     with client.connect(view.where, subprotocols=["foxglove.sdk.v1"]) as peer:
         channels, heard = {}, ""
         while len(channels) < 3:
             message = json.loads(peer.recv(timeout=10))
-            channels |= {channel["topic"]: channel for channel in message.get("channels", ())}
+            channels |= {
+                channel["topic"]: channel for channel in message.get("channels", ())
+            }
         scene = channels["/forecasts"]
-        subscription = {"op": "subscribe", "subscriptions": [{"id": 7, "channelId": scene["id"]}]}
+        subscription = {
+            "op": "subscribe",
+            "subscriptions": [{"id": 7, "channelId": scene["id"]}],
+        }
         peer.send(json.dumps(subscription))
         for _ in range(100):
             view.show(*last)

@@ -38,21 +38,41 @@ def test_a_forecast_is_told_whole_once_a_period(moments, stream):
     step = moments_of_stream["step"]
     assert_allclose(np.reshape(step["seen"], (3, 8, 2)), forecast.observed, atol=6e-4)
     for name, result in forecast.models.items():
-        samples = np.reshape(step["models"][name]["samples"], (3, 5, 8, 2)).swapaxes(0, 1) / 100
+        samples = (
+            np.reshape(step["models"][name]["samples"], (3, 5, 8, 2)).swapaxes(0, 1)
+            / 100
+        )
         assert_allclose(samples + forecast.observed[:, -1:], result.samples, atol=6e-3)
         assert step["models"][name]["central"] == result.central
     assert moments_of_stream["now"]["missing"] == {"7": "short", "9": "<script>"}
-    assert (moments_of_stream["now"]["age"], step["score"]) == (now["age"], now["score"])
+    assert (moments_of_stream["now"]["age"], step["score"]) == (
+        now["age"],
+        now["score"],
+    )
     codes, alpha = moments.symbols(forecast.observed)
     assert step["codes"] == [int(codes[pair]) for pair in ((0, 1), (0, 2), (1, 2))]
     assert_allclose(step["alpha"], alpha.ravel(), atol=6e-5)
 
 
-def test_the_first_events_of_all_kinds_come_before_the_second_of_any(moments, stream, monkeypatch):
-    named = [("meets", 0.9), ("meets", 0.8), ("follows", 0.7), ("meets", 0.6), ("follows", 0.6)]
-    events = [LikelyEvent(name, n, n + 1, share, 1.2) for n, (name, share) in enumerate(named)]
-    events.insert(2, LikelyEvent("follows", 1, 0, 0.75, 1.2))  # of a pair that is told already
-    monkeypatch.setattr("neurosym_robot.dashboard.moments.likely_events", lambda *how: events)
+def test_the_first_events_of_all_kinds_come_before_the_second_of_any(
+    moments, stream, monkeypatch
+):
+    named = [
+        ("meets", 0.9),
+        ("meets", 0.8),
+        ("follows", 0.7),
+        ("meets", 0.6),
+        ("follows", 0.6),
+    ]
+    events = [
+        LikelyEvent(name, n, n + 1, share, 1.2) for n, (name, share) in enumerate(named)
+    ]
+    events.insert(
+        2, LikelyEvent("follows", 1, 0, 0.75, 1.2)
+    )  # of a pair that is told already
+    monkeypatch.setattr(
+        "neurosym_robot.dashboard.moments.likely_events", lambda *how: events
+    )
     step = next(
         step
         for event in stream(4, people=7)
@@ -129,4 +149,6 @@ def test_walls_floor_and_the_unknown(room):
     # As map_server reads it, 205 is (255 - 205) / 255 = 0.196 and so just not free.
     assert_array_equal(opacity(floor), [[255, UNKNOWN, 0], [0, UNKNOWN, 255]])
     room.write_text(YAML + "negate: 1\noccupied_thresh: 0.9\nfree_thresh: 0.1\n")
-    assert_array_equal(opacity(read_floor_map(room)), [[0, UNKNOWN, 255], [255, UNKNOWN, 0]])
+    assert_array_equal(
+        opacity(read_floor_map(room)), [[0, UNKNOWN, 255], [255, UNKNOWN, 0]]
+    )

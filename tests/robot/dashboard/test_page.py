@@ -62,12 +62,16 @@ def seconds(page) -> float:
 def press(page, key: str) -> None:
     """Press a key, and wait for the next frame of the screen but one."""
     page.keyboard.press(key)
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    page.evaluate(
+        "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )
 
 
 def test_live(page, live, stream):
     page.goto(live.where)
-    page.wait_for_function("() => scene.ariaLabel.startsWith('3 people seen, 3 forecast')")
+    page.wait_for_function(
+        "() => scene.ariaLabel.startsWith('3 people seen, 3 forecast')"
+    )
     assert page.locator("#status").inner_text() == "live"
     before, clock = places(page), seconds(page)
     assert re.match(r"3 people seen, 3 forecast. 9007199254740992 at ", before)
@@ -87,16 +91,23 @@ def test_live(page, live, stream):
     events = list(stream(clock + 0.2))
     now = events[round(10 * clock)][1]
     assert f"{now['age']:.1f} ms" in page.locator("#tiles").inner_text()
-    scores = [event[1]["score"] for event in events[: round(10 * clock) + 1 : 4]][-1]["models"]
+    scores = [event[1]["score"] for event in events[: round(10 * clock) + 1 : 4]][-1][
+        "models"
+    ]
     for name in ("SGAN", "NeuroSyM"):
-        assert page.locator(ADE.format(name)).inner_text() == f"{scores[name]['published_ade']:.2f}"
+        assert (
+            page.locator(ADE.format(name)).inner_text()
+            == f"{scores[name]['published_ade']:.2f}"
+        )
     # Back in time, forth, and to what is live again.
     press(page, "Shift+ArrowLeft")
     assert seconds(page) == pytest.approx(clock - 4, abs=0.4)
     press(page, "ArrowRight")
     assert seconds(page) == pytest.approx(clock - 3.6, abs=0.4)
     page.get_by_role("button", name="Live").click()
-    page.wait_for_function("() => document.getElementById('status').innerText === 'live'")
+    page.wait_for_function(
+        "() => document.getElementById('status').innerText === 'live'"
+    )
     page.wait_for_function("() => clock.innerText.length > 0")
 
 
@@ -117,7 +128,9 @@ def test_a_dead_stream_is_never_called_live(page, dashboard, stream):
     page.add_init_script(STATES)
     page.goto(dashboard.where)
     page.get_by_text(re.compile(r"^stale for 6\d s")).wait_for()
-    page.get_by_text(re.compile(r"The newest people are 6\d s old: this is not now")).wait_for()
+    page.get_by_text(
+        re.compile(r"The newest people are 6\d s old: this is not now")
+    ).wait_for()
     tiles = page.locator("#tiles").inner_text()
     assert int(re.search(r"age\n(\d+) ms", tiles)[1]) >= 65_000
     assert "input\n0.0 Hz" in tiles
@@ -128,7 +141,9 @@ def test_a_dead_stream_is_never_called_live(page, dashboard, stream):
     assert not any(state.startswith("live") for state in states)
 
 
-def test_a_slow_stream_is_live_and_its_age_and_rate_are_those_of_now(page, dashboard, stream):
+def test_a_slow_stream_is_live_and_its_age_and_rate_are_those_of_now(
+    page, dashboard, stream
+):
     *events, (event, now) = stream(4)
     for row in events:
         dashboard.show(*row)
@@ -136,7 +151,9 @@ def test_a_slow_stream_is_live_and_its_age_and_rate_are_those_of_now(page, dashb
     page.get_by_text("live", exact=True).first.wait_for()
     page.get_by_text(re.compile(r"^stale for \d+ s")).wait_for()  # Nothing more comes.
     dashboard.show(event, {**now, "lag": 1.2, "rate": 0.5})
-    page.wait_for_function("() => document.getElementById('status').innerText === 'live'")
+    page.wait_for_function(
+        "() => document.getElementById('status').innerText === 'live'"
+    )
     assert "input\n0.5 Hz" in page.locator("#tiles").inner_text()
     later = event._replace(frame=event.frame._replace(stamp=event.frame.stamp + 0.1))
     dashboard.show(later, {**now, "lag": 30.0})  # New, but of half a minute ago.
@@ -181,7 +198,8 @@ def test_who_has_no_forecast_and_why(page, play, stream):
 def test_who_comes_near_the_robot(page, play, stream):
     events = list(stream(6.1))
     forecast = events[-1][0].forecast
-    # The robot follows the first person's most probable path a metre beside it, at its speed.
+    # The robot follows the first person's most probable path a metre beside it, at its
+    # speed.
     path = forecast.observed[0]
     speed = (path[-1] - path[-2]) / 0.4
     aside = np.array([-speed[1], speed[0]]) / np.hypot(*speed)
@@ -219,14 +237,17 @@ def test_the_pair_and_what_is_likely(page, moments, play, stream):
     code = int(moments.symbols(forecast.observed)[0][0, 2])
     expected = ["−0+"[code // place % 3] for place in (27, 9, 3, 1)]
     assert symbols() == expected
-    assert "counts 0.067 for k" in page.locator("#alpha").inner_text()  # One of 15 neighbours.
+    assert (
+        "counts 0.067 for k" in page.locator("#alpha").inner_text()
+    )  # One of 15 neighbours.
     page.locator("#l").select_option(person)
     page.locator("#k").select_option(other)
     assert symbols() == [expected[n] for n in (1, 0, 3, 2)]  # the converse
     probable = likely_events(forecast, "NeuroSyM", 0.4)
     line = page.locator("#likely li").first.inner_text()
     assert any(
-        re.sub(r"\W+", "", e.words(forecast.ids)) == re.sub(r"\W+", "", line) for e in probable
+        re.sub(r"\W+", "", e.words(forecast.ids)) == re.sub(r"\W+", "", line)
+        for e in probable
     )
 
 
@@ -242,7 +263,9 @@ def test_by_keyboard_and_on_a_phone(page, play, stream):
     page.locator("#fit").focus()
     reached = set()
     for _ in range(20):
-        reached.add(page.evaluate("document.activeElement.id || document.activeElement.type"))
+        reached.add(
+            page.evaluate("document.activeElement.id || document.activeElement.type")
+        )
         press(page, "Tab")
     assert {"theme", "checkbox", "play", "timeline"} <= reached
     page.set_viewport_size({"width": 390, "height": 844})

@@ -31,7 +31,9 @@ def get(dashboard, path="/", method="GET", source="127.0.0.1", **headers):
 
 def say(dashboard, data: bytes) -> bytes:
     """What comes back for these bytes, until the server closes or a second passes."""
-    with socket.create_connection(("127.0.0.1", port_of(dashboard)), timeout=1) as client:
+    with socket.create_connection(
+        ("127.0.0.1", port_of(dashboard)), timeout=1
+    ) as client:
         heard = b""
         with contextlib.suppress(OSError):
             client.sendall(data)
@@ -56,7 +58,14 @@ def test_nothing_but_the_page_and_the_stream(dashboard):
     assert headers["Content-Type"].startswith("text/html")
     assert page.startswith(b"<!doctype html>")
     assert b"://" not in page  # It asks nobody for anything.
-    for path in ("/page.js", "/favicon.ico", "/../etc/passwd", "/events/", "/%2e%2e/", "*"):
+    for path in (
+        "/page.js",
+        "/favicon.ico",
+        "/../etc/passwd",
+        "/events/",
+        "/%2e%2e/",
+        "*",
+    ):
         assert get(dashboard, path)[0] == 404
     for method in ("POST", "DELETE", "HEAD"):
         assert get(dashboard, method=method)[0] == 501
@@ -71,9 +80,22 @@ def test_what_is_refused_leaves_no_thread_behind(dashboard):
 
 
 def test_names_that_are_not_ours_are_refused(dashboard):
-    names = {"localhost:80": 200, "127.0.0.1": 200, "[::1]:9": 200, "192.168.0.7:1": 200}
-    names |= {f"{socket.gethostname().upper()}.local": 200, "evil.example": 403, "": 403}
-    names |= {"127.0.0.1.evil.example:8765": 403, "localhost.evil.example": 403, "[": 403}
+    names = {
+        "localhost:80": 200,
+        "127.0.0.1": 200,
+        "[::1]:9": 200,
+        "192.168.0.7:1": 200,
+    }
+    names |= {
+        f"{socket.gethostname().upper()}.local": 200,
+        "evil.example": 403,
+        "": 403,
+    }
+    names |= {
+        "127.0.0.1.evil.example:8765": 403,
+        "localhost.evil.example": 403,
+        "[": 403,
+    }
     for name, status in names.items():
         assert get(dashboard, Host=name)[0] == status, name
     assert b" 403 " in say(dashboard, b"GET /events HTTP/1.0\r\n\r\n")
@@ -100,7 +122,9 @@ def test_the_stream_is_what_was_shown(dashboard, moments, stream):
     assert len(read_events(dashboard, f"{rows[9]['id'].strip()}x")) == len(rows) + 1
 
 
-def test_slow_and_vanished_readers_delay_nobody(dashboard, moments, stream, monkeypatch):
+def test_slow_and_vanished_readers_delay_nobody(
+    dashboard, moments, stream, monkeypatch
+):
     monkeypatch.setattr(server, "PATIENCE", 0.5)
     monkeypatch.setattr(server._Handler, "timeout", 0.5)
     monkeypatch.setattr(server, "HEARTBEAT", 0.1)
@@ -130,10 +154,16 @@ def test_slow_and_vanished_readers_delay_nobody(dashboard, moments, stream, monk
 def test_what_is_no_http_is_survived(dashboard, capfd):
     rng = random.Random(0)
     good = b"GET /events HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: a-1\r\n\r\n"
-    odd = [b"", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"\x16\x03\x01\x02\x00\x01" + bytes(64)]
+    odd = [
+        b"",
+        b"GET\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"\x16\x03\x01\x02\x00\x01" + bytes(64),
+    ]
     odd += [b"GET /" + b"a" * 70_000 + b" HTTP/1.1\r\n\r\n"]
     odd += [
-        b"GET / HTTP/1.1\r\n" + row + b"\r\n" for row in (b"X: y\r\n" * 200, b"Host: [[[::]\r\n")
+        b"GET / HTTP/1.1\r\n" + row + b"\r\n"
+        for row in (b"X: y\r\n" * 200, b"Host: [[[::]\r\n")
     ]
     for _ in range(60):
         data = bytearray(good)
@@ -143,7 +173,12 @@ def test_what_is_no_http_is_survived(dashboard, capfd):
     dashboard._server.stream.end()  # So that a stream that is asked for comes to its end.
     for data in odd:
         heard = say(dashboard, data)
-        assert not heard or heard[:5] == b"HTTP/" or b"doctype" in heard or heard[:1].isdigit()
+        assert (
+            not heard
+            or heard[:5] == b"HTTP/"
+            or b"doctype" in heard
+            or heard[:1].isdigit()
+        )
     assert get(dashboard)[0] == 200
     output = capfd.readouterr()
     assert "Traceback" not in output.out + output.err

@@ -1,8 +1,8 @@
 """A robot that drives and turns among people, what it says on ROS's topics, and the truth.
 
-Positions are formulas of time, so that the truth at any stamp is known. People are seen in the
-frame of a laser on the robot, unless somebody hides them; /tf comes late, unevenly, and after the
-clock was set back.
+Positions are formulas of time, so that the truth at any stamp is known. People are seen
+in the frame of a laser on the robot, unless somebody hides them; /tf comes late,
+unevenly, and after the clock was set back.
 """
 
 import dataclasses
@@ -11,7 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_robot.ros.definitions import TF_TOPICS, TRANSFORMS, blank, shared_typestore
+from neurosym_robot.ros.definitions import (
+    TF_TOPICS,
+    TRANSFORMS,
+    blank,
+    shared_typestore,
+)
 from neurosym_robot.ros.messages import filled, make_people
 from neurosym_robot.tracking.following import Frame
 
@@ -55,7 +60,9 @@ def odometry(t: float) -> tuple[float, float, float]:
 def people(t: float) -> np.ndarray:
     """[5, 2] metres in `map`: two who stand, and three who walk."""
     walk = 1.2 * (t - 6)
-    return np.array([[3, 4], [-2, 6], [walk, 3.0], [2.0, walk], [-walk, 8 + 0.5 * np.sin(t)]])
+    return np.array(
+        [[3, 4], [-2, 6], [walk, 3.0], [2.0, walk], [-walk, 8 + 0.5 * np.sin(t)]]
+    )
 
 
 @dataclasses.dataclass
@@ -77,7 +84,9 @@ class Drive:
         sent = [(0.0, TF_TOPICS[1], tf(0.0, "base", "laser", *LASER))]
         for k in range(int(50 * SECONDS)):
             t = k / 50
-            base = tf(self.clock(t), "odom", "base", *_compose(_invert(odometry(t)), pose(t)))
+            base = tf(
+                self.clock(t), "odom", "base", *_compose(_invert(odometry(t)), pose(t))
+            )
             sent.append((self._delay(rng, t), TF_TOPICS[0], base))
             if k % 3 == 0:
                 odom = tf(self.clock(t), "map", "odom", *odometry(t))
@@ -101,7 +110,9 @@ class Drive:
     def _seen(self, t: float) -> Frame:
         """The people in the laser's frame whom no other person hides."""
         laser = _compose(pose(t), LASER)
-        local = np.array([_compose(_invert(laser), (*place, 0.0))[:2] for place in people(t)])
+        local = np.array(
+            [_compose(_invert(laser), (*place, 0.0))[:2] for place in people(t)]
+        )
         far, angle = np.hypot(*local.T), np.arctan2(*local.T[::-1])
         turn = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle))))
         hidden = ((turn < 0.3 / far) & (far < far[:, None] - 0.5)).any(axis=1)
@@ -110,14 +121,20 @@ class Drive:
 
     def truth(self, at: float, ids: np.ndarray) -> np.ndarray:
         """[N, 2] metres at a stamp of people, who have other ids after the clock was set back."""
-        places = [people(at - START + self.back * (id >= 10))[id % 10] for id in ids.tolist()]
+        places = [
+            people(at - START + self.back * (id >= 10))[id % 10] for id in ids.tolist()
+        ]
         return np.array(places).reshape(-1, 2)
 
 
 def _compose(first, second) -> tuple[float, float, float]:
     x, y, yaw = first
     c, s = np.cos(yaw), np.sin(yaw)
-    return x + c * second[0] - s * second[1], y + s * second[0] + c * second[1], yaw + second[2]
+    return (
+        x + c * second[0] - s * second[1],
+        y + s * second[0] + c * second[1],
+        yaw + second[2],
+    )
 
 
 def _invert(place) -> tuple[float, float, float]:

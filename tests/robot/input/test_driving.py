@@ -50,7 +50,11 @@ def test_people_are_within_2_cm_of_the_truth(drive):
     source = PeopleSource("map", report=lambda text: None)
     frames = stream(drive, source)
     assert worst(drive, frames) < NEAR
-    lost = {name: count for name, count in source.refused.items() if name != "clock set back"}
+    lost = {
+        name: count
+        for name, count in source.refused.items()
+        if name != "clock set back"
+    }
     assert len(frames) + sum(lost.values()) >= 10 * SECONDS - 12 - 10 * drive.late
     assert sum(lost.values()) <= 12
 
@@ -64,22 +68,33 @@ def test_a_bag_of_the_drive_says_the_same(ending, tmp_path):
     frames = list(read_people(bag.path, TOPIC, PeopleSource("map", recorded=True)))
     assert len(frames) > 110
     assert worst(drive, frames) < NEAR
-    with pytest.raises(InputError, match=r"in 'laser', which moves against 'odom'.*--fixed-frame"):
+    with pytest.raises(
+        InputError, match=r"in 'laser', which moves against 'odom'.*--fixed-frame"
+    ):
         list(read_people(bag.path, TOPIC))
 
 
-@pytest.mark.parametrize("drive", [Drive(0.0), Drive(0.4), Drive(0.1, back=3.0)], ids=str)
+@pytest.mark.parametrize(
+    "drive", [Drive(0.0), Drive(0.4), Drive(0.1, back=3.0)], ids=str
+)
 def test_who_stands_is_never_forecast_to_walk(drive):
     predictor = Predictor(
-        load_models([Path("neurosym_zara1_8")]), samples=4, max_people=8, compile="needed"
+        load_models([Path("neurosym_zara1_8")]),
+        samples=4,
+        max_people=8,
+        compile="needed",
     )
     source, ends = PeopleSource("map", report=lambda text: None), []
     for frame in stream(drive, source):
         forecast = predictor.push(*frame)
         for id in () if forecast is None else (0, 1, 10, 11):
             for row in np.flatnonzero(forecast.ids == id):
-                way = forecast.models["NeuroSyM"].samples[:, row] - forecast.observed[row, -1]
+                way = (
+                    forecast.models["NeuroSyM"].samples[:, row]
+                    - forecast.observed[row, -1]
+                )
                 ends.append(np.linalg.norm(way[:, -1], axis=-1).max())
     assert len(ends) > 60
-    # A model of people who walk wanders a little; 3.2 s of walking are more than two metres.
+    # A model of people who walk wanders a little; 3.2 s of walking are more than two
+    # metres.
     assert max(ends) < 0.5

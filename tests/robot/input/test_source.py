@@ -43,8 +43,14 @@ def notices() -> list[str]:
 @pytest.mark.parametrize(
     ("frames", "line"),
     [
-        (10 * ["/map", "odom"], "coordinates in 'odom' are left out, the stream's are in 'map'"),
-        (5 * [""] + 5 * ["map"], "coordinates in 'map' are left out, the stream's are in ''"),
+        (
+            10 * ["/map", "odom"],
+            "coordinates in 'odom' are left out, the stream's are in 'map'",
+        ),
+        (
+            5 * [""] + 5 * ["map"],
+            "coordinates in 'map' are left out, the stream's are in ''",
+        ),
     ],
 )
 def test_another_frame_is_left_out_and_said_once(frames, line, notices):
@@ -58,7 +64,13 @@ def test_another_frame_is_left_out_and_said_once(frames, line, notices):
 
 def test_a_second_publisher_waits_until_the_first_is_silent(notices):
     source = PeopleSource(report=notices.append)
-    turns = ((0.0, "/a", 1), (0.1, "/b", 0), (0.2, "/a", 1), (2.0, "/b", 0), (2.3, "/b", 1))
+    turns = (
+        (0.0, "/a", 1),
+        (0.1, "/b", 0),
+        (0.2, "/a", 1),
+        (2.0, "/b", 0),
+        (2.3, "/b", 1),
+    )
     for at, publisher, count in (*turns, (2.4, "/a", 0)):
         assert len(source.take(PEOPLE, people(1 + at), publisher, at)) == count
     assert source.refused == {"other publisher": 3}
@@ -66,7 +78,9 @@ def test_a_second_publisher_waits_until_the_first_is_silent(notices):
     assert "now, not from" in notices[1]
 
 
-def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_them(notices):
+def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_them(
+    notices,
+):
     source = PeopleSource("map", report=notices.append)
     source.transforms.hear(transform(0.0, "base", "camera", 0.5), static=True)
     source.transforms.hear(transform(10.0, "map", "base", 0.0))
@@ -90,7 +104,10 @@ def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_th
     assert not source.waiting
     assert source.refused == {"no transform": 1}
     (line,) = notices
-    assert "cannot be taken to 'map': where base lies is known from 10.00 to 10.40 s, not" in line
+    assert (
+        "cannot be taken to 'map': where base lies is known from 10.00 to 10.40 s, not"
+        in line
+    )
     late = PeopleSource("map", report=notices.append)
     late.transforms.hear(transform(10.0, "map", "camera", 0.0))
     assert late.take(PEOPLE, people(9.0, "camera")) == []
@@ -101,7 +118,12 @@ def test_lost_and_distant_people_are_left_out_in_the_sensors_frame(notices):
     """(-3000, -3000) is no place in the map, whatever the transform makes of it."""
     source = PeopleSource("map", report=notices.append)
     source.transforms.hear(transform(0.0, "map", "camera", 2.0), static=True)
-    for at, x, count in ((1.0, 1.0, 1), (1.1, -3000.0, 0), (1.2, 61.0, 0), (1.3, np.nan, 1)):
+    for at, x, count in (
+        (1.0, 1.0, 1),
+        (1.1, -3000.0, 0),
+        (1.2, 61.0, 0),
+        (1.3, np.nan, 1),
+    ):
         (frame,) = source.take(PEOPLE, people(at, "camera", x))
         assert len(frame.ids) == len(frame.xy) == count
     assert source.refused == {"far people": 2}
@@ -146,20 +168,30 @@ def test_every_kind_says_who_is_where():
     for kind, form in KINDS.items():
         if kind == HRI:
             continue
-        message = Fields(header=header, **{form.people: [entries[kind.split("/")[2]]]}, uuids=["4"])
+        message = Fields(
+            header=header, **{form.people: [entries[kind.split("/")[2]]]}, uuids=["4"]
+        )
         seen = see(kind, message)
-        assert (seen.stamp, seen.frame_id, seen.xyz.tolist()) == (5.5, "odom", [[1, 2, 3]])
+        assert (seen.stamp, seen.frame_id, seen.xyz.tolist()) == (
+            5.5,
+            "odom",
+            [[1, 2, 3]],
+        )
         assert seen.ids.tolist() == [UNNAMED if kind == POSES else 4]
         assert seen.occluded.tolist() == ["TrackedPersons" in kind]
 
 
 def test_people_of_any_message_by_paths(notices):
     entry = Fields(where=[Fields(), Fields(p=point(1, 2))], who=Fields(number=9))
-    message = Fields(header=Fields(stamp=stamp(1.0), frame_id="map"), crowd=Fields(all=[entry]))
+    message = Fields(
+        header=Fields(stamp=stamp(1.0), frame_id="map"), crowd=Fields(all=[entry])
+    )
     for path, expected in (("who.number", 9), ("", UNNAMED)):
         seen = see(Kind("crowd.all", "where.1.p", path), message)
         assert (seen.ids.tolist(), seen.xyz.tolist()) == ([expected], [[1, 2, 0]])
-    source = PeopleSource(report=notices.append, form=Kind("crowd.all", "where.1.p", "name"))
+    source = PeopleSource(
+        report=notices.append, form=Kind("crowd.all", "where.1.p", "name")
+    )
     assert source.take("any/msg/Type", message) == []
     assert source.refused == {"malformed": 1}
     assert "people cannot be read: people have no name" in notices[0]
@@ -169,11 +201,15 @@ def test_only_entries_of_a_class_are_people():
     header = Fields(stamp=stamp(1.0), frame_id="map")
     labels = ("car", "person", "child", "car")
     entries = [
-        Fields(p=point(n, 2), hypotheses=[Fields(label=label)]) for n, label in enumerate(labels)
+        Fields(p=point(n, 2), hypotheses=[Fields(label=label)])
+        for n, label in enumerate(labels)
     ]
     message = Fields(header=header, all=entries, ids=[10, 11, 12, 13])
     form = Kind("all", "p", "ids")
-    for only, ids in (("", [10, 11, 12, 13]), ("hypotheses.0.label=person,child", [11, 12])):
+    for only, ids in (
+        ("", [10, 11, 12, 13]),
+        ("hypotheses.0.label=person,child", [11, 12]),
+    ):
         source = PeopleSource(report=(notices := []).append, form=form, only=only)
         (frame,) = source.take("any/msg/Type", message)
         assert frame.ids.tolist() == ids
@@ -223,14 +259,20 @@ def test_messages_of_one_moment_are_joined(separate, recorded):
     for n in range(20):
         for m in range(3):
             at = n / 10 + m * separate
-            frames += source.take(PEOPLE, people(at, x=3.0 * m, names=str(m)), received=at)
+            frames += source.take(
+                PEOPLE, people(at, x=3.0 * m, names=str(m)), received=at
+            )
         frames += source.release(n / 10 + 0.09) if not recorded else []
     frames += source.release(np.inf)
     assert [frame.ids.tolist() for frame in frames[-19:]] == 19 * [[0, 1, 2]]
     assert len(frames) == 20 if recorded else 20 <= len(frames) <= 22
     # A person who is there again is of another moment, however close.
     close = PeopleSource(recorded=True)
-    frames = [f for n in range(50) for f in close.take(PEOPLE, people(n / 200), received=n / 200)]
+    frames = [
+        f
+        for n in range(50)
+        for f in close.take(PEOPLE, people(n / 200), received=n / 200)
+    ]
     assert len(frames) == 49
 
 
@@ -275,7 +317,9 @@ def test_frames_that_would_be_misread_are_refused_with_the_option(
     count, named, error = 0, 0, ""
     for n in range(20):
         at = 1 + n / 10
-        move = transform(at, "map" if frame == "odom" else "odom", frame, step * n, yaw=turn * n)
+        move = transform(
+            at, "map" if frame == "odom" else "odom", frame, step * n, yaw=turn * n
+        )
         if frame == "tilted":
             move.transforms[0].transform.rotation = Fields(x=0.5, y=-0.5, z=0.5, w=-0.5)
         for source in (live, recorded, meant):

@@ -34,13 +34,20 @@ MEMORY = Path("/proc/self/statm")
 def test_frame_by_frame_equals_batches_of_windows(model):
     tracks = simulate("cross-path", 3, 12.0, people=5)
     models = {"sgan": model(), "neurosym": model("as_described", "ped")}
-    options = {"samples": 3, "seed": 7, "recording": tracks.recording, "compile": "needed"}
+    options = {
+        "samples": 3,
+        "seed": 7,
+        "recording": tracks.recording,
+        "compile": "needed",
+    }
     predictor = Predictor(models, max_people=8, **options)
     pushed = [predictor.push(*frame) for frame in frames_of_tracks(tracks)]
     forecasts = [forecast for forecast in pushed if forecast is not None]
     assert len(forecasts) == len(np.unique(tracks.stamp)) - 12  # One with every frame.
     windows = cut_windows([resample(tracks, 0.4)], 4, 3)
-    for (name, forecast), batch in itertools.product(models.items(), make_batches(windows)):
+    for (name, forecast), batch in itertools.product(
+        models.items(), make_batches(windows)
+    ):
         forecaster, scene = forecast.forecaster, batch.scene
         noise = draw_noise(forecaster.noise, 7, np.asarray(scene.identity), 3, 8)
         futures, _ = forecast_batch(forecaster, forecast.params, scene, noise)
@@ -63,13 +70,20 @@ def test_equals_predict_with_people_coming_and_going(model):
     sizes = set()
     for n in range(60):
         present = np.flatnonzero(rng.random(3) < 0.9) if n > 30 else np.array([1])
-        forecast = predictor.push(n / 10, present, np.stack([present + n / 20, present * 0.5], 1))
+        forecast = predictor.push(
+            n / 10, present, np.stack([present + n / 20, present * 0.5], 1)
+        )
         if forecast is None:
             continue
         sizes.add(len(forecast.ids))
         (result,) = forecast.models.values()
         expected = predict(
-            model(), forecast.observed, samples=6, seed=3, recording="r", frame=forecast.index - 3
+            model(),
+            forecast.observed,
+            samples=6,
+            seed=3,
+            recording="r",
+            frame=forecast.index - 3,
         )
         assert_allclose(result.samples, expected, atol=1e-5)
         assert_allclose(result.mean, expected.mean(axis=0), atol=1e-5)
@@ -80,10 +94,15 @@ def test_equals_predict_with_people_coming_and_going(model):
     assert {1, 2, 3} <= sizes
 
 
-@pytest.mark.parametrize(("x", "nearest"), [(2.0, [2, 2, 2, 1, 1]), (-9.0, [1, 1, 1, 1, 2])])
+@pytest.mark.parametrize(
+    ("x", "nearest"), [(2.0, [2, 2, 2, 1, 1]), (-9.0, [1, 1, 1, 1, 2])]
+)
 def test_the_nearest_now_are_forecast_and_those_nearest_to_the_robot(model, x, nearest):
     """2 comes from afar and passes 1, who stands."""
-    frames = [Frame(n * 0.4, np.array([1, 2]), np.array([[0.0, 0], [6 - n, 1]])) for n in range(8)]
+    frames = [
+        Frame(n * 0.4, np.array([1, 2]), np.array([[0.0, 0], [6 - n, 1]]))
+        for n in range(8)
+    ]
     options = {"samples": 2, "max_people": 1, "compile": "needed"}
     one, other = (Predictor(model(), **options) for _ in range(2))
     robot = np.array([x, 0.0, 0.0])
@@ -138,7 +157,9 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
                 (hold if size == 4 else go).wait(20)
 
     gc.unfreeze()
-    predictor = Predictor(model(), samples=2, max_people=12, compile="meanwhile", report=report)
+    predictor = Predictor(
+        model(), samples=2, max_people=12, compile="meanwhile", report=report
+    )
     ids = np.arange(10)
 
     def push(n: int):
@@ -176,8 +197,12 @@ def test_names_of_models_side_by_side():
 
 def test_steps_are_the_models_own(model):
     network = model()
-    other = dataclasses.replace(network, config=dataclasses.replace(network.config, period=0.2))
-    assert Predictor(other, max_people=1, samples=1, compile="needed").window.period == 0.2
+    other = dataclasses.replace(
+        network, config=dataclasses.replace(network.config, period=0.2)
+    )
+    assert (
+        Predictor(other, max_people=1, samples=1, compile="needed").window.period == 0.2
+    )
     with pytest.raises(InputError, match=r"steps of one length, not \[0\.2, 0\.4\] s"):
         Predictor({"one": network, "other": other})
 
@@ -193,7 +218,8 @@ def resident() -> int:
 @pytest.mark.parametrize("minutes", [2, pytest.param(60, marks=pytest.mark.exhaustive)])
 def test_people_come_and_go_for_long(model, minutes):
     rng, frames = np.random.default_rng(0), 60 * RATE * minutes
-    # Two never leave; the others stay a minute at most, and somebody else comes to their place.
+    # Two never leave; the others stay a minute at most, and somebody else comes to
+    # their place.
     stay = np.append([frames, frames], rng.integers(30, 600, PEOPLE - 2))
     absent = rng.integers(25, 300, PEOPLE) * (stay < frames)
     place, step = rng.uniform(0, 20, (PEOPLE, 2)), rng.normal(0, 5e-3, (PEOPLE, 2))
@@ -206,13 +232,20 @@ def test_people_come_and_go_for_long(model, minutes):
         ids = np.arange(PEOPLE) + PEOPLE * visit
         # It begins at a clock that counts from 1970, with frames that tremble by 2 ms.
         stamp = 1.7e9 + frame / RATE + (2e-3 * np.sin(frame) if frame % 4 else 0.0)
-        forecast = predictor.push(stamp, ids[present], (place + step * since[:, None])[present])
+        forecast = predictor.push(
+            stamp, ids[present], (place + step * since[:, None])[present]
+        )
         analytics.add(forecast)
         if forecast is not None:
             count += 1
-            # Whose window begins within the trembling of its first frame may have it or not.
-            observed_whole, sure = (present & (since >= 4 * (OBS - 1) + n) for n in (0, 1))
-            assert set(ids[sure]) <= set(forecast.ids.tolist()) <= set(ids[observed_whole])
+            # Whose window begins within the trembling of its first frame may have it or
+            # not.
+            observed_whole, sure = (
+                present & (since >= 4 * (OBS - 1) + n) for n in (0, 1)
+            )
+            assert (
+                set(ids[sure]) <= set(forecast.ids.tolist()) <= set(ids[observed_whole])
+            )
         if frame % (frames // 6) == frames // 12:
             memory.append(resident())
     assert count >= frames - 4 * (OBS - 1) - 1  # With every frame.

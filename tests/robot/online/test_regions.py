@@ -12,8 +12,8 @@ PERIOD, STEPS, DRAWS = 0.4, 6, 20
 def shares_held(spread: float, growth: float = 1.0, people: int = 5, frames: int = 100):
     """[F * people, L] share of its steps at which a forecast for a person holds what happened.
 
-    People walk at 1.2 m/s with errors of 10 cm a step; forecasts are for `spread` times these
-    errors, and for people whose clock runs `growth` times too fast.
+    People walk at 1.2 m/s with errors of 10 cm a step; forecasts are for `spread` times
+    these errors, and for people whose clock runs `growth` times too fast.
     """
     rng = np.random.default_rng(1)
     step = rng.normal(0, 0.1, (people, frames, 2)) + np.array([0.48 * growth, 0])
@@ -32,16 +32,28 @@ def shares_held(spread: float, growth: float = 1.0, people: int = 5, frames: int
     for frame in range(frames - STEPS):
         center, scale = issued[frame]
         truth = path[:, frame + 1 : frame + STEPS + 1]
-        factors = np.stack([center.factors(n, truth[:, n]) for n in range(STEPS)], axis=-1)
+        factors = np.stack(
+            [center.factors(n, truth[:, n]) for n in range(STEPS)], axis=-1
+        )
         held.append((factors <= scale[:, None]).mean(axis=-1).T)
     return np.concatenate(held), regions
 
 
-@pytest.mark.parametrize(("spread", "growth"), [(1.0, 1.0), (0.3, 1.0), (3.0, 1.0), (1.0, 1.5)])
+@pytest.mark.parametrize(
+    ("spread", "growth"), [(1.0, 1.0), (0.3, 1.0), (3.0, 1.0), (1.0, 1.5)]
+)
 def test_regions_hold_their_level_whatever_the_place(spread, growth):
     held, regions = shares_held(spread, growth)
     total = np.concatenate([np.zeros((1, len(LEVELS))), held.cumsum(axis=0)])
-    means = (total[200:] - total[:-200])[100:] / 200  # [.., L] of any 200 after the first 100
-    assert ((means[:, 1] > 0.85) & (means[:, 1] < 0.95)).all(), (means.min(0), means.max(0))
-    assert ((means[:, 0] > 0.4) & (means[:, 0] < 0.6)).all(), (means.min(0), means.max(0))
+    means = (total[200:] - total[:-200])[
+        100:
+    ] / 200  # [.., L] of any 200 after the first 100
+    assert ((means[:, 1] > 0.85) & (means[:, 1] < 0.95)).all(), (
+        means.min(0),
+        means.max(0),
+    )
+    assert ((means[:, 0] > 0.4) & (means[:, 0] < 0.6)).all(), (
+        means.min(0),
+        means.max(0),
+    )
     assert regions.coverage()[0.9] == pytest.approx(held[:, 1].mean(), abs=0.02)

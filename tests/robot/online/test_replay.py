@@ -42,7 +42,9 @@ TOPICS = {"NeuroSyM": "neurosym", "SGAN": "baseline"}
 
 def run(**options) -> None:
     options["recording"] = (options["recording"],)
-    command.run(command.Options(**{"model": MODELS, "samples": 3, "max_people": 4, **options}))
+    command.run(
+        command.Options(**{"model": MODELS, "samples": 3, "max_people": 4, **options})
+    )
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +53,11 @@ def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("bags")
     recording = write_people(folder / "run.db3", walkers(14.0, faults=FAULTS))
     with contextlib.redirect_stdout(io.StringIO()) as output:
-        run(recording=recording, out=folder / "forecasts.mcap", html=folder / "page.html")
+        run(
+            recording=recording,
+            out=folder / "forecasts.mcap",
+            html=folder / "page.html",
+        )
     (folder / "said.txt").write_text(output.getvalue())
     return folder
 
@@ -73,7 +79,9 @@ def futures_of(samples) -> np.ndarray:
 
 def test_the_whole_way_and_back(folder, replayed):
     output = (folder / "said.txt").read_text()
-    assert all(word in output for word in ("141 frames", "p99", "joint", "future unknown"))
+    assert all(
+        word in output for word in ("141 frames", "p99", "joint", "future unknown")
+    )
     page = (folder / "page.html").read_text()
     rows = [json.loads(line) for line in page.splitlines() if line[:2] == '{"']
     assert rows[0]["models"] == ["SGAN", "NeuroSyM"]
@@ -88,7 +96,9 @@ def test_the_whole_way_and_back(folder, replayed):
         ends = ("", "/samples", "/events")
         heard = [replayed[f"/hri/human_poses_prediction_{topic}{end}"] for end in ends]
         assert len({len(messages) for messages in heard}) == 1
-        assert len(heard[0]) > 3.5 * len(steps)  # One with every frame, on the page one a period.
+        assert len(heard[0]) > 3.5 * len(
+            steps
+        )  # One with every frame, on the page one a period.
         at = {
             round(seconds_of(messages[0].header.stamp) - 1.7e9, 3): messages
             for messages in zip(*heard)
@@ -96,8 +106,13 @@ def test_the_whole_way_and_back(folder, replayed):
         for step in steps:
             trajectories, samples, events = at[step["t"]]
             model, futures = step["models"][name], futures_of(samples)
-            drawn = np.reshape(model["samples"], (-1, 3, samples.steps, 2)).swapaxes(0, 1) / 100
-            assert_allclose(futures - samples.position.reshape(-1, 1, 2), drawn, atol=6e-3)
+            drawn = (
+                np.reshape(model["samples"], (-1, 3, samples.steps, 2)).swapaxes(0, 1)
+                / 100
+            )
+            assert_allclose(
+                futures - samples.position.reshape(-1, 1, 2), drawn, atol=6e-3
+            )
             assert trajectories.header.frame_id == "odom"
             path = [see(HUMANS, messages) for messages in trajectories.trajs]
             assert [str(id) for id in path[8].ids] == step["ids"]
@@ -106,12 +121,15 @@ def test_the_whole_way_and_back(folder, replayed):
             if name == "NeuroSyM":
                 ids = [int(id) for id in step["ids"]]
                 rows = {
-                    (e.name, e.k, e.l): (e.probability, e.seconds, e.words) for e in events.events
+                    (e.name, e.k, e.l): (e.probability, e.seconds, e.words)
+                    for e in events.events
                 }
                 for kind, k, other, *numbers in step["likely"]:
                     *expected, words = rows[kind, ids[k], ids[other]]
                     assert_allclose(numbers, expected, atol=6e-4)
-                    assert words.endswith(f": {100 * expected[0]:.0f} %, in {expected[1]:.1f} s")
+                    assert words.endswith(
+                        f": {100 * expected[0]:.0f} %, in {expected[1]:.1f} s"
+                    )
 
 
 def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, capsys):
@@ -127,7 +145,10 @@ def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, ca
     assert 3 <= len(after) <= 4 < len(before)
     samples = (message for topic, message in read_messages(tmp_path / "mended.bag"))
     forecast = {
-        id for message in samples if hasattr(message, "futures") for id in message.ids.tolist()
+        id
+        for message in samples
+        if hasattr(message, "futures")
+        for id in message.ids.tolist()
     }
     assert forecast == after
     output = capsys.readouterr().out
@@ -139,8 +160,12 @@ def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, ca
         assert "Foxglove can open" in output
         reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
         with options["foxglove"].open("rb") as file:
-            counts = reader.make_reader(file).get_summary().statistics.channel_message_counts
-        assert list(counts.values()).count(141) == 2  # Scenes and numbers, beside events.
+            counts = (
+                reader.make_reader(file).get_summary().statistics.channel_message_counts
+            )
+        assert (
+            list(counts.values()).count(141) == 2
+        )  # Scenes and numbers, beside events.
 
 
 class Slow(View):
@@ -171,7 +196,9 @@ def test_a_slow_view_delays_no_frame_in_real_time_and_has_every_one_otherwise(
         assert rate == "max" or slow.seconds * len(frames) > time.monotonic() - began
         assert (slow.stamps[-1], slow.ends) == (frames[-1], 1)
         assert (slow.stamps == frames) == (rate == "max")
-        words = re.search(r"p99 ([\d.]+) ms, at most ([\d.]+) ms", capsys.readouterr().out)
+        words = re.search(
+            r"p99 ([\d.]+) ms, at most ([\d.]+) ms", capsys.readouterr().out
+        )
         assert words
         assert 0 < float(words[1]) <= float(words[2]) < 4e3
 
@@ -192,13 +219,17 @@ def test_slow_views_do_not_hold_a_node_up(monkeypatch):
 @pytest.mark.parametrize("name", TOPICS)
 def test_the_table_is_the_errors_of_what_is_written(folder, replayed, name):
     topic = f"/hri/human_poses_prediction_{TOPICS[name]}/samples"
-    forecasts = {seconds_of(message.header.stamp): message for message in replayed[topic]}
+    forecasts = {
+        seconds_of(message.header.stamp): message for message in replayed[topic]
+    }
     ade, published, people = 0.0, 0.0, 0
     for truth in replayed[TRUTH_TOPIC]:
         steps = [see(HUMANS, step) for step in truth.trajs[8:]]
         samples = forecasts[seconds_of(truth.header.stamp)]
         rows = [samples.ids.tolist().index(id) for id in steps[0].ids.tolist()]
-        off = futures_of(samples)[:, rows] - np.stack([step.xyz[:, :2] for step in steps], 1)
+        off = futures_of(samples)[:, rows] - np.stack(
+            [step.xyz[:, :2] for step in steps], 1
+        )
         errors = np.linalg.norm(off, axis=-1).mean(axis=-1).sum(axis=1)
         ade, published = ade + errors.min(), published + errors[samples.central]
         people += len(rows)
@@ -225,8 +256,12 @@ def test_the_rate_is_that_of_the_stamps():
         assert [event.frame for event in events] == frames
     # The recording is opened, or without a rate read, in nobody's time.
     for rate, slow in ((2.0, {0}), (math.inf, {0, 3})):
-        read = (time.sleep(0.2 * (n in slow)) or frame for n, frame in enumerate(frames))
-        assert all(-0.01 < event.age < 0.1 for event in replay(read, idle, idle, rate=rate))
+        read = (
+            time.sleep(0.2 * (n in slow)) or frame for n, frame in enumerate(frames)
+        )
+        assert all(
+            -0.01 < event.age < 0.1 for event in replay(read, idle, idle, rate=rate)
+        )
 
 
 @pytest.mark.parametrize(
@@ -242,7 +277,15 @@ def test_the_first_signal_ends_it_and_says_what_is_only_a_part(
 ):
     if signal.getsignal(number) is signal.SIG_IGN:
         pytest.skip("the tests run in the background, where this signal is ignored")
-    command = [sys.executable, "-m", "neurosym_jax", "replay", folder / "run", "--samples", "3"]
+    command = [
+        sys.executable,
+        "-m",
+        "neurosym_jax",
+        "replay",
+        folder / "run",
+        "--samples",
+        "3",
+    ]
     process = subprocess.Popen(
         [*command, "--model", MODELS[0], *options],
         cwd=tmp_path,
@@ -258,7 +301,9 @@ def test_the_first_signal_ends_it_and_says_what_is_only_a_part(
     began = time.monotonic()
     output, _ = process.communicate(timeout=30)
     assert process.returncode == status
-    assert time.monotonic() - began < 2 * (1 + os.getloadavg()[0] / (os.cpu_count() or 1))
+    assert time.monotonic() - began < 2 * (
+        1 + os.getloadavg()[0] / (os.cpu_count() or 1)
+    )
     assert "until the interruption:" in output
     if "--out" in options:
         assert "forecasts are in part, up to the interruption only" in output

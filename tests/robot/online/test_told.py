@@ -29,7 +29,9 @@ class Stream:
         self.path = rng.normal(0, 0.1, (people, length, 2)).cumsum(axis=1)
         self.window = Window(OBS, 0.4, memory=0.4 * PRED + 1.0)
         programs = SimpleNamespace(add=lambda use: None)
-        fake: Any = SimpleNamespace(window=self.window, seconds_ahead=0.4 * PRED, programs=programs)
+        fake: Any = SimpleNamespace(
+            window=self.window, seconds_ahead=0.4 * PRED, programs=programs
+        )
         self.analytics = Analytics(fake)
         self.done: list[Forecast] = []
 
@@ -40,9 +42,13 @@ class Stream:
         forecast = None
         if len(people):
             samples = np.random.default_rng(n).normal(size=(K, len(people), PRED, 2))
-            models = {"a": ModelForecast(samples, samples.mean(axis=0), 0, runtime=0.02)}
+            models = {
+                "a": ModelForecast(samples, samples.mean(axis=0), 0, runtime=0.02)
+            }
             missing = self.window.incomplete(people)
-            forecast = Forecast(self.window.stamp, n, people, observed, models, missing, 1e-3, lost)
+            forecast = Forecast(
+                self.window.stamp, n, people, observed, models, missing, 1e-3, lost
+            )
         self.done += self.analytics.add(forecast)
         return forecast
 
@@ -57,10 +63,16 @@ def test_equals_the_offline_errors_of_one_forecast_a_period():
         truth = stream.path[:, forecast.index + 4 : forecast.index + 4 * PRED + 1 : 4]
         assert_allclose(forecast.future, truth, atol=1e-9)
     summary = stream.analytics.summary()
-    assert summary["forecasts"] == sum(forecast is not None for forecast in forecasts) == 152
+    assert (
+        summary["forecasts"]
+        == sum(forecast is not None for forecast in forecasts)
+        == 152
+    )
     result = summary["models"]["a"]
     assert (result["forecasts"], result["people"]) == (len(scored), 3 * len(scored))
-    alone = [score(forecast.models["a"].samples, forecast.future) for forecast in scored]
+    alone = [
+        score(forecast.models["a"].samples, forecast.future) for forecast in scored
+    ]
     for metric in alone[0]:
         expected = np.mean([scores[metric].mean for scores in alone], axis=0)
         assert result[metric] == pytest.approx(expected, rel=1e-6)
@@ -80,7 +92,9 @@ def test_equals_the_offline_errors_of_one_forecast_a_period():
             off.append(np.linalg.norm(way - forecast.future[:, t], axis=-1))
     result = summary["models"][STRAIGHT]
     assert result["joint_ade"] == pytest.approx(np.mean(off), rel=1e-5)
-    assert stream.analytics.dropped["future unknown"] == 3 * (len(stream.done) - len(scored))
+    assert stream.analytics.dropped["future unknown"] == 3 * (
+        len(stream.done) - len(scored)
+    )
     # Random futures of four samples hold what they should after recalibration.
     assert summary["models"]["a"]["coverage"]["90"] == pytest.approx(0.9, abs=0.1)
     assert summary["models"][STRAIGHT]["coverage"] == {}
@@ -91,7 +105,10 @@ def test_who_is_gone_is_not_scored_and_who_is_lost_for_a_moment_is():
     for n in range(120):
         stream.push(n, [0] + [1] * (not 40 <= n < 46) + [2] * (n < 70))
     stream.done += stream.analytics.finish()
-    people = {n: np.isfinite(item.future).all(axis=(1, 2)) for n, item in enumerate(stream.done)}
+    people = {
+        n: np.isfinite(item.future).all(axis=(1, 2))
+        for n, item in enumerate(stream.done)
+    }
     for n, item in enumerate(stream.done):
         ends = item.index + 4 * PRED
         expected = {0: ends < 120, 1: ends < 120, 2: ends < 70}
@@ -125,7 +142,9 @@ class Clocked:
         self.summary: Any = {"forecasts": 0, "dropped": {}, "models": {}}
         analytics: Any = SimpleNamespace(summary=lambda: self.summary)
         report = self.said.append
-        self.status = Status(self.predictor, analytics, report, 0.0, clock=lambda: self.now)
+        self.status = Status(
+            self.predictor, analytics, report, 0.0, clock=lambda: self.now
+        )
 
     def run(self, seconds: float, late: float) -> None:
         """Ten frames a second, each `late` when it comes."""
@@ -179,7 +198,9 @@ def test_a_constant_offset_is_told_and_not_called_stale(late, way):
     stream = Clocked()
     stream.run(ARRIVALS / 10, late)
     (line,) = stream.said
-    assert f"stamps are {abs(late):.1f} s {way} this computer's clock, constantly" in line
+    assert (
+        f"stamps are {abs(late):.1f} s {way} this computer's clock, constantly" in line
+    )
     assert not stream.status.stale
     assert stream.status.offset == pytest.approx(late)
     assert f"of which {late:.1f} s are a constant offset" in stream.status.line()
@@ -189,7 +210,9 @@ def test_a_constant_offset_is_told_and_not_called_stale(late, way):
 
 def forecast_of(place, velocity, samples=20) -> Forecast:
     """People who go straight on, as the samples say but for 2 cm."""
-    place, velocity = (np.asarray(vector, float)[:, None] for vector in (place, velocity))
+    place, velocity = (
+        np.asarray(vector, float)[:, None] for vector in (place, velocity)
+    )
     steps = 0.4 * np.arange(-7, 9)[:, None]
     way = place + velocity * steps
     noise = np.random.default_rng(0).normal(0, 0.02, (samples, len(place), 8, 2))
@@ -197,7 +220,14 @@ def forecast_of(place, velocity, samples=20) -> Forecast:
     result = ModelForecast(futures, futures.mean(axis=0), 0)
     count = len(place)
     return Forecast(
-        0.0, 0, np.arange(count) + 3, way[:, :8], {"m": result}, {}, 0.0, np.zeros(count, int)
+        0.0,
+        0,
+        np.arange(count) + 3,
+        way[:, :8],
+        {"m": result},
+        {},
+        0.0,
+        np.zeros(count, int),
     )
 
 
@@ -226,7 +256,9 @@ def test_an_event_is_as_probable_as_in_the_draws():
 def test_the_list_is_that_of_all_pairs_and_bounded():
     rng = np.random.default_rng(1)
     for people in (5, 8):
-        forecast = forecast_of(rng.uniform(-5, 5, (people, 2)) + 1e5, rng.normal(0, 1, (people, 2)))
+        forecast = forecast_of(
+            rng.uniform(-5, 5, (people, 2)) + 1e5, rng.normal(0, 1, (people, 2))
+        )
         likely = likely_events(forecast, "m", 0.4, 0.3)
         events = symbolic_events(forecast.models["m"].samples, forecast.observed)
         share = dict(zip(EVENTS, np.asarray(events.probability)))
@@ -239,6 +271,7 @@ def test_the_list_is_that_of_all_pairs_and_bounded():
         assert len(pairs) <= PAIRS
         if people == 5:
             once = [
-                np.triu(table) if EVENTS[name].mutual else table for name, table in share.items()
+                np.triu(table) if EVENTS[name].mutual else table
+                for name, table in share.items()
             ]
             assert len(likely) == (np.array(once) >= 0.3).sum() > 2

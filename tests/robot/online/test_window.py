@@ -34,13 +34,19 @@ def test_every_frame_has_a_window_of_what_was_seen_until_it(start):
             continue
         # Offline from the rows of this frame and those before it alone.
         rows = np.argwhere(seen[: n + 1])
-        tracks = make_tracks("r", stamps[rows[:, 0]], rows[:, 1], walk[rows[:, 0], rows[:, 1]])
+        tracks = make_tracks(
+            "r", stamps[rows[:, 0]], rows[:, 1], walk[rows[:, 0], rows[:, 1]]
+        )
         grid = resample(tracks, 0.4, start=stamp - 1.2)
         step = np.rint((grid.stamp - stamp) / 0.4).astype(int)
-        positions_by_step = {(k, i): xy for k, i, xy in zip(step, grid.id.tolist(), grid.position)}
+        positions_by_step = {
+            (k, i): xy for k, i, xy in zip(step, grid.id.tolist(), grid.position)
+        }
         steps = range(-3, 1)
         people = [
-            i for i in np.flatnonzero(present) if all((k, i) in positions_by_step for k in steps)
+            i
+            for i in np.flatnonzero(present)
+            if all((k, i) in positions_by_step for k in steps)
         ]
         assert ids.tolist() == people
         for i, position in zip(ids.tolist(), positions):
@@ -77,7 +83,9 @@ def test_stamps_that_are_refused_change_nothing_and_a_clock_set_back_begins_anew
 def test_two_older_frames_in_a_row_are_a_clock_set_back():
     window = Window(3, 0.4)
     frames(window, np.arange(15) / 10)
-    accepted = [window.push(stamp, [1], [[0.0, 0.0]]) for stamp in (1.2, 1.5, 1.3, 1.35, 1.45)]
+    accepted = [
+        window.push(stamp, [1], [[0.0, 0.0]]) for stamp in (1.2, 1.5, 1.3, 1.35, 1.45)
+    ]
     assert accepted == [False, True, False, True, True]
     assert (window.health["backward_stamps"], window.health["clock_resets"]) == (2, 1)
     assert len(window.complete()[0]) == 0
@@ -132,7 +140,9 @@ def test_who_was_lost_a_moment_ago_is_extrapolated_and_said_to_be():
         ids, positions, extrapolated = window.complete()
         steps[n] = dict(zip(ids.tolist(), extrapolated.tolist()))
         if 1 in steps[n]:
-            assert_allclose(positions[0, :, 0], n / 10 - 0.4 * np.arange(3, -1, -1), atol=1e-9)
+            assert_allclose(
+                positions[0, :, 0], n / 10 - 0.4 * np.arange(3, -1, -1), atol=1e-9
+            )
     assert [steps[n].get(1) for n in (21, 22, 25, 26, 27, 28)] == [0, 1, 1, 2, 2, 0]
     assert [steps[n].get(1) for n in (44, 48, 54, 55)] == [0, 1, 3, None]
     assert all(state[2] == 0 for n, state in steps.items() if n >= 12)

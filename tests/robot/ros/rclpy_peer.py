@@ -2,9 +2,9 @@
 
     python rclpy_peer.py FRAMES SECONDS TOPIC
 
-publishes the frames of a JSON file `[[stamp, [[x, y], ...], active], ...]`, one every SECONDS on
-TOPIC, once our node is there, and prints what it hears as a JSON object. The node `/mine` is
-activated and deactivated as the frames say.
+publishes the frames of a JSON file `[[stamp, [[x, y], ...], active], ...]`, one every
+SECONDS on TOPIC, once our node is there, and prints what it hears as a JSON object. The
+node `/mine` is activated and deactivated as the frames say.
 """
 
 import json
@@ -43,14 +43,21 @@ def main() -> None:
 
     node.create_subscription(MarkerArray, MARKERS, hear, 100)
     people = node.create_publisher(PoseArray, sys.argv[3], 100)
-    wait(node, 300, lambda: people.get_subscription_count() and node.count_publishers(MARKERS))
-    # We know of the other side before it knows of us, and best effort sends nothing again.
+    wait(
+        node,
+        300,
+        lambda: people.get_subscription_count() and node.count_publishers(MARKERS),
+    )
+    # We know of the other side before it knows of us, and best effort sends nothing
+    # again.
     wait(node, 1.0, lambda: False)
     change = node.create_client(ChangeState, "/mine/change_state")
 
     def turn(transition: int) -> None:
         wait(node, 0.5, lambda: False)
-        done = change.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        done = change.call_async(
+            ChangeState.Request(transition=Transition(id=transition))
+        )
         wait(node, 30, done.done)
         assert done.result().success
 
@@ -58,11 +65,17 @@ def main() -> None:
     was_active = False
     for stamp, positions, active in frames:
         if active != was_active:
-            turn(Transition.TRANSITION_ACTIVATE if active else Transition.TRANSITION_DEACTIVATE)
+            turn(
+                Transition.TRANSITION_ACTIVATE
+                if active
+                else Transition.TRANSITION_DEACTIVATE
+            )
         was_active = active
         message = PoseArray()
         message.header.frame_id = "odom"
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+            round(stamp * 1e9), 10**9
+        )
         for x, y in positions:
             pose = Pose()
             pose.position.x, pose.position.y = x, y

@@ -39,11 +39,20 @@ def listen(classes, rate):
     def say(topic):
         def hear(message):
             steps = [
-                [[h.id, h.centroid.pose.position.x, h.centroid.pose.position.y] for h in s.humans]
+                [
+                    [h.id, h.centroid.pose.position.x, h.centroid.pose.position.y]
+                    for h in s.humans
+                ]
                 for s in message.trajs
             ]
-            assert not any(isnan(value) for step in steps for human in step for value in human)
-            row = {"topic": topic, "stamp": message.header.stamp.to_sec(), "steps": steps}
+            assert not any(
+                isnan(value) for step in steps for human in step for value in human
+            )
+            row = {
+                "topic": topic,
+                "stamp": message.header.stamp.to_sec(),
+                "steps": steps,
+            }
             row["late"] = time.time() - row["stamp"]
             row["frame"] = message.header.frame_id
             # In one piece, as other threads print, too.

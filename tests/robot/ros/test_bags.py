@@ -34,7 +34,9 @@ def test_people_and_forecasts_there_and_back(tmp_path, kind):
     with BagWriter(tmp_path / f"run.{kind}") as bag:
         for frame in expected:
             bag.write(TOPIC, frame.stamp, messages.make_people(bag.new, frame))
-            trajectories = make_trajectories(bag.new, [frame.stamp], frame.ids, frame.xy[:, None])
+            trajectories = make_trajectories(
+                bag.new, [frame.stamp], frame.ids, frame.xy[:, None]
+            )
             bag.write("/forecast", frame.stamp, trajectories)
     assert bag.path.is_file() == (kind == "bag")
     got = list(read_frames(bag.path))
@@ -52,7 +54,10 @@ def test_people_and_forecasts_there_and_back(tmp_path, kind):
 
 
 def content(path):
-    return [(frame.stamp, frame.ids.tolist(), frame.xy.tolist()) for frame in read_people(path)]
+    return [
+        (frame.stamp, frame.ids.tolist(), frame.xy.tolist())
+        for frame in read_people(path)
+    ]
 
 
 TOOLS = {"bag": "rosbag reindex", "db3": "ros2 bag reindex", "mcap": "mcap recover"}
@@ -63,7 +68,10 @@ def test_a_bag_cut_short_is_refused_with_the_tool_that_mends_it(tmp_path, kind):
     path = write_people(tmp_path / f"run.{kind}", walkers(20.0))
     file = path if path.is_file() else next(path.glob(f"*.{kind}"))
     content_of_file = file.read_bytes()
-    for size in [*np.random.default_rng(0).integers(100, len(content_of_file) - 1, 8), 0]:
+    for size in [
+        *np.random.default_rng(0).integers(100, len(content_of_file) - 1, 8),
+        0,
+    ]:
         file.write_bytes(content_of_file[:size])
         cut = rf"cannot be read as a bag: .*if it was cut short, `{TOOLS[kind]}`"
         with pytest.raises(InputError, match=cut) as error:
@@ -76,11 +84,18 @@ def test_no_frame_is_lost_in_silence(tmp_path, kind):
     path = write_people(tmp_path / f"run.{kind}", walkers(0.4))
     file = path if path.is_file() else next(path.glob(f"*.{kind}"))
     content_of_file, expected = file.read_bytes(), len(content(path))
-    for at in [content_of_file.rindex(b"conn=") + 5] if kind == "bag" else range(90, 110):
+    for at in (
+        [content_of_file.rindex(b"conn=") + 5] if kind == "bag" else range(90, 110)
+    ):
         file.write_bytes(
-            content_of_file[:at] + bytes([content_of_file[at] ^ 219]) + content_of_file[at + 1 :]
+            content_of_file[:at]
+            + bytes([content_of_file[at] ^ 219])
+            + content_of_file[at + 1 :]
         )
-        with warnings.catch_warnings(record=True) as warned, contextlib.suppress(InputError):
+        with (
+            warnings.catch_warnings(record=True) as warned,
+            contextlib.suppress(InputError),
+        ):
             assert len(content(path)) == expected or warned, at
 
 
@@ -96,7 +111,9 @@ def test_one_message_less_than_the_metadata_say_is_refused(tmp_path):
 
 def test_whatever_reads_tracks_reads_bags(tmp_path):
     frames = walkers(2.0)
-    first, second = (write_people(tmp_path / name, frames) for name in ("first.bag", "second.mcap"))
+    first, second = (
+        write_people(tmp_path / name, frames) for name in ("first.bag", "second.mcap")
+    )
     (tracks,) = read_any(first)
     expected = tracks_of_frames(iter(frames), "first")
     assert (tracks.recording, tracks.reading.format) == ("first", "bag")
@@ -117,16 +134,22 @@ def test_a_bag_that_takes_much_memory_is_refused(tmp_path, monkeypatch, kind):
     with pytest.raises(InputError, match=r"small.*none carries"):
         next(read_people(small))
     large = bag_of_blanks(tmp_path / "large", kind, 90_000_000)
-    with pytest.raises(InputError, match=r"large.*: takes more than 30 MB of memory to decompress"):
+    with pytest.raises(
+        InputError, match=r"large.*: takes more than 30 MB of memory to decompress"
+    ):
         next(read_people(large))
     monkeypatch.setattr(bag_limits, "SECONDS", 0.001)
-    with pytest.raises(InputError, match=r"large.*: takes more than (0 s|30 MB of memory) to"):
+    with pytest.raises(
+        InputError, match=r"large.*: takes more than (0 s|30 MB of memory) to"
+    ):
         next(read_people(large))
 
 
 def test_which_topic_has_the_people(tmp_path):
     frame = walkers(2.0)[0]
-    odd = Frame(2.0, np.array([7, 7, 8]), np.array([[1.0, 0.0], [1, 1], [-3000, -3000]]))
+    odd = Frame(
+        2.0, np.array([7, 7, 8]), np.array([[1.0, 0.0], [1, 1], [-3000, -3000]])
+    )
     for name, named in (("run", PEOPLE_TOPICS[::-1]), ("two", ())):
         with BagWriter(tmp_path / f"{name}.bag") as bag:
             for n, topic in enumerate(named):
@@ -135,7 +158,9 @@ def test_which_topic_has_the_people(tmp_path):
             for topic in ("/one", "/two"):
                 bag.write(topic, 1.0, messages.make_people(bag.new, odd))
             bag.write("/chatter", 1.0, bag.new("std_msgs/msg/String"))
-            humans = make_trajectories(bag.new, [2.0], np.array([-5, 6]), np.ones((2, 1, 2)))
+            humans = make_trajectories(
+                bag.new, [2.0], np.array([-5, 6]), np.ones((2, 1, 2))
+            )
             bag.write("/humans", 1.0, humans.trajs[0])
     run, later_bag = tmp_path / "run.bag", tmp_path / "two.bag"
     # The filtered one is preferred, and humans are people, too.
@@ -143,7 +168,9 @@ def test_which_topic_has_the_people(tmp_path):
     assert_array_equal(next(read_people(run)).xy, frame.xy + 1)
     assert_array_equal(next(read_people(run, PEOPLE_TOPICS[1])).xy, frame.xy)
     assert_array_equal(next(read_people(run, "/humans")).ids, [-5, 6])
-    with pytest.raises(InputError, match=r"which topic has the people.*/one.*/two.*bag,topic="):
+    with pytest.raises(
+        InputError, match=r"which topic has the people.*/one.*/two.*bag,topic="
+    ):
         read_any(later_bag)
     far = pytest.warns(InputWarning, match="people more than 60 m")
     with far, pytest.warns(InputWarning, match="1 positions are left out"):

@@ -23,7 +23,22 @@ from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 from tests.compiling import compile_seconds
 
-STEPS = (0.1, 0.1, 0.1, 0.1, 0.1, 0.0, -0.05, 1.5, -20.0, 50.0, 1e6, -1e6, np.nan, -np.inf)
+STEPS = (
+    0.1,
+    0.1,
+    0.1,
+    0.1,
+    0.1,
+    0.0,
+    -0.05,
+    1.5,
+    -20.0,
+    50.0,
+    1e6,
+    -1e6,
+    np.nan,
+    -np.inf,
+)
 
 
 def random_frames(seed: int, length: int):
@@ -89,7 +104,9 @@ def test_mended_people_are_published_with_their_velocities(forecast_node):
     node._mended = Outlet(back.append, lambda: True)
     for n in range(40):
         # The tracker loses person 1 for half a second and takes them for somebody new.
-        ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
+        ids = np.array(
+            [1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2]
+        )
         xy = np.stack([np.full(len(ids), n / 10), np.where(ids == 2, 5.0, 0.0)], axis=1)
         message = messages.make_people(node._new, Frame(1e9 + n / 10, ids, xy), "odom")
         node.put(PEOPLE, message)
@@ -117,7 +134,9 @@ def broken(data: bytes, rng: random.Random) -> bytes:
         elif choice == 2:
             changed[at:at] = rng.randbytes(count)
         else:
-            changed[at : at + 4] = struct.pack("<I", rng.getrandbits(32) >> rng.randrange(32))
+            changed[at : at + 4] = struct.pack(
+                "<I", rng.getrandbits(32) >> rng.randrange(32)
+            )
     return bytes(changed)
 
 
@@ -149,13 +168,17 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(
     walk = [people(idle, frame) for frame in frames]
     for node, batch in ((idle, 1), (loaded, 5)):
         heard = Outlet(sent[node.name[1:]].append, lambda: True)
-        node._forecasts = [(*row[:3], heard) for row in node._forecasts if row[1] == FORECAST]
+        node._forecasts = [
+            (*row[:3], heard) for row in node._forecasts if row[1] == FORECAST
+        ]
         for n in range(0, 40, batch):
             work(node, *walk[n : n + batch])
     assert [len(forecast) for forecast in sent.values()] == [28, 6]
     for message in sent["loaded"]:
         (same,) = (
-            forecast for forecast in sent["idle"] if forecast.header.stamp == message.header.stamp
+            forecast
+            for forecast in sent["idle"]
+            if forecast.header.stamp == message.header.stamp
         )
         assert_array_equal(same.futures, message.futures)
     assert (idle.status.skipped, loaded.status.skipped) == (0, 24)
@@ -183,7 +206,9 @@ def forecast_node(model):
             master = SlaveServer("127.0.0.1", {})
             stack.callback(master.close)
             uri = f"http://127.0.0.1:{master.server_address[1]}"
-            predictor = Predictor({"SGAN": model()}, samples=2, max_people=4, compile="needed")
+            predictor = Predictor(
+                {"SGAN": model()}, samples=2, max_people=4, compile="needed"
+            )
             node = ForecastNode(predictor, master=uri, **options)
             stack.callback(node.close)
             return node

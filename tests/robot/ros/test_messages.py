@@ -71,7 +71,9 @@ def test_the_checksums_are_those_of_the_robot():
 
 
 def test_a_forecast_is_the_observed_and_the_most_central_future(store, new, forecast):
-    message = received(store, messages.forecast_message(new, forecast, "SGAN", 0.4, "odom"))
+    message = received(
+        store, messages.forecast_message(new, forecast, "SGAN", 0.4, "odom")
+    )
     frames = [see(HUMANS, step) for step in message.trajs]
     assert seconds_of(message.header.stamp) == 100.5
     assert message.header.frame_id == "odom"
@@ -83,15 +85,22 @@ def test_a_forecast_is_the_observed_and_the_most_central_future(store, new, fore
         assert_array_equal(frame.xyz[:, :2], path[:, n])
     covariance = message.trajs[6].humans[1].centroid.covariance.reshape(6, 6)
     assert_allclose(covariance[:2, :2], np.cov(samples[:, 1, 3].T, bias=True))
-    assert [human.confidence for human in message.trajs[6].humans] == [1, pytest.approx(2 / 3)]
-    assert {human.centroid.pose.orientation.w for human in message.trajs[6].humans} == {1}
+    assert [human.confidence for human in message.trajs[6].humans] == [
+        1,
+        pytest.approx(2 / 3),
+    ]
+    assert {human.centroid.pose.orientation.w for human in message.trajs[6].humans} == {
+        1
+    }
     assert not message.trajs[2].humans[1].centroid.covariance.any()
 
 
 def test_the_truth_is_of_those_seen_to_the_end(new, forecast):
     future = np.random.default_rng(1).normal(size=(2, 4, 2))
     future[0, 3] = np.nan
-    message = messages.truth_message(new, dataclasses.replace(forecast, future=future), 0.4)
+    message = messages.truth_message(
+        new, dataclasses.replace(forecast, future=future), 0.4
+    )
     frames = [see(HUMANS, step) for step in message.trajs]
     assert seconds_of(message.header.stamp) == 100.5
     assert [frame.ids.tolist() for frame in frames] == [[-8]] * 7
@@ -101,7 +110,9 @@ def test_the_truth_is_of_those_seen_to_the_end(new, forecast):
 
 
 def test_all_samples_compactly(store, new, forecast):
-    message = received(store, messages.samples_message(new, forecast, "SGAN", 0.4, "map"))
+    message = received(
+        store, messages.samples_message(new, forecast, "SGAN", 0.4, "map")
+    )
     assert (message.model, message.period, message.central) == ("SGAN", 0.4, 3)
     assert (message.header.stamp.sec, message.header.frame_id) == (100, "map")
     assert_array_equal(message.ids, [4, -8])
@@ -109,7 +120,9 @@ def test_all_samples_compactly(store, new, forecast):
     position = message.position.reshape(2, 2)
     futures = message.futures.reshape(message.samples, 2, message.steps, 2)
     # Far from the origin, too, to the hair's breadth.
-    assert_allclose(position[:, None] + futures, forecast.models["SGAN"].samples, rtol=0, atol=1e-6)
+    assert_allclose(
+        position[:, None] + futures, forecast.models["SGAN"].samples, rtol=0, atol=1e-6
+    )
     walked = (forecast.observed[:, -1] - forecast.observed[:, -2]) / 0.4
     assert_allclose(message.velocity.reshape(2, 2), walked, rtol=1e-5)
     assert message.weights.sum() == pytest.approx(1)
@@ -119,7 +132,9 @@ def test_probabilities_are_of_the_draws_where_there_are_any(store, new, forecast
     """The samples cover what may happen; costmaps and covariances need the distribution."""
     samples = forecast.models["SGAN"].samples
     draws = samples[:, :, :, ::-1] * 2
-    result = ModelForecast(samples, samples.mean(axis=0), 3, np.full(6, 1 / 6), 0.0, lambda: draws)
+    result = ModelForecast(
+        samples, samples.mean(axis=0), 3, np.full(6, 1 / 6), 0.0, lambda: draws
+    )
     drawn = dataclasses.replace(forecast, models={"SGAN": result})
     message = received(store, messages.samples_message(new, drawn, "SGAN", 0.4, "map"))
     assert (message.samples, message.central) == (7, 6)
@@ -128,22 +143,31 @@ def test_probabilities_are_of_the_draws_where_there_are_any(store, new, forecast
     expected = np.concatenate([draws, samples[3:4]]) - forecast.observed[:, -1:]
     assert_allclose(futures, expected, rtol=1e-6)
     made = messages.forecast_message(new, drawn, "SGAN", 0.4, "odom")
-    covariance = received(store, made).trajs[6].humans[1].centroid.covariance.reshape(6, 6)
+    covariance = (
+        received(store, made).trajs[6].humans[1].centroid.covariance.reshape(6, 6)
+    )
     assert_allclose(covariance[:2, :2], np.cov(draws[:, 1, 3].T, bias=True))
 
 
-def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(store, new, forecast):
+def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(
+    store, new, forecast
+):
     made = messages.markers_message(new, forecast, "SGAN", 0.4, "odom")
     message = received(store, made, MARKERS)
     assert [marker.ns for marker in message.markers] == ["SGAN/4", "SGAN/-8"]
-    colours = [(arrow.color.r, arrow.color.g, arrow.color.b) for arrow in message.markers]
+    colours = [
+        (arrow.color.r, arrow.color.g, arrow.color.b) for arrow in message.markers
+    ]
     # Blue and vermilion of Okabe and Ito.
     assert_allclose(colours, np.array([(0, 114, 178), (213, 94, 0)]) / 255, atol=1e-6)
     assert_allclose([marker.color.a for marker in message.markers], [1.0, 0.35])
     for marker, path in zip(message.markers, forecast.models["SGAN"].samples[3]):
         points = [(point.x, point.y, point.z) for point in marker.points]
         assert_array_equal(np.array(points)[1:, :2], path)
-        assert (seconds_of(marker.header.stamp), marker.header.frame_id) == (100.5, "odom")
+        assert (seconds_of(marker.header.stamp), marker.header.frame_id) == (
+            100.5,
+            "odom",
+        )
         assert (marker.pose.orientation.w, {point[2] for point in points}) == (1, {0})
         assert (marker.type, marker.scale.x) == (4, 0.05)  # A LINE_STRIP.
         assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 800_000_000)
@@ -151,7 +175,11 @@ def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(store, new, 
 
 def test_a_ros_2_with_another_definition_gets_no_bytes_of_ours(monkeypatch):
     store, notices, sent = typestore(2), [], []
-    hashes = {"/markers": store.hash_rihs01(MARKERS), "/other": "RIHS01_0", "/old": "INVALID"}
+    hashes = {
+        "/markers": store.hash_rihs01(MARKERS),
+        "/other": "RIHS01_0",
+        "/old": "INVALID",
+    }
     publisher = SimpleNamespace(publish=sent.append, get_subscription_count=lambda: 1)
     graph = SimpleNamespace(
         create_publisher=lambda form, topic, depth: SimpleNamespace(
@@ -188,7 +216,11 @@ TRACKED = {
 def header(store, kind: str) -> dict[str, str]:
     """What a publisher of ROS 1 sends first."""
     text, md5 = store.generate_msgdef(kind, ros_version=1)
-    names = {"type": kind.replace("/msg/", "/"), "md5sum": md5, "message_definition": text}
+    names = {
+        "type": kind.replace("/msg/", "/"),
+        "md5sum": md5,
+        "message_definition": text,
+    }
     return {"callerid": "/tracker", **names}
 
 
@@ -218,7 +250,10 @@ def test_what_is_not_understood_is_refused_with_a_reason():
     assert decoder.refuse(poses) is None
     for change, reason in (
         ({"type": "std_msgs/String"}, "none of people_msgs/People"),
-        ({"type": "people_msgs/People"}, "not people_msgs/People with md5 18722f4b8db20cc"),
+        (
+            {"type": "people_msgs/People"},
+            "not people_msgs/People with md5 18722f4b8db20cc",
+        ),
         ({"message_definition": "}{"}, "definition cannot be read"),
         ({"md5sum": "0"}, "whose definition has the md5"),
     ):
@@ -233,11 +268,16 @@ PACKAGES = sorted(path.parent for path in ROS.glob("*/package.xml"))
 def test_a_package_is_for_both_ros(package):
     root = ElementTree.parse(package / "package.xml").getroot()
     assert root.findtext("name") == package.name
-    assert {element.text for element in root.iter("build_type")} == {"catkin", "ament_cmake"}
+    assert {element.text for element in root.iter("build_type")} == {
+        "catkin",
+        "ament_cmake",
+    }
     cmake = (package / "CMakeLists.txt").read_text()
     assert re.search(rf"project\({package.name}\b", cmake)
     expected = {element.text for element in root.iter("depend")}
-    assert expected == {*re.findall(r"^  find_package\((\w+_msgs) REQUIRED\)", cmake, re.MULTILINE)}
+    assert expected == {
+        *re.findall(r"^  find_package\((\w+_msgs) REQUIRED\)", cmake, re.MULTILINE)
+    }
 
 
 def test_parameters_are_options_and_the_views_are_of_our_topics():
@@ -248,4 +288,6 @@ def test_parameters_are_options_and_the_views_are_of_our_topics():
     for path in (ROS / "neurosym_ros/rviz").iterdir():
         displays = yaml.safe_load(path.read_text())["Visualization Manager"]["Displays"]
         assert sum("/markers" in str(display) for display in displays) == 2
-    compile((ROS / "neurosym_ros/launch/forecast.launch.py").read_text(), "launch", "exec")
+    compile(
+        (ROS / "neurosym_ros/launch/forecast.launch.py").read_text(), "launch", "exec"
+    )

@@ -19,7 +19,13 @@ from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.simulation.scenarios import TrackerFaults
 from neurosym_robot.commands import replay
 from neurosym_robot.ros.bags import read_messages, read_people
-from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, TRUTH_TOPIC, seconds_of, typestore
+from neurosym_robot.ros.definitions import (
+    HUMANS_TRAJS,
+    PEOPLE,
+    TRUTH_TOPIC,
+    seconds_of,
+    typestore,
+)
 from neurosym_robot.ros.tcpros.wire import CallError, call
 from tests.repository import ROOT
 from tests.robot.recordings import walkers, write_people
@@ -27,11 +33,18 @@ from tests.robot.ros.tcpros.conftest import wait
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
-OURS = {name: os.environ[name] for name in os.environ if name.startswith(("XDG", "JAX", "XLA"))}
+OURS = {
+    name: os.environ[name]
+    for name in os.environ
+    if name.startswith(("XDG", "JAX", "XLA"))
+}
 OURS["PYTHONPATH"] = str(ROOT)
 PEER = Path(__file__).with_name("rospy_peer.py")
 SYSTEM = "/usr/bin/python3"
-FORECASTS = ("/hri/human_poses_prediction_neurosym", "/hri/human_poses_prediction_baseline")
+FORECASTS = (
+    "/hri/human_poses_prediction_neurosym",
+    "/hri/human_poses_prediction_baseline",
+)
 SAMPLES = f"{FORECASTS[0]}/samples"
 TELL = """
 import rosbag, sys
@@ -80,7 +93,11 @@ class Process:
         """The rows that a listener has printed, once `condition` holds for them."""
 
         def heard() -> list[dict]:
-            return [json.loads(line) for line in self.lines if line[:2] == '{"' and line[-1] == "}"]
+            return [
+                json.loads(line)
+                for line in self.lines
+                if line[:2] == '{"' and line[-1] == "}"
+            ]
 
         self.wait(lambda: condition(heard()))
         return heard()
@@ -131,12 +148,16 @@ class Graph:
 
     def talker(self, rate: float = 50) -> Process:
         """A rospy node that publishes people."""
-        return self.start(SYSTEM, PEER, "talk", "tracker", self._folder / "definitions.json", rate)
+        return self.start(
+            SYSTEM, PEER, "talk", "tracker", self._folder / "definitions.json", rate
+        )
 
     def listener(self) -> Process:
         """A rospy node that hears our topics."""
         name = f"listener{time.monotonic_ns()}"
-        listener = self.start(SYSTEM, PEER, "listen", name, self._folder / "definitions.json")
+        listener = self.start(
+            SYSTEM, PEER, "listen", name, self._folder / "definitions.json"
+        )
         listener.wait_for(lambda line: "ready" in line)
         return listener
 
@@ -150,8 +171,15 @@ class Graph:
 @pytest.fixture(scope="module")
 def graph(tmp_path_factory):
     usable = shutil.which("roscore") and Path(SYSTEM).exists()
-    if not usable or subprocess.run([SYSTEM, "-c", "import rospy"], capture_output=True).returncode:
-        pytest.skip(f"no ROS 1 here: apt-get install --no-install-recommends {PACKAGES}")
+    if (
+        not usable
+        or subprocess.run(
+            [SYSTEM, "-c", "import rospy"], capture_output=True
+        ).returncode
+    ):
+        pytest.skip(
+            f"no ROS 1 here: apt-get install --no-install-recommends {PACKAGES}"
+        )
     graph = Graph(tmp_path_factory.mktemp("ros"))
     yield graph
     graph.close()
@@ -169,7 +197,16 @@ def models(tmp_path_factory, model):
 @pytest.fixture(scope="module")
 def node(graph, models):
     """Our node, which lives through everything that the tests below do to the graph."""
-    command = (sys.executable, "-m", "neurosym_jax", "ros1", "--topic", "/people", "--samples", 3)
+    command = (
+        sys.executable,
+        "-m",
+        "neurosym_jax",
+        "ros1",
+        "--topic",
+        "/people",
+        "--samples",
+        3,
+    )
     node = graph.start(*command, "--max-people", 4, "--model", *models, **OURS)
     node.wait_for(lambda line: "listening" in line)
     return node
@@ -197,10 +234,15 @@ def test_a_rospy_tracker_is_answered_and_a_rospy_listener_hears_it(graph, node):
         length = 7 if row["topic"] == TRUTH_TOPIC else 4
         # They walk along x at 1 m/s, and the stamp is that of the last step observed.
         start = steps[3, 0, 1]
-        assert_allclose(steps[:length, 0, 1] - start, 0.4 * np.arange(-3, length - 3), atol=1e-5)
+        assert_allclose(
+            steps[:length, 0, 1] - start, 0.4 * np.arange(-3, length - 3), atol=1e-5
+        )
         assert_allclose(steps[:length, :, 2], [[1, 2]] * length, atol=1e-9)
     delays = [row["late"] for row in rows if row["topic"] in FORECASTS]
-    print("from a frame's stamp to its forecast at a rospy listener, ms:", 1e3 * np.median(delays))
+    print(
+        "from a frame's stamp to its forecast at a rospy listener, ms:",
+        1e3 * np.median(delays),
+    )
     assert np.median(delays) < 0.5
 
 
@@ -210,9 +252,15 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     faults = TrackerFaults(dropout=0.01, dropout_seconds=0.5)
     write_people(path, walkers(8.0, people=5, faults=faults))
     listener = graph.listener()
-    recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS, SAMPLES)
+    recorder = graph.start(
+        "rosbag", "record", "-O", recorded, "/people", *FORECASTS, SAMPLES
+    )
     uri = call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
-    recorder.wait(lambda: sum("record" in row[1] for row in call(uri, "getBusInfo", "/tests")) == 3)
+    recorder.wait(
+        lambda: (
+            sum("record" in row[1] for row in call(uri, "getBusInfo", "/tests")) == 3
+        )
+    )
     done = subprocess.run(
         ["rosbag", "play", "--quiet", "--rate", "4", "--delay", "0.5", path],
         env=graph.env,
@@ -223,7 +271,11 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     )
     assert done.returncode == 0, done.stderr
     rows = listener.wait_heard(lambda rows: both(rows) and count(TRUTH_TOPIC, rows))
-    heard = {(row["topic"], round(row["stamp"], 6)) for row in rows if row["topic"] in FORECASTS}
+    heard = {
+        (row["topic"], round(row["stamp"], 6))
+        for row in rows
+        if row["topic"] in FORECASTS
+    }
     assert all(1.7e9 < stamp < 1.7e9 + 9 for _, stamp in heard)
     recorder.end(signal.SIGINT)
     wait(recorded.exists)  # Its child gives the file its name.
@@ -233,7 +285,9 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
         if topic in FORECASTS
     }
     assert len(heard & topics) > 10
-    output = subprocess.run([SYSTEM, "-c", TELL, recorded, SAMPLES], capture_output=True, text=True)
+    output = subprocess.run(
+        [SYSTEM, "-c", TELL, recorded, SAMPLES], capture_output=True, text=True
+    )
     rows = [line.split() for line in output.stdout.splitlines()]
     assert len(rows) > 10, output.stderr
     assert {tuple(row) for row in rows} == {("odom", "3", "3", "True")}
@@ -255,7 +309,9 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     assert any(message.extrapolated.any() for message in live.values())
     for stamp, message in live.items():
         for field in ("ids", "position", "extrapolated", "futures"):
-            assert_allclose(getattr(message, field), getattr(again[stamp], field), atol=1e-5)
+            assert_allclose(
+                getattr(message, field), getattr(again[stamp], field), atol=1e-5
+            )
 
 
 def test_the_master_is_restarted(graph, node):
@@ -277,7 +333,9 @@ def test_it_leaves_the_graph_when_told_to(graph, node):
     with pytest.raises(CallError, match="unknown node"):
         call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
     assert "Traceback" not in "\n".join(node.lines)
-    assert any(line.split()[:2] == ["published", "ADE"] for line in node.lines), node.lines[-8:]
+    assert any(line.split()[:2] == ["published", "ADE"] for line in node.lines), (
+        node.lines[-8:]
+    )
 
 
 def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path):
@@ -286,7 +344,13 @@ def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path)
         "{samples: 3, max_people: 4, only: name=2, stitch: true, links: {max_gap: 3.0}}"
     )
     launched = graph.start(
-        *("roslaunch", "--wait", "neurosym_ros", "forecast.launch", f"parameters:={parameters}"),
+        *(
+            "roslaunch",
+            "--wait",
+            "neurosym_ros",
+            "forecast.launch",
+            f"parameters:={parameters}",
+        ),
         f"model:=[{', '.join(map(str, models))}]",
         *("people:=/people", "mended:=/mended", "name:=launched"),
         **OURS,
@@ -301,8 +365,14 @@ def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path)
     steps = np.array(rows[-1]["steps"])
     assert steps.shape[1:] == (1, 3)
     assert (steps[:, :, 0] == 2).all()  # The only one who is a person.
-    published = {name for name, _ in call(graph.uri, "getPublishedTopics", "/tests", "")}
-    assert {"/mended", "/diagnostics", *(f"{topic}/markers" for topic in FORECASTS)} <= published
+    published = {
+        name for name, _ in call(graph.uri, "getPublishedTopics", "/tests", "")
+    }
+    assert {
+        "/mended",
+        "/diagnostics",
+        *(f"{topic}/markers" for topic in FORECASTS),
+    } <= published
     launched.wait_for(lambda line: "stale: the newest people are" in line)
     assert launched.end(signal.SIGINT) == 0
     assert "Traceback" not in "\n".join(launched.lines)

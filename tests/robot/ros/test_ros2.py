@@ -1,9 +1,11 @@
-"""A real ROS 2: poses published with rclpy, our node's forecasts heard with rclpy.
+r"""A real ROS 2: poses published with rclpy, our node's forecasts heard with rclpy.
 
-ROS 2 is looked for in the Python that `$NEUROSYM_ROS2` names, else in this one. To make one:
+ROS 2 is looked for in the Python that `$NEUROSYM_ROS2` names, else in this one. To make
+one:
 
-    python -m venv ros2 && ros2/bin/pip install ros-kilted-rclpy ros-kilted-rmw-fastrtps-cpp \
-        ros-kilted-rmw-implementation ros-kilted-geometry-msgs ros-kilted-visualization-msgs
+    python -m venv ros2 && ros2/bin/pip install ros-kilted-rclpy
+        ros-kilted-rmw-fastrtps-cpp \ ros-kilted-rmw-implementation
+        ros-kilted-geometry-msgs ros-kilted-visualization-msgs
     NEUROSYM_ROS2=ros2/bin/python pytest tests/robot/ros/test_ros2.py
 """
 
@@ -37,12 +39,18 @@ def ros2() -> tuple[str, dict[str, str]]:
     python = os.environ.get("NEUROSYM_ROS2", sys.executable)
     outcome = subprocess.run([python, "-c", IMPORTS], capture_output=True, text=True)
     if outcome.returncode:
-        pytest.skip(f"no ROS 2 in {python} (set NEUROSYM_ROS2): {outcome.stderr.splitlines()[-1]}")
+        pytest.skip(
+            f"no ROS 2 in {python} (set NEUROSYM_ROS2): {outcome.stderr.splitlines()[-1]}"
+        )
     if outcome.stdout.strip() != str(sys.version_info[:2]):
         pytest.skip(
             f"{python} is another Python than that of these tests: {outcome.stdout.strip()}"
         )
-    folders = [str(ROOT), sysconfig.get_paths()["purelib"], os.environ.get("PYTHONPATH", "")]
+    folders = [
+        str(ROOT),
+        sysconfig.get_paths()["purelib"],
+        os.environ.get("PYTHONPATH", ""),
+    ]
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, folders)))
     environment |= {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -65,12 +73,34 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     parameters = tmp_path / "forecast.yaml"
     words = "message: PoseArray, autostart: false, samples: 9, max_people: 4"
     parameters.write_text(f"/**: {{ros__parameters: {{{words}}}}}")
-    options = ["--ros-args", "-r", "__node:=mine", "-r", "/people_tracker/people_filtered:=/seen"]
-    options += ["--params-file", parameters, "-p", "samples:=4", "-p", "use_sim_time:=true"]
+    options = [
+        "--ros-args",
+        "-r",
+        "__node:=mine",
+        "-r",
+        "/people_tracker/people_filtered:=/seen",
+    ]
+    options += [
+        "--params-file",
+        parameters,
+        "-p",
+        "samples:=4",
+        "-p",
+        "use_sim_time:=true",
+    ]
     log = tmp_path / "log"
     with log.open("w") as errors:
         node = subprocess.Popen(
-            [python, *WITH_TRACES, "-m", "neurosym_jax", "ros2", "--model", MODEL, *options],
+            [
+                python,
+                *WITH_TRACES,
+                "-m",
+                "neurosym_jax",
+                "ros2",
+                "--model",
+                MODEL,
+                *options,
+            ],
             env=environment,
             stdout=subprocess.PIPE,
             stderr=errors,
@@ -78,7 +108,9 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
         )
     try:
         end = time.monotonic() + 300
-        while "everything is compiled" not in log.read_text() and time.monotonic() < end:
+        while (
+            "everything is compiled" not in log.read_text() and time.monotonic() < end
+        ):
             assert node.poll() is None, log.read_text()
             time.sleep(0.2)
         peer = subprocess.run(
@@ -107,7 +139,9 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     heard = json.loads(peer.stdout)
     predictor = Predictor(load_model(MODEL), samples=4, max_people=4, hold=1.0)
     expected = {
-        round(f.stamp, 3): f for frame in frames if (f := predictor.push(*frame)) is not None
+        round(f.stamp, 3): f
+        for frame in frames
+        if (f := predictor.push(*frame)) is not None
     }
     assert len(expected) == len(frames) - 28
     # A forecast with every frame, but for those that were skipped.
@@ -115,8 +149,12 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     for message in heard:
         forecast = expected[round(message["stamp"], 3)]
         (result,) = forecast.models.values()
-        path = np.concatenate([forecast.observed[:, -1:], result.samples[result.central]], axis=1)
-        for marker, id, way in zip(message["markers"], forecast.ids.tolist(), path, strict=True):
+        path = np.concatenate(
+            [forecast.observed[:, -1:], result.samples[result.central]], axis=1
+        )
+        for marker, id, way in zip(
+            message["markers"], forecast.ids.tolist(), path, strict=True
+        ):
             assert marker["ns"] == f"NeuroSyM/{id}"
             assert (marker["type"], marker["frame_id"]) == (4, "odom")
             assert_allclose(marker["points"], way, atol=1e-4)
@@ -129,13 +167,25 @@ def test_people_msgs_may_be_missing(ros2):
         pytest.skip("this ROS 2 has people_msgs")
     command = [python, "-m", "neurosym_jax", "ros2", "--model", MODEL]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (2, "error: this ROS 2 has no people_msgs\n")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "error: this ROS 2 has no people_msgs\n",
+    )
 
 
 def test_no_arguments_of_ros_are_needed(ros2):
     """rclpy imports less of itself where it was not asked for parameters."""
     python, environment = ros2
-    command = [python, "-m", "neurosym_jax", "ros2", "--model", MODEL, "--message", "PoseArray"]
+    command = [
+        python,
+        "-m",
+        "neurosym_jax",
+        "ros2",
+        "--model",
+        MODEL,
+        "--message",
+        "PoseArray",
+    ]
     node = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
     assert any("everything is compiled" in line for line in node.stderr or ())
     node.send_signal(signal.SIGINT)

@@ -10,7 +10,12 @@ from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation.scenarios import TrackerFaults, simulate_labelled
 from neurosym_robot.commands import stitch as command
-from neurosym_robot.tracking.following import CROWD, FORGET, NearestIds, frames_of_tracks
+from neurosym_robot.tracking.following import (
+    CROWD,
+    FORGET,
+    NearestIds,
+    frames_of_tracks,
+)
 from neurosym_robot.tracking.stitching import (
     FRESH,
     LinkOptions,
@@ -27,7 +32,9 @@ def live(tracks, stitcher: OnlineStitcher | None = None) -> np.ndarray:
     """[R] ids given frame by frame."""
     stitcher, numbers = stitcher or OnlineStitcher(), np.zeros(len(tracks.id), int)
     order = np.lexsort((tracks.id, tracks.stamp))
-    numbers[order] = np.concatenate([stitcher.push(*frame) for frame in frames_of_tracks(tracks)])
+    numbers[order] = np.concatenate(
+        [stitcher.push(*frame) for frame in frames_of_tracks(tracks)]
+    )
     return numbers
 
 
@@ -38,7 +45,9 @@ def people(ids: np.ndarray) -> set[int]:
 def broken(gap: float = 1.0, then: int = 7):
     """A walk along x at 1 m/s at 10 Hz for 4 s, lost for `gap` and found as `then`."""
     stamp = np.concatenate([np.arange(20) / 10, 1.9 + gap + np.arange(20) / 10])
-    return make_tracks("r", stamp, np.repeat([3, then], 20), np.stack([stamp, stamp * 0], 1))
+    return make_tracks(
+        "r", stamp, np.repeat([3, then], 20), np.stack([stamp, stamp * 0], 1)
+    )
 
 
 @pytest.mark.parametrize(("count", "least"), [(2, 0.97), (8, 0.9)])
@@ -80,7 +89,9 @@ def test_far_or_late_or_at_the_same_time_is_somebody_else():
     far = broken()
     far.position[far.id == 7, 1] += 4
     assert stitch(far).joined == 0
-    pair = make_tracks("r", [0, 1, 0, 1], [1, 1, 2, 2], [[0, 0], [0, 0], [5, 0], [5, 0]])
+    pair = make_tracks(
+        "r", [0, 1, 0, 1], [1, 1, 2, 2], [[0, 0], [0, 0], [5, 0], [5, 0]]
+    )
     assert stitch(pair).joined == 0
 
 
@@ -170,7 +181,9 @@ def test_people_without_ids_keep_those_that_they_are_given():
     assert nearest.push(FORGET, [[0.0, 0.0]]) == [person]
     assert nearest.push(2 * FORGET + 0.1, [[0.0, 0.0]]) != [person]
     for n in range(5):
-        ids = nearest.push(3 + n / 10, rng.uniform(0, 1000, (3000, 2)) * [[1.0, np.nan]])
+        ids = nearest.push(
+            3 + n / 10, rng.uniform(0, 1000, (3000, 2)) * [[1.0, np.nan]]
+        )
         assert len(np.unique(ids)) == 3000
         ids = nearest.push(3.05 + n / 10, rng.uniform(0, 1000, (3000, 2)))
     assert len(nearest._ids) <= CROWD

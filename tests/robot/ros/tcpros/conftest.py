@@ -13,7 +13,9 @@ import pytest
 from neurosym_robot.ros.tcpros import Node, Topic
 from neurosym_robot.ros.tcpros.wire import CallError, Refused, SlaveServer, call
 
-CHATTER = Topic("/chatter", "std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1", "string data")
+CHATTER = Topic(
+    "/chatter", "std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1", "string data"
+)
 
 
 class Master:
@@ -25,8 +27,12 @@ class Master:
         self.publishers, self.subscribers = ends = defaultdict(list), defaultdict(list)
         methods: dict[str, Callable] = {"lookupNode": self.lookup}
         for kind, end in zip(("Publisher", "Subscriber"), ends):
-            methods[f"register{kind}"] = functools.partial(self.change, end, list.append)
-            methods[f"unregister{kind}"] = functools.partial(self.change, end, list.remove)
+            methods[f"register{kind}"] = functools.partial(
+                self.change, end, list.append
+            )
+            methods[f"unregister{kind}"] = functools.partial(
+                self.change, end, list.remove
+            )
         self.server = SlaveServer("127.0.0.1", methods)
         self.uri = f"http://127.0.0.1:{self.server.server_address[1]}"
 
@@ -48,7 +54,13 @@ class Master:
         with self.telling:
             for uri in list(self.subscribers[topic]):
                 with contextlib.suppress(CallError):
-                    call(uri, "publisherUpdate", "/master", topic, list(self.publishers[topic]))
+                    call(
+                        uri,
+                        "publisherUpdate",
+                        "/master",
+                        topic,
+                        list(self.publishers[topic]),
+                    )
 
 
 def wait(condition: Callable[[], object], seconds: float = 30.0) -> None:
@@ -90,7 +102,11 @@ def pair(graph):
     publisher = talker.advertise(CHATTER, queue_size=100)
     wait(lambda: publisher.subscribers == ["/listener"] and subscriber.publishers)
     return SimpleNamespace(
-        heard=heard, listener=listener, talker=talker, subscriber=subscriber, publisher=publisher
+        heard=heard,
+        listener=listener,
+        talker=talker,
+        subscriber=subscriber,
+        publisher=publisher,
     )
 
 

@@ -51,7 +51,10 @@ def test_connections_that_break_are_made_again_and_survive_their_master(pair, ma
 
 def test_a_message_right_after_the_handshake_is_heard():
     """A thread that publishes may run as soon as the subscriber has the header."""
-    publisher, (ours, theirs) = Publisher(CHATTER, "/talker", print), socket.socketpair()
+    publisher, (ours, theirs) = (
+        Publisher(CHATTER, "/talker", print),
+        socket.socketpair(),
+    )
     publish = functools.cache(lambda: publisher.publish(b"first"))
 
     class Connection(socket.socket):
@@ -99,7 +102,9 @@ def knock(talker: Node, **fields: str) -> socket.socket:
     return connection
 
 
-def test_a_subscriber_that_does_not_read_delays_nobody_and_is_dropped(pair, monkeypatch):
+def test_a_subscriber_that_does_not_read_delays_nobody_and_is_dropped(
+    pair, monkeypatch
+):
     monkeypatch.setattr("neurosym_robot.ros.tcpros.topics.SLOW", 0.5)
     with knock(pair.talker, callerid="/slow"):
         wait(lambda: set(pair.publisher.subscribers) == {"/slow", "/listener"})
@@ -111,14 +116,18 @@ def test_a_subscriber_that_does_not_read_delays_nobody_and_is_dropped(pair, monk
             wait(lambda data=data: pair.heard[-1:] == [data])
         assert took < 0.4
         wait(lambda: pair.publisher.subscribers == ["/listener"])
-    assert pair.talker.said == ["/chatter: dropped the subscriber /slow, which does not read"]
+    assert pair.talker.said == [
+        "/chatter: dropped the subscriber /slow, which does not read"
+    ]
     for n in range(100):
         pair.publisher.publish(b"%d" % n)
     wait(lambda: len(pair.heard) == 200)
     assert pair.heard == [*sent, *(b"%d" % n for n in range(100))]
 
 
-def test_closing_leaves_no_thread_and_no_registration_and_who_comes_again_is_found(master):
+def test_closing_leaves_no_thread_and_no_registration_and_who_comes_again_is_found(
+    master,
+):
     before, heard = set(threading.enumerate()), []
     for n in range(2):
         nodes = [Node(f"node{n}", master.uri, lambda line: None) for n in range(2)]
@@ -186,12 +195,17 @@ def test_a_publisher_that_talks_nonsense(pair):
         read_block(connection, 10_000)
         n = next(seed)
         with contextlib.suppress(OSError):
-            connection.sendall(encode_header({"md5sum": CHATTER.md5}) * (n % 2) + hostile_blocks(n))
+            connection.sendall(
+                encode_header({"md5sum": CHATTER.md5}) * (n % 2) + hostile_blocks(n)
+            )
 
     data = ConnectionServer("127.0.0.1", serve)
     answers: list[Any] = [["TCPROS", "127.0.0.1", data.server_address[1]]] * 8
     answers += [0, "", [], ["TCPROS"], ["TCPROS", 7, "x"], ["UDPROS", "a", 1]]
-    answers += [["TCPROS", host, 1] for host in ("a" * 100, "..", "\x00", "no such host", {"a": 1})]
+    answers += [
+        ["TCPROS", host, 1]
+        for host in ("a" * 100, "..", "\x00", "no such host", {"a": 1})
+    ]
     slaves = [
         SlaveServer("127.0.0.1", {"requestTopic": lambda *_, answer=answer: answer})
         for answer in answers
@@ -218,16 +232,32 @@ BODIES = [
     b"<params><param><value><int>" + b"9" * 6000 + b"</int></value></param></params>",
     b"<params><param><value><base64>x</base64></value></param></params>",
     b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">'
-    + b"".join(b'<!ENTITY %c "%s">' % (c, b"&%c;" % (c - 1) * 10) for c in range(98, 108))
+    + b"".join(
+        b'<!ENTITY %c "%s">' % (c, b"&%c;" % (c - 1) * 10) for c in range(98, 108)
+    )
     + b"]><methodCall><methodName>&k;</methodName></methodCall>",
 ]
-ARGUMENTS = [(), (1,), ("/x",), ("/x", "/chatter"), ("/x", "/chatter", 7), ("/x", 1, [1, [2]])]
-ARGUMENTS += [("/x", "/chatter", ["no uri", 3]), ({"a": 1}, [], {}), ("/x", "/chatter", [[]])]
+ARGUMENTS = [
+    (),
+    (1,),
+    ("/x",),
+    ("/x", "/chatter"),
+    ("/x", "/chatter", 7),
+    ("/x", 1, [1, [2]]),
+]
+ARGUMENTS += [
+    ("/x", "/chatter", ["no uri", 3]),
+    ({"a": 1}, [], {}),
+    ("/x", "/chatter", [[]]),
+]
 
 
 def post(uri: str, body: bytes, headers: dict[str, str] | None = None) -> None:
     connection = http.client.HTTPConnection(uri.split("/")[2], timeout=5)
-    with contextlib.closing(connection), contextlib.suppress(OSError, http.client.HTTPException):
+    with (
+        contextlib.closing(connection),
+        contextlib.suppress(OSError, http.client.HTTPException),
+    ):
         connection.request("POST", "/RPC2", body, headers or {})
         connection.getresponse().read()
 
@@ -251,7 +281,13 @@ def test_nonsense_at_the_port_for_calls(graph):
     assert len(subscriber._links) <= MOST
     call(node.uri, "publisherUpdate", "/master", CHATTER.name, [])
     assert call(node.uri, "getPid", "/me") > 0
-    wait(lambda: not any(thread.name.startswith("/chatter") for thread in threading.enumerate()))
+    wait(
+        lambda: (
+            not any(
+                thread.name.startswith("/chatter") for thread in threading.enumerate()
+            )
+        )
+    )
     assert not node.stopped.is_set()
 
 
@@ -259,9 +295,19 @@ def test_nobody_answers():
     with socket.create_server(("127.0.0.1", 0)) as silent:
         start = time.monotonic()
         with pytest.raises(CallError, match="timed out"):
-            call(f"http://127.0.0.1:{silent.getsockname()[1]}", "getPid", "/me", timeout=0.2)
+            call(
+                f"http://127.0.0.1:{silent.getsockname()[1]}",
+                "getPid",
+                "/me",
+                timeout=0.2,
+            )
         assert time.monotonic() - start < 2
-    for uri in ("http://no-such-host.invalid:1", "nonsense", "http://", "http://a:99999999/"):
+    for uri in (
+        "http://no-such-host.invalid:1",
+        "nonsense",
+        "http://",
+        "http://a:99999999/",
+    ):
         with pytest.raises(CallError):
             call(uri, "getPid", "/me")
 
@@ -274,7 +320,9 @@ def test_who_shakes_hands_byte_by_byte_does_not_stay(graph, monkeypatch):
         began = time.monotonic()
         with socket.create_connection(("127.0.0.1", port), 10) as slow:
             with contextlib.suppress(OSError):
-                slow.sendall(b"\xff\x00\x00\x00")  # The length of a header that takes 25 s.
+                slow.sendall(
+                    b"\xff\x00\x00\x00"
+                )  # The length of a header that takes 25 s.
                 while time.monotonic() - began < 10:
                     slow.sendall(b"\x01")
                     time.sleep(0.1)
