@@ -39,7 +39,7 @@ def _programs() -> dict[str, float]:
     import numpy as np
 
     from neurosym_jax.commands.evaluate import Options, run
-    from neurosym_jax.data.reading import ReadOptions
+    from neurosym_jax.data.tables import ReadOptions
     from neurosym_jax.forecasting.model import predict
     from neurosym_jax.forecasting.model_folder import load_model
     from neurosym_jax.models import GeneratorConfig, NoPooling
@@ -88,7 +88,7 @@ def _programs() -> dict[str, float]:
 
 def _windows() -> Any:
     """Those of a simulation."""
-    from neurosym_jax.data.sources import Synthetic
+    from neurosym_jax.data.recordings import Synthetic
     from neurosym_jax.data.windows import cut_windows
 
     return cut_windows(Synthetic().recordings("cross-path", "val"), 8, 8)

@@ -24,9 +24,9 @@ def measure(options: Any) -> dict[str, Any]:
 
 def ours(data: Path) -> Callable[[], int]:
     """Windows of people, counted."""
-    from neurosym_jax.data.readers.eth_ucy import SCENES, split_files
-    from neurosym_jax.data.readers.layouts import Text
-    from neurosym_jax.data.reading import AS_IT_SAYS
+    from neurosym_jax.data.readers.columns import Text
+    from neurosym_jax.data.recordings import SCENES, split_files
+    from neurosym_jax.data.tables import AS_IT_SAYS
     from neurosym_jax.data.tracks import PERIOD
     from neurosym_jax.data.windows import cut_windows, make_batches
 
@@ -47,7 +47,7 @@ def ours(data: Path) -> Callable[[], int]:
 def original(data: Path, reference: Path) -> Callable[[], int]:
     """The same of the original's."""
     from benchmarks.original import folder_of, load_script
-    from neurosym_jax.data.readers.eth_ucy import SCENES
+    from neurosym_jax.data.recordings import SCENES
 
     load_script(reference, "evaluate_model")
     from sgan.data.trajectories import (  # pyright: ignore[reportMissingImports]

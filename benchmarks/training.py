@@ -21,7 +21,7 @@ from benchmarks.timing import OURS, alternate, rows
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    from neurosym_jax.data.sources import open_source
+    from neurosym_jax.data.recordings import open_source
     from neurosym_jax.data.windows import cut_windows
     from neurosym_jax.models.sgan.recipe import RECIPES
     from neurosym_jax.training.stream import SceneStream

@@ -28,7 +28,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    from neurosym_jax.data.sources import open_source
+    from neurosym_jax.data.recordings import open_source
     from neurosym_jax.forecasting.forecaster import forecaster_of
     from neurosym_jax.training.catalogue import make_config, recipes_of
     from neurosym_jax.training.loop import train

@@ -56,7 +56,7 @@ def measure(options: Any) -> dict[str, Any]:
 
 def _models_and_tests(paths: list[Path], data: Path) -> tuple[list[Any], list[Any]]:
     """The checkpoints, and the windows that each is tested on."""
-    from neurosym_jax.data.sources import open_source
+    from neurosym_jax.data.recordings import open_source
     from neurosym_jax.data.windows import cut_windows
     from neurosym_jax.forecasting.model_folder import load_model
 
@@ -150,7 +150,7 @@ def _original(options: Any, paths: list[Path]) -> Timing:
     import torch
 
     from benchmarks.original import Arguments, folder_of, load_script
-    from neurosym_jax.data.readers.eth_ucy import SCENES
+    from neurosym_jax.data.recordings import SCENES
 
     script = load_script(options.reference, "evaluate_model")
     spent, cpu, ades = 0.0, 0.0, []

@@ -15,7 +15,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.recordings import open_source
 from neurosym_jax.symbolic import register_weighting
 from neurosym_jax.training.catalogue import make_config, make_recipe
 from neurosym_jax.training.loop import train

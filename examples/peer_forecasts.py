@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.data import cut_windows
-from neurosym_jax.data.formats import recordings_in
+from neurosym_jax.data.recordings import recordings_in
 from neurosym_jax.evaluation.forecasts import last_frames, recording_names
 
 Arrays = dict[str, np.ndarray]

@@ -8,8 +8,8 @@ from . import runtime as runtime
 from . import simulation as simulation
 from . import symbolic as symbolic
 from . import training as training
-from .data.formats import register_format as register_format
-from .data.sources import windows_from as windows_from
+from .data.recordings import register_format as register_format
+from .data.recordings import windows_from as windows_from
 from .errors import InputError as InputError
 from .evaluation.comparison import evaluate as evaluate
 from .evaluation.metrics import register_metric as register_metric

@@ -132,10 +132,10 @@ def from_json(
         raise InputError(
             f"{source}: unknown field {brief(unknown[0])} for {cls.__name__}"
         )
-    needed = (
-        x.name for x in dataclasses.fields(cls) if x.default is dataclasses.MISSING
-    )  # pyright: ignore[reportArgumentType]
-    if missing := set(needed) - set(fields):
+    entries = dataclasses.fields(cls)  # pyright: ignore[reportArgumentType]
+    needed = {entry.name for entry in entries if entry.default is dataclasses.MISSING}
+    missing = needed - set(fields)
+    if missing:
         raise InputError(f"{source}: the field {min(missing)!r} is missing")
     try:
         return cls(**fields)

@@ -21,7 +21,7 @@ import numpy as np
 
 from neurosym_jax.data import ReadOptions, Tracks, read_any
 from neurosym_jax.data.evidence import APART, DOUBTED, REFUSED, apart_of, judge, pace_of
-from neurosym_jax.data.reading import GUARDS
+from neurosym_jax.data.tables import GUARDS
 from neurosym_jax.errors import InputError
 
 FORMATS: dict[str, tuple[str, dict[str, Any]]] = {

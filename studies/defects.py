@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import (

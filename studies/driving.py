@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.clock import resample
 from neurosym_jax.data.tracks import Tracks, make_tracks
+from neurosym_jax.data.windows import resample
 from neurosym_jax.simulation.scenarios import TrackerFaults
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import straight

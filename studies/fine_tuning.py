@@ -24,8 +24,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.sources import windows_from
+from neurosym_jax.data.recordings import recordings_in, windows_from
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.clock import on_grid
-from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.recordings import read_any
 from neurosym_jax.data.tracks import SNAP
-from neurosym_jax.data.windows import cut_windows, make_batches
+from neurosym_jax.data.windows import cut_windows, make_batches, on_grid
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.models.baselines import ConstantVelocity

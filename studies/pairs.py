@@ -25,8 +25,7 @@ import tyro
 from jax import Array
 from jax.scipy.optimize import minimize
 
-from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.readers.eth_ucy import SCENES, split_files
+from neurosym_jax.data.recordings import SCENES, recordings_in, split_files
 from neurosym_jax.data.windows import Windows, cut_windows, single_scene
 from neurosym_jax.evaluation.intervals import student_half
 from neurosym_jax.forecasting.model import Model

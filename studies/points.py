@@ -21,9 +21,7 @@ import jax.numpy as jnp
 import tyro
 from jax import Array
 
-from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.readers.eth_ucy import split_files
-from neurosym_jax.data.sources import GENERAL
+from neurosym_jax.data.recordings import GENERAL, recordings_in, split_files
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import CARD, load_model, save_model

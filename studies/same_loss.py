@@ -24,7 +24,7 @@ import numpy as np
 import polars as pl
 from jax import Array
 
-from neurosym_jax.data.sources import Source, open_source
+from neurosym_jax.data.recordings import Source, open_source
 from neurosym_jax.data.windows import Batch, cut_windows, make_batches
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.scoring import score_forecaster

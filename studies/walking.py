@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.readers.eth_ucy import SCENES
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.recordings import SCENES, open_source
 from neurosym_jax.data.windows import cut_windows
 
 WALKING, FAST = 0.5, 1.8  # m/s

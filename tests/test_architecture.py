@@ -37,7 +37,7 @@ PACKAGES = (
 )
 """No package imports one to its right."""
 LATER = {
-    ("data/sources.py", "simulation"),
+    ("data/recordings.py", "simulation"),
     ("forecasting/forecaster.py", "training"),
     ("forecasting/model_folder.py", "interop"),
     ("training/run_files.py", "plotting"),

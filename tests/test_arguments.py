@@ -16,7 +16,7 @@ import polars as pl
 import pytest
 
 import neurosym_jax as nj
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.forecasting.forecaster import FORECASTERS, Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.sgan.config import GeneratorConfig

@@ -11,7 +11,7 @@ from flax.traverse_util import flatten_dict
 
 from benchmarks import scaling
 from benchmarks.page import document
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.forecasting import tracking_errors
 from neurosym_jax.models.anchors.forecaster import AnchorsForecaster, apply_anchors

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.evaluation.formulas import MOVED, NEAR
 from neurosym_jax.evaluation.scoring import chosen, score_scenes, without_neighbours

@@ -20,8 +20,8 @@ import docstring_parser
 import yaml
 from tyro.conf import OmitArgPrefixes, Positional
 
-from neurosym_jax.data.reading import ReadOptions
-from neurosym_jax.data.sources import Source, Synthetic, open_source
+from neurosym_jax.data.recordings import Source, Synthetic, open_source
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 

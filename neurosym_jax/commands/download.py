@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from neurosym_jax.commands import inspect
 from neurosym_jax.commands._options import refuse_given
-from neurosym_jax.data.sources import data_folder
+from neurosym_jax.data.recordings import data_folder
 from neurosym_jax.errors import InputError, printable
 
 __all__ = ["download", "published_files", "run"]

@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 
 from neurosym_jax.commands._options import Reading, given, open_data, refuse_unused
 from neurosym_jax.configuration import Count, Seed, refuse
-from neurosym_jax.data.reading import AS_IT_SAYS
-from neurosym_jax.data.sources import EthUcy, Source, Synthetic
+from neurosym_jax.data.recordings import EthUcy, Source, Synthetic
+from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import metrics, plan, report, saved_forecasts, tables

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from neurosym_jax.commands import train
 from neurosym_jax.commands._options import open_data, options_text, refuse_unused
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.sources import Source
+from neurosym_jax.data.recordings import Source
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.training.catalogue import make_config

@@ -13,7 +13,7 @@ import numpy as np
 
 from neurosym_jax.commands._options import Positional, Reading, open_data, refuse_given
 from neurosym_jax.configuration import Count, Seed, component, refuse
-from neurosym_jax.data.reading import AS_IT_SAYS
+from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.distribution import predict_distribution

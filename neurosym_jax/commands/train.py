@@ -16,11 +16,17 @@ from neurosym_jax.commands._options import (
     refuse_given,
     refuse_unused,
 )
-from neurosym_jax.data.leakage import shared_shapes
-from neurosym_jax.data.reading import AS_IT_SAYS
-from neurosym_jax.data.sources import GENERAL, EthUcy, Files, Folders, Source, Synthetic
+from neurosym_jax.data.recordings import (
+    GENERAL,
+    EthUcy,
+    Files,
+    Folders,
+    Source,
+    Synthetic,
+)
+from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.tracks import PERIOD, describe_readings
-from neurosym_jax.data.windows import cut_windows, make_batches
+from neurosym_jax.data.windows import cut_windows, make_batches, shared_shapes
 from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.evaluation.scoring import score_forecaster

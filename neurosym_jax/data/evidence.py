@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.data.tracks import GAP, PERIOD, Tracks
 from neurosym_jax.errors import option
 

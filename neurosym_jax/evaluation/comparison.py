@@ -12,10 +12,10 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.clock import on_grid
-from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.recordings import recordings_in
+from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import PERIOD
+from neurosym_jax.data.windows import on_grid
 from neurosym_jax.errors import InputError, option
 from neurosym_jax.evaluation.forecasts import (
     ForecastFile,

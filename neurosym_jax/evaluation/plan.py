@@ -6,10 +6,15 @@ import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-from neurosym_jax.data.leakage import seen_before
-from neurosym_jax.data.sources import GENERAL, EthUcy, Source
+from neurosym_jax.data.recordings import GENERAL, EthUcy, Source
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
+from neurosym_jax.data.windows import (
+    Batch,
+    Windows,
+    cut_windows,
+    make_batches,
+    seen_before,
+)
 from neurosym_jax.errors import InputError, InputWarning, option
 from neurosym_jax.evaluation.forecasts import Forecasts
 from neurosym_jax.forecasting.forecaster import FORECASTERS

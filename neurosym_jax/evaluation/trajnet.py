@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurosym_jax.data.readers.trajnet import OfficialScene, Trajnet, read_scenes
-from neurosym_jax.data.reading import AS_IT_SAYS
+from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.tracks import PERIOD
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError

@@ -24,7 +24,7 @@ from typing import Any
 import yaml
 
 from neurosym_jax.configuration import Checked, from_json, parse_json, to_json
-from neurosym_jax.data.leakage import is_fingerprint
+from neurosym_jax.data.windows import is_fingerprint
 from neurosym_jax.errors import InputError, option
 from neurosym_jax.forecasting.forecaster import FORECASTERS
 from neurosym_jax.forecasting.model import Model

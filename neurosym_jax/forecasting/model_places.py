@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import neurosym_jax
-from neurosym_jax.data.readers.eth_ucy import SCENES
-from neurosym_jax.data.sources import GENERAL, data_folder, find
+from neurosym_jax.data.recordings import GENERAL, SCENES, data_folder, find
 from neurosym_jax.errors import InputError, InputWarning
 
 __all__ = [

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.geometry import read_homography
+from neurosym_jax.data.columns import read_homography
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError

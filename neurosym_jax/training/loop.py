@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.windows import make_batches
 from neurosym_jax.errors import InputError, TrainingError, option
 from neurosym_jax.forecasting.forecaster import forecaster_of

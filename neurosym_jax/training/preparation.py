@@ -12,12 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.clock import on_grid
-from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.leakage import chance_shapes, seen_before, shared_shapes
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.recordings import recordings_in
+from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.data.windows import (
+    Windows,
+    chance_shapes,
+    cut_windows,
+    on_grid,
+    seen_before,
+    shared_shapes,
+)
 from neurosym_jax.errors import InputError, option, printable
 from neurosym_jax.scene import scene_identity
 

@@ -19,7 +19,7 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.configuration import from_json, to_json
-from neurosym_jax.data.sources import GENERAL, Synthetic
+from neurosym_jax.data.recordings import GENERAL, Synthetic
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.markdown import markdown_table

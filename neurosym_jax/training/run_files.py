@@ -15,8 +15,8 @@ from typing import Any
 
 import jax
 
-from neurosym_jax.data.leakage import fingerprint, merged_fingerprints
-from neurosym_jax.data.sources import licences_of
+from neurosym_jax.data.recordings import licences_of
+from neurosym_jax.data.windows import fingerprint, merged_fingerprints
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.plugins import loaded, names

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from neurosym_jax.data.sources import Source
+from neurosym_jax.data.recordings import Source
 from neurosym_jax.errors import InputError, option
 from neurosym_jax.evaluation import plan, report, results
 from neurosym_jax.evaluation.summary import rows_frame

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from neurosym_jax.commands._options import Positional, Reading, refuse_given
-from neurosym_jax.data.reading import AS_IT_SAYS
+from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_robot import (
     Analytics,

@@ -8,8 +8,8 @@ import numpy as np
 
 from neurosym_jax.commands._options import Positional, Reading, refuse_unused
 from neurosym_jax.configuration import Positive, refuse
-from neurosym_jax.data.formats import read_any
-from neurosym_jax.data.reading import AS_IT_SAYS
+from neurosym_jax.data.recordings import read_any
+from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime import files

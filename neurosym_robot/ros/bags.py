@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.formats import format_of, read_any, refuse_useless
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.recordings import format_of, read_any, refuse_useless
+from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, option, printable
 from neurosym_robot.input.kinds import HRI, KINDS, POSES

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
-from neurosym_jax.data.clock import resample
 from neurosym_jax.data.tracks import Tracks, make_tracks
+from neurosym_jax.data.windows import resample
 from neurosym_jax.errors import InputError
 
 FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, -3000)

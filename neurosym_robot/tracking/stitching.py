@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.configuration import Checked, NotNegative
-from neurosym_jax.data.clock import resample
 from neurosym_jax.data.tracks import SNAP, Tracks
+from neurosym_jax.data.windows import resample
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import (
     FAR,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.recordings import read_any
 from neurosym_jax.evaluation.intervals import student_half
 from neurosym_robot.tracking.stitching import LinkOptions, OnlineStitcher
 from studies.stitching.recordings import MATCH, Labelled, seen_from_a_robot

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from neurosym_jax.data.clock import resample
 from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.windows import resample
 
 __all__ = ["Labelled", "seen_from_a_robot"]
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurosym_jax.data.sources import Source, Split, open_source
+from neurosym_jax.data.recordings import Source, Split, open_source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation.intervals import (

@@ -16,10 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.clock import on_grid
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks
-from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.data.windows import Windows, cut_windows, on_grid
 from neurosym_jax.errors import InputError
 from studies.weighting.arms import CONTROLS
 from studies.weighting.control import LENGTHS, control

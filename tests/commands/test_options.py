@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from neurosym_jax.__main__ import commands
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.recordings import open_source
 from neurosym_jax.evaluation.plan import load_tests, make_plan
 from neurosym_jax.evaluation.results import Settings, evaluate_tests
 from neurosym_jax.forecasting.model_folder import load_model

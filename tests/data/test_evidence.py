@@ -7,8 +7,8 @@ import pytest
 
 from neurosym_jax.data import ReadOptions, make_tracks, on_grid, read_any, windows_from
 from neurosym_jax.data.evidence import apart_of, judge, pace_of
-from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.reading import AS_IT_SAYS
+from neurosym_jax.data.recordings import recordings_in
+from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError, InputWarning
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.data import ReadOptions, read_any, windows_from
-from neurosym_jax.data.geometry import outside, project, read_homography
+from neurosym_jax.data.columns import outside, project, read_homography
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic import observe
 from studies.mistakes.crowd import CROWD, text

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.data import cut_windows, open_source
-from neurosym_jax.data.leakage import (
+from neurosym_jax.data.windows import (
     fingerprint,
     is_fingerprint,
     seen_before,

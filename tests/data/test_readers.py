@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data import ReadOptions, read_any, single_scene, windows_from
-from neurosym_jax.data.readers.eth_ucy import SCENES, split_files
 from neurosym_jax.data.readers.thor import Qtm
-from neurosym_jax.data.reading import AS_IT_SAYS
+from neurosym_jax.data.recordings import SCENES, split_files
+from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 

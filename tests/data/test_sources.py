@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.commands.download import published_files, run
-from neurosym_jax.data.sources import GENERAL, EthUcy, Synthetic, find, open_source
+from neurosym_jax.data.recordings import GENERAL, EthUcy, Synthetic, find, open_source
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation import scenarios

@@ -8,7 +8,7 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.commands.evaluate import Options, run
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.forecasts import read_forecasts
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.commands.evaluate import default_models
-from neurosym_jax.data.sources import GENERAL, EthUcy, Files, Synthetic
+from neurosym_jax.data.recordings import GENERAL, EthUcy, Files, Synthetic
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import TestSet as Case

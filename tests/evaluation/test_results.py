@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import neurosym_jax as nj
-from neurosym_jax.data.sources import Synthetic
+from neurosym_jax.data.recordings import Synthetic
 from neurosym_jax.evaluation.comparison import with_tests
 from neurosym_jax.evaluation.intervals import paired_difference
 from neurosym_jax.evaluation.plan import load_tests, make_plan

@@ -7,7 +7,7 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.data.readers.trajnet import read_predictions, read_scenes
-from neurosym_jax.data.reading import GUARDS
+from neurosym_jax.data.tables import GUARDS
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import TestSet as Case
@@ -55,8 +55,8 @@ def rows_of(path, kind="track"):
 
 
 def saved(path, recordings, out, samples=3, kind="constant_velocity_sampled"):
-    from neurosym_jax.data.formats import read_any
-    from neurosym_jax.data.reading import ReadOptions
+    from neurosym_jax.data.recordings import read_any
+    from neurosym_jax.data.tables import ReadOptions
 
     tracks = read_any(path, ReadOptions(allow=tuple(GUARDS))) if path else recordings
     entries = [(None, baseline(kind, 8, 12))]

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from neurosym_jax import InputError, load_model, save_model
-from neurosym_jax.data.sources import licences_of
+from neurosym_jax.data.recordings import licences_of
 from neurosym_jax.interop import from_pretrained, push_to_hub
 from tests.repository import run_python
 

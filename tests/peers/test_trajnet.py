@@ -6,9 +6,9 @@ import types
 import numpy as np
 import pytest
 
-from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.readers.trajnet import read_scenes
-from neurosym_jax.data.reading import GUARDS, ReadOptions
+from neurosym_jax.data.recordings import read_any
+from neurosym_jax.data.tables import GUARDS, ReadOptions
 from neurosym_jax.evaluation.plan import TestSet as Case
 from neurosym_jax.evaluation.plan import baseline, make_test
 from neurosym_jax.evaluation.saved_forecasts import save_forecasts

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError
 from neurosym_robot.commands import replay, ros2
 from neurosym_robot.dashboard.dashboard import Dashboard, ReplayFile

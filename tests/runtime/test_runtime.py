@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.data.sources import Synthetic
+from neurosym_jax.data.recordings import Synthetic
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError

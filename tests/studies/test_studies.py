@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.recordings import read_any
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 from studies.driving import CONTACT, STEPS, drive, hall
 from studies.mistakes.__main__ import tell

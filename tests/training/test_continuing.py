@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import neurosym_jax as nj
-from neurosym_jax.data.leakage import is_fingerprint, seen_before
+from neurosym_jax.data.windows import is_fingerprint, seen_before
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model_folder import load_model

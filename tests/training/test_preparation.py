@@ -7,9 +7,9 @@ import polars as pl
 import pytest
 
 import neurosym_jax as nj
-from neurosym_jax.data.leakage import fingerprint, seen_before, shared_shapes
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.windows import fingerprint, seen_before, shared_shapes
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchors.network import AnchorTableConfig
 from neurosym_jax.scene import scene_identity

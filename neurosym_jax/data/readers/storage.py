@@ -16,12 +16,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from neurosym_jax.data.columns import RATE_NAMES, names_tracks, plain_name
 from neurosym_jax.data.readers.columns import Columns
-from neurosym_jax.data.reading import Head, ReadOptions, read_head, read_text_file
-from neurosym_jax.data.schema import names_tracks, plain_name
-from neurosym_jax.data.table import Table
+from neurosym_jax.data.tables import Head, ReadOptions, Table, read_head, read_text_file
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.data.witnesses import RATES
 from neurosym_jax.errors import InputError, optional_module
 
 __all__ = ["FRAME", "Json", "Storage", "is_frame", "table_of"]
@@ -215,7 +213,9 @@ def _in_sqlite(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
             if len(heads[name]) == 2:
                 rows = base.execute(f"select * from {quoted[name]}").fetchmany(1000)
                 rates = [
-                    value for key, value in rows if plain_name(str(key))[0] in RATES
+                    value
+                    for key, value in rows
+                    if plain_name(str(key))[0] in RATE_NAMES
                 ]
                 facts |= {"fps": str(float(rates[0]))} if rates else {}
         rows = base.execute(f"select * from {quoted[tracks[0]]}").fetchall()

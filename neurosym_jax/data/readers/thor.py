@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.reading import Format, Head, ReadOptions
-from neurosym_jax.data.table import read_table
+from neurosym_jax.data.tables import Format, Head, ReadOptions, read_table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, printable
 

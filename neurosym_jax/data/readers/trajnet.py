@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.reading import Format, Head, ReadOptions, read_text_file
-from neurosym_jax.data.stamps import usual_frames
-from neurosym_jax.data.table import Table
+from neurosym_jax.data.columns import usual_frames
+from neurosym_jax.data.tables import Format, Head, ReadOptions, Table, read_text_file
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.clock import resample
-from neurosym_jax.data.windows import cut_windows, make_batches
+from neurosym_jax.data.windows import cut_windows, make_batches, resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batch, unpacked
 from neurosym_jax.forecasting.model import predict

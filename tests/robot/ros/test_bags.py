@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.formats import data_files, files_in, is_folder, read_any
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.recordings import data_files, files_in, is_folder, read_any
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_robot.input.kinds import see
 from neurosym_robot.ros import bag_limits, messages

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.commands._running import run_command
-from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.recordings import read_any
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation.scenarios import TrackerFaults, simulate_labelled
