@@ -96,7 +96,7 @@ def _windows() -> Any:
 
 def _recipe(name: str) -> Any:
     """A step on one class of scenes, the least to compile."""
-    from neurosym_jax.training.catalogue import make_recipe
+    from neurosym_jax.training.run import make_recipe
 
     return make_recipe(
         name, steps=1, changes=["batch_scenes=4", "best_k=2", "max_agents=2"]
@@ -108,8 +108,8 @@ def _training_costs() -> dict[str, float]:
 
     from neurosym_jax.models.sgan.config import POOLINGS
     from neurosym_jax.models.sgan.step import init_state, train_steps
-    from neurosym_jax.training.catalogue import make_config
-    from neurosym_jax.training.stream import SceneStream
+    from neurosym_jax.training.batches import SceneStream
+    from neurosym_jax.training.run import make_config
 
     counts: dict[str, float] = {}
     key = jax.eval_shape(lambda: jax.random.key(0))

@@ -24,7 +24,7 @@ ORIGINAL = "original"
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    from neurosym_jax.symbolic.states import alpha_table
+    from neurosym_jax.symbolic.qtc import alpha_table
 
     rng = np.random.default_rng(0)
     walks = rng.uniform(0, 8, (SCENES, AGENTS, 1, 2)) + rng.normal(
@@ -63,7 +63,7 @@ def measure(options: Any) -> dict[str, Any]:
 def _weighed(walks: np.ndarray) -> Callable[[], np.ndarray]:
     import jax
 
-    from neurosym_jax.symbolic.weightings import make_weighting
+    from neurosym_jax.symbolic.weighting import make_weighting
 
     compiled = jax.jit(jax.vmap(make_weighting("cnd")))
     return lambda: np.asarray(compiled(walks))

@@ -24,7 +24,7 @@ def measure(options: Any) -> dict[str, Any]:
     from neurosym_jax.data.recordings import open_source
     from neurosym_jax.data.windows import cut_windows
     from neurosym_jax.models.sgan.recipe import RECIPES
-    from neurosym_jax.training.stream import SceneStream
+    from neurosym_jax.training.batches import SceneStream
 
     source, scene = open_source(options.data), "zara1" if options.data else "cross-path"
     windows = cut_windows(source.recordings(scene, "train"), 8, 8)
@@ -119,8 +119,7 @@ def anchor_step(windows: Any) -> Callable[[], None]:
     """One iteration of recipe `anchors`."""
     import jax
 
-    from neurosym_jax.training.state import new_state
-    from neurosym_jax.training.step import gradient_step
+    from neurosym_jax.training.state import gradient_step, new_state
 
     forecaster, recipe, params, batch = _anchors(windows)
     key, batch, state = (

@@ -30,8 +30,8 @@ def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.data.recordings import open_source
     from neurosym_jax.forecasting.forecaster import forecaster_of
-    from neurosym_jax.training.catalogue import make_config, recipes_of
     from neurosym_jax.training.loop import train
+    from neurosym_jax.training.run import make_config, recipes_of
 
     source, table = open_source(options.data), []
     parts = [source.recordings("zara1", part) for part in ("train", "val")]
@@ -85,9 +85,8 @@ def draw(path: Path) -> None:
     for axes, kind in zip(grid[0], kinds):
         errors = {name: means.filter(model=name)[kind].item() for name in looks}
         for name, took in seconds.items():
-            fill = (
-                "none" if name == RELEASED else "full"
-            )  # Hollow: the time is not measured.
+            # Hollow: the time is not measured.
+            fill = "none" if name == RELEASED else "full"
             axes.plot(
                 took, errors[name], "o", color=looks[name]["color"], fillstyle=fill
             )

@@ -17,8 +17,8 @@ import numpy as np
 
 from neurosym_jax.data.recordings import open_source
 from neurosym_jax.symbolic import register_weighting
-from neurosym_jax.training.catalogue import make_config, make_recipe
 from neurosym_jax.training.loop import train
+from neurosym_jax.training.run import make_config, make_recipe
 
 
 @register_weighting("nearness", log_reach=0.0)

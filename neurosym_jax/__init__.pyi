@@ -31,5 +31,5 @@ from .models.sgan.config import register_pooling as register_pooling
 from .models.sgan.recipe import GeneratorRecipe as GeneratorRecipe
 from .scene import Scene as Scene
 from .scene import make_scene as make_scene
-from .symbolic.weightings import register_weighting as register_weighting
+from .symbolic.weighting import register_weighting as register_weighting
 from .training.loop import train as train

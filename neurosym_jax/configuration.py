@@ -146,8 +146,9 @@ def from_json(
 def parse_json(text: str | bytes, source: str) -> Any:
     """The value of JSON text.
 
-    Raises: InputError: naming `source`, for other text and for an object with the same
-        key twice.
+    Raises:
+        InputError: naming `source`, for other text and for an object with the same key
+            twice.
     """
 
     def fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -172,8 +173,9 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
     `pooling=social,grid_size=16` replaces a component, `pooling.grid_size=16` changes
     an option of it. Changes are made in order, and checked together.
 
-    Raises: InputError: naming `option` for an unknown NAME, `source` for a value that
-        does not fit.
+    Raises:
+        InputError: naming `option` for an unknown NAME, `source` for a value that does
+            not fit.
     """
     fields, changed_before = to_json(config), set[str]()
     for change in changes:
@@ -207,8 +209,9 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
 def component(form: str | Mapping[str, Any], table: Registry[Any], source: str) -> Any:
     """The component of a text `NAME[,FIELD=VALUE...]`, or of its form in JSON.
 
-    Raises: InputError: naming `source`, for an unknown name or field, or a value that
-        does not fit.
+    Raises:
+        InputError: naming `source`, for an unknown name or field, or a value that does
+            not fit.
     """
     if isinstance(form, str):
         kind, *changes = form.split(",")

@@ -86,8 +86,9 @@ def scene_identity(recording: str, frame: int | np.ndarray) -> np.ndarray:
     `frame [...]` is the index of a scene's first step among the steps of its recording,
     not the number in the file.
 
-    Raises: InputError: for a recording that is not text or a frame that is not a whole
-        number.
+    Raises:
+        InputError: for a recording that is not text or a frame that is not a whole
+            number.
     """
     if not isinstance(recording, str):
         raise InputError(f"recording must be text, not {brief(recording)}")
@@ -230,8 +231,9 @@ def refuse_masked(arrays: Mapping[str, Any]) -> None:
 def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
     """`positions [N, T, 2]` in float64; messages call them `name`.
 
-    Raises: InputError: for a wrong shape, no agent, or a coordinate that is masked or
-        beyond `FAR`.
+    Raises:
+        InputError: for a wrong shape, no agent, or a coordinate that is masked or
+            beyond `FAR`.
     """
     refuse_masked({name: positions})
     try:

@@ -6,8 +6,9 @@ docs/cross_domain/thor.json python evaluate.py --data MORE/tests --checkpoint $A
 --json docs/cross_domain/more.json python evaluate.py --data DATA --dataset zara1
 --checkpoint $MODELS \\
     --json docs/cross_domain/zara1.json
-for scene in all-forward cross-path; do python evaluate.py --dataset $scene --checkpoint
-    $ALL --json docs/cross_domain/$scene.json
+for scene in all-forward cross-path; do
+    python evaluate.py --dataset $scene --checkpoint $ALL --json
+    docs/cross_domain/$scene.json
 done
 python -m studies.cross_domain docs/cross_domain/*.json > docs/cross_domain.md
 """

@@ -19,12 +19,12 @@ import numpy as np
 
 from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import (
+from neurosym_jax.symbolic.qtc import (
     NeighbourRule,
     adjacency,
     alpha_table,
     encode_state,
+    observe,
 )
 
 STEPS = 8

@@ -15,8 +15,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import symbolic_events
-from neurosym_jax.symbolic.qtc import Convention, observe
-from neurosym_jax.symbolic.states import format_state
+from neurosym_jax.symbolic.qtc import Convention, format_state, observe
 
 K, L = np.array([0.0, 0.0]), np.array([3.2, 0.0])
 BLUE, ORANGE, INK, GREY = "#0072B2", "#D55E00", "#222222", "#777777"

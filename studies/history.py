@@ -35,8 +35,13 @@ from neurosym_jax.models.anchors.frames import (
     turned,
 )
 from neurosym_jax.models.anchors.network import AnchorConfig
-from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import ABSENT, adjacency, alpha_table, encode_state
+from neurosym_jax.symbolic.qtc import (
+    ABSENT,
+    adjacency,
+    alpha_table,
+    encode_state,
+    observe,
+)
 from studies import print_or_run
 from studies.weighting.arms import ANCHORS
 from studies.weighting.comparison import (

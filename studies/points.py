@@ -29,8 +29,8 @@ from neurosym_jax.models.anchors.forecaster import apply_anchors
 from neurosym_jax.models.anchors.loss import AnchorStream, company, points_loss
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
+from neurosym_jax.training.batches import augment
 from neurosym_jax.training.state import TrainState, new_state, update
-from neurosym_jax.training.stream import augment
 
 CHECKPOINTS = Path(__file__).resolve().parents[1] / "checkpoints"
 RECIPE = AnchorRecipe(steps=600, stretch=2.2)

@@ -31,7 +31,7 @@ from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.models.sgan.config import GeneratorConfig, register_pooling
 from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.sgan.recipe import RECIPES
-from neurosym_jax.symbolic.weightings import Cnd, CndShipped
+from neurosym_jax.symbolic.weighting import Cnd, CndShipped
 from neurosym_jax.training.run import ROUND, Run
 from studies import print_or_run
 from studies.weighting.comparison import ALIVE, Runs, adjusted, answer, percent_text

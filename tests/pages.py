@@ -28,7 +28,7 @@ from neurosym_jax.__main__ import main
 from neurosym_jax.data.recordings import FORMATS
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.forecasting.forecaster import FORECASTERS
-from neurosym_jax.symbolic.weightings import WEIGHTINGS
+from neurosym_jax.symbolic.weighting import WEIGHTINGS
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLES: tuple[dict[str, Any], ...] = (FORMATS, METRICS, FORECASTERS, WEIGHTINGS)

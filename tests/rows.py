@@ -5,7 +5,7 @@ import numpy as np
 from neurosym_jax.evaluation.intervals import ErrorsByScene
 from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.evaluation.scoring import Score
-from neurosym_jax.training.sweep_report import write_errors
+from neurosym_jax.training.sweep import write_errors
 
 
 def result_row(model, dataset, means, checkpoint=None, half=0.01, p=None, **facts):

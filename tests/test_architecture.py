@@ -40,7 +40,7 @@ LATER = {
     ("data/recordings.py", "simulation"),
     ("forecasting/forecaster.py", "training"),
     ("forecasting/model_folder.py", "interop"),
-    ("training/run_files.py", "plotting"),
+    ("training/run.py", "plotting"),
 }
 """Files that use a package to their right all the same."""
 

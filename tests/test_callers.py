@@ -19,7 +19,7 @@ from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.anchors.network import AnchorTableConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.training.sweep_report import compare_sweep
+from neurosym_jax.training.sweep import compare_sweep
 from tests.repository import run_python
 from tests.rows import write_sweep
 

@@ -11,8 +11,8 @@ from neurosym_jax.models import AsDescribed, PoolNet, Social
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.sgan.recipe import GeneratorRecipe
-from neurosym_jax.symbolic.weightings import Cnd, Learned, Soft
-from neurosym_jax.training.catalogue import known_recipes, make_config, make_recipe
+from neurosym_jax.symbolic.weighting import Cnd, Learned, Soft
+from neurosym_jax.training.run import known_recipes, make_config, make_recipe
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 import neurosym_jax as nj
 from neurosym_jax.models import Generator
 from neurosym_jax.scene import make_scene
-from neurosym_jax.symbolic.weightings import make_weighting
+from neurosym_jax.symbolic.weighting import make_weighting
 from tests.following import followed
 from tests.repository import ROOT, run_python
 

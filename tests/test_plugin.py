@@ -9,8 +9,8 @@ from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.plugins import Registry, load_plugin, loaded
-from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
-from neurosym_jax.training.catalogue import make_config
+from neurosym_jax.symbolic.weighting import WEIGHTINGS, register_weighting
+from neurosym_jax.training.run import make_config
 from tests.networks import random_model
 
 MISSING = "unknown weighting 'nearness'"

@@ -64,9 +64,9 @@ def short_help(command: Callable[..., Any], prog: str) -> str:
     text = [
         " ".join(["usage:", prog, *positional, "[OPTIONS]"]),
         "",
-        description(command),
-        "",
     ]
+    for paragraph in description(command).split("\n\n"):
+        text += [*textwrap.wrap(paragraph, width), ""]
     groups: dict[str, list[str]] = {}
     for group, flag, meaning, default in options:
         if group:
@@ -185,8 +185,9 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
 
     Those of `KEYED` override the same keys, and add others.
 
-    Raises: InputError: for a file that cannot be read, an unknown option, or one that
-        stands twice.
+    Raises:
+        InputError: for a file that cannot be read, an unknown option, or one that
+            stands twice.
     """
     if not arguments or not arguments[0].endswith((".yaml", ".yml")):
         return list(arguments)
@@ -278,8 +279,9 @@ def open_data(
 ) -> Source:
     """Open the source that --data and --dataset name, see `open_source`.
 
-    Raises: InputError: for options of reading where neither the source nor any of
-        `files` is read.
+    Raises:
+        InputError: for options of reading where neither the source nor any of `files`
+            is read.
     """
     source = open_source(data, dataset, read=read, **options)
     if isinstance(source, Synthetic) and not any(files):

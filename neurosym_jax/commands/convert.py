@@ -26,16 +26,17 @@ def run(
 ) -> None:
     """Write a torch checkpoint as a model's folder, or a model as a torch checkpoint.
 
-    Args: model: A .pt file of SGAN or NeuroSyM, or a model's folder or name. to: The
-        new folder, or a new .pt file, which torch writes. ignore_arg: Unknown arguments
-        of the checkpoint that do not change its network. generator_only: Leave behind
-        what is no part of the generator: the discriminator, losses,
-            optimisers, arguments of the training.
+    Args:
+        model: A .pt file of SGAN or NeuroSyM, or a model's folder or name.
+        to: The new folder, or a new .pt file, which torch writes.
+        ignore_arg: Unknown arguments of the checkpoint that do not change its network.
+        generator_only: Leave behind what is no part of the generator: the
+            discriminator, losses, optimisers, arguments of the training.
 
-    Raises: InputError: for a file that cannot be read or written; without
-        `generator_only` for a
-            checkpoint that could not be written again as it is, naming what would be
-            lost.
+    Raises:
+        InputError: for a file that cannot be read or written; without `generator_only`
+            for a checkpoint that could not be written again as it is, naming what would
+            be lost.
     """
     source = find_model(model)
     loaded = (

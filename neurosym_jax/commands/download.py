@@ -49,14 +49,14 @@ def run(
 
     evaluate.py and train.py find downloaded data by themselves.
 
-    Args: collection: Recordings of ETH/UCY (5.4 MB), SGAN's 20 published checkpoints
-        (2.6 MB), or
-            THÖR.
+    Args:
+        collection: Recordings of ETH/UCY (5.4 MB), SGAN's 20 published checkpoints (2.6
+            MB), or THÖR.
         to: Folder for the collection's own folder; default: $NEUROSYM_DATA, else
             neurosym_jax in $XDG_DATA_HOME or ~/.local/share.
         mirror: Address of a copy of the files, with the same paths below it (default:
-        GitHub). timeout: Seconds without an answer after which a connection is given
-        up.
+            GitHub).
+        timeout: Seconds without an answer after which a connection is given up.
 
     Returns:
         The exit status: 2 if no file of THÖR is there yet.

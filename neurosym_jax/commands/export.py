@@ -15,15 +15,16 @@ __all__ = ["run"]
 def run(model: Positional[Path], to: Positional[Path], samples: int = 20) -> None:
     """Export a model as one program for any number of people: ONNX as *.onnx, else StableHLO.
 
-    Args: model: A model's folder or name, or a .pt file. to: The new file.
-        `jax.export.deserialize` reads StableHLO (examples/run_exported.py), ONNX
-            Runtime *.onnx (examples/run_onnx.py).
+    Args:
+        model: A model's folder or name, or a .pt file.
+        to: The new file. `jax.export.deserialize` reads StableHLO
+            (examples/run_exported.py), ONNX Runtime *.onnx (examples/run_onnx.py).
         samples: Number of forecasts of each call, k; free in ONNX if the model takes
-        noise.
+            noise.
 
-    Raises: InputError: as `export_model` and `export_onnx`, and for a file that exists
-        or cannot be
-            written.
+    Raises:
+        InputError: as `export_model` and `export_onnx`, and for a file that exists or
+            cannot be written.
     """
     if to.exists():
         raise InputError(f"{to}: exists already")

@@ -39,20 +39,21 @@ def run(
     The figure has all tracks, and what `recommended` forecasts for the moment with most
     people. The last lines are commands to go on with, in which guesses are spelled out.
 
-    Args: path: A file, or a folder, which is searched with its subfolders. figure: File
-        of the figure: .png, .pdf or .svg. underlay: Image of the floor under the
-        tracks, a map or a frame of a video, and a text file
-            of 3 x 3 numbers that turn its pixels (column, row, 1) into metres; with
-            FILE,row-column those of (row, column, 1), as EWAP's.
+    Args:
+        path: A file, or a folder, which is searched with its subfolders.
+        figure: File of the figure: .png, .pdf or .svg.
+        underlay: Image of the floor under the tracks, a map or a frame of a video, and
+            a text file of 3 x 3 numbers that turn its pixels (column, row, 1) into
+            metres; with FILE,row-column those of (row, column, 1), as EWAP's.
         style: Look of the figure; a talk's has larger letters and lines.
         read: How files are read.
 
     Returns:
         The exit status: 2 if no file in a folder could be read.
 
-    Raises: InputError: for a single file that cannot be read, a folder without files,
-        or a figure that
-            cannot be written.
+    Raises:
+        InputError: for a single file that cannot be read, a folder without files, or a
+            figure that cannot be written.
     """
     if figure:
         refuse_unwritable(figure)

@@ -27,9 +27,9 @@ def run(all: bool = False) -> None:
     `sgan-20v` and `sgan-20vp` name all of SGAN's published models, without and with
     pooling.
 
-    Args: all: List each model. The column neighbours has the share of people with
-        somebody within
-            2 m whose forecast they change.
+    Args:
+        all: List each model. The column neighbours has the share of people with
+            somebody within 2 m whose forecast they change.
     """
     print(
         "recommended: take this one; it is the anchors model for your data set and horizon\n"

@@ -29,19 +29,23 @@ def run(
 ) -> int:
     """Compare our networks with a torch module that runs now, or with stored torch cases.
 
-    Args: directory: Stored cases: a folder with manifest.json and one .npz for each of
-        its rows. torch_module: Generator of your torch code, which is run; it has
-        SGAN's interface. checkpoint: Checkpoint to load into the torch module and here.
-        python: Interpreter that has torch and runs the module; default: this one. seed:
-        Random seed of the scenes and noise that the module is given. keep: Also store
-        what the module made as a case in this new folder. tolerance: Largest absolute
-        difference that passes.
+    Args:
+        directory: Stored cases: a folder with manifest.json and one .npz for each of
+            its rows.
+        torch_module: Generator of your torch code, which is run; it has SGAN's
+            interface.
+        checkpoint: Checkpoint to load into the torch module and here.
+        python: Interpreter that has torch and runs the module; default: this one.
+        seed: Random seed of the scenes and noise that the module is given.
+        keep: Also store what the module made as a case in this new folder.
+        tolerance: Largest absolute difference that passes.
 
     Returns:
         The exit status: 0 where every output is within the tolerance, else 1.
 
-    Raises: InputError: as `run_parity` and `run_torch`, or for options that do not go
-        together.
+    Raises:
+        InputError: as `run_parity` and `run_torch`, or for options that do not go
+            together.
     """
     refuse(Seed, {"--seed": seed})
     if directory is not None:

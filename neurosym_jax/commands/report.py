@@ -4,7 +4,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from neurosym_jax.training.sweep_report import compare_sweep
+from neurosym_jax.training.sweep import compare_sweep
 
 __all__ = ["run"]
 
@@ -17,9 +17,11 @@ def run(
 ) -> None:
     """Compare a sweep's models with one of them, paired by seed and scene: Markdown and CSV.
 
-    Args: sweep: Folder of the sweep. against: Model to compare with, by title or
-        weighting; needed with more than two models. pred_len: Steps forecast, where the
-        sweep has several. out: Markdown file, .csv beside it; default: report.md in the
-        sweep's folder.
+    Args:
+        sweep: Folder of the sweep.
+        against: Model to compare with, by title or weighting; needed with more than two
+            models.
+        pred_len: Steps forecast, where the sweep has several.
+        out: Markdown file, .csv beside it; default: report.md in the sweep's folder.
     """
     print(compare_sweep(sweep, against, pred_len=pred_len, out=out))

@@ -15,7 +15,7 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.recordings import Source
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import forecaster_of
-from neurosym_jax.training.catalogue import make_config
+from neurosym_jax.training.run import make_config
 from neurosym_jax.training.sweep import SweepRun, run_sweep, unfinished
 
 __all__ = ["Options", "plan_runs", "run"]
@@ -79,9 +79,9 @@ def run(options: Options) -> int:
 def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
     """What is tested on, and a run for each seed, model, data set and horizon, in that order.
 
-    Raises: InputError: for nothing to train, an unknown data set, a pooling, a
-        weighting or a change
-            that no model takes, or two runs of one name.
+    Raises:
+        InputError: for nothing to train, an unknown data set, a pooling, a weighting or
+            a change that no model takes, or two runs of one name.
     """
     for name in ("model", "seed"):
         if not getattr(options, name):

@@ -28,8 +28,7 @@ from neurosym_jax.symbolic.forecast import (
     format_forecast,
     format_pairs,
 )
-from neurosym_jax.symbolic.weighting import initial_parameters, is_constant
-from neurosym_jax.symbolic.weightings import WEIGHTINGS
+from neurosym_jax.symbolic.weighting import WEIGHTINGS, initial_parameters, is_constant
 
 __all__ = ["run"]
 
@@ -52,13 +51,15 @@ def run(
 ) -> None:
     """Show the QTC symbols and weights of a recording, and of one of its scenes.
 
-    Args: data: Recording, a folder of them, or ETH/UCY; default: the embedded
-        simulations. dataset: Data set (eth, hotel, ..., or a file's name); default: the
-        first. window: Index of the window to show; default: the first with the most
-        people, up to five. weighting: Weighting, as in `neurosym train`; default: the
-        model's, else cnd. model: Model whose weights or, with --forecast, forecast are
-        shown; without, windows are
-            8 + 8.
+    Args:
+        data: Recording, a folder of them, or ETH/UCY; default: the embedded
+            simulations.
+        dataset: Data set (eth, hotel, ..., or a file's name); default: the first.
+        window: Index of the window to show; default: the first with the most people, up
+            to five.
+        weighting: Weighting, as in `neurosym train`; default: the model's, else cnd.
+        model: Model whose weights or, with --forecast, forecast are shown; without,
+            windows are 8 + 8.
         forecast: Show instead the model's forecast of the pairs: events and states with
             probabilities.
         samples: Number of forecasts of the scene, k.

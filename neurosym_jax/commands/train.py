@@ -34,15 +34,15 @@ from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.plugins import loaded
-from neurosym_jax.training.catalogue import (
+from neurosym_jax.training.loop import train_run
+from neurosym_jax.training.preparation import describe_parts, prepare
+from neurosym_jax.training.run import (
+    Run,
     make_config,
     make_recipe,
     recipes_of,
     refuse_other_recipe,
 )
-from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.preparation import describe_parts, prepare
-from neurosym_jax.training.run import Run
 
 __all__ = ["Options", "closing_line", "configured", "make_run", "run"]
 
@@ -222,8 +222,9 @@ def _print_errors(run: Run, model: Model) -> None:
 def configured(options: Options) -> tuple[Any, Any, Model | None]:
     """The configuration, the recipe and the initial model that `options` describe.
 
-    Raises: InputError: for options that contradict each other, or a change that does
-        not fit.
+    Raises:
+        InputError: for options that contradict each other, or a change that does not
+            fit.
     """
     chosen = {"pooling": options.pooling, "weighting": options.weighting}
     changes = [f"{name}={value}" for name, value in chosen.items() if value is not None]

@@ -287,8 +287,9 @@ def names_in_comments(comments: Sequence[str], width: int) -> list[str]:
 def schema_of(table: Table, stated: Mapping[str, str]) -> Schema:
     """The columns that the user has `given`, by name or number from 1, and those whose names say.
 
-    Raises: InputError: naming every role that is missing or stands twice, with a
-        command to paste.
+    Raises:
+        InputError: naming every role that is missing or stands twice, with a command to
+            paste.
     """
     places = {key: _place(table, key, name) for key, name in stated.items()}
     taken = {at for role, at in places.items() if role in ROLES}
@@ -713,8 +714,9 @@ def stamps_of(
         position: [R, 2] in the file's unit.
         facts: see `facts_of`.
 
-    Raises: InputError: for witnesses that contradict each other, or a clock that none
-        decides.
+    Raises:
+        InputError: for witnesses that contradict each other, or a clock that none
+            decides.
     """
     place = schema.places[schema.clock]
     warnings, notes = list[str](), list[str]()

@@ -118,10 +118,10 @@ def read_any(
     columns. The most common step of frame numbers is `frame_period` seconds where
     nothing else is said.
 
-    Raises: InputError: naming file, row and reason; for an option that the format does
-        not use, and
-            for people who move as none do (see `evidence`), unless `options.allow`
-            names the guard.
+    Raises:
+        InputError: naming file, row and reason; for an option that the format does not
+            use, and for people who move as none do (see `evidence`), unless
+            `options.allow` names the guard.
 
     Warns:
         InputWarning: of what looks wrong, which is in `reading` too.
@@ -318,12 +318,10 @@ class Source(abc.ABC):
     read: ReadOptions = AS_IT_SAYS
     period: float = PERIOD  # seconds between steps, to which recordings are resampled
     paths: tuple[Path, ...] = ()  # all files
-    name: ClassVar[str] = (
-        ""  # of all data sets together, if a model may be tested on all of them
-    )
-    about: ClassVar[str] = (
-        ""  # what it contains, for people who did not ask for it by name
-    )
+    # of all data sets together, if a model may be tested on all of them
+    name: ClassVar[str] = ""
+    # what it contains, for people who did not ask for it by name
+    about: ClassVar[str] = ""
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
         """Recordings of one split of `scene`, or of all data sets for `GENERAL`.

@@ -233,9 +233,8 @@ class Format(abc.ABC):
     fields, if any, are options that only this format has."""
 
     title: ClassVar[str] = ""  # what messages call it
-    uses: ClassVar[frozenset[str]] = (
-        frozenset()
-    )  # the fields of `ReadOptions` that it uses
+    # the fields of `ReadOptions` that it uses
+    uses: ClassVar[frozenset[str]] = frozenset()
 
     def knows(self, head: Head) -> bool:
         """Whether a file that begins so is of this format."""
@@ -383,8 +382,9 @@ class Table:
     def ids(self, place: int, prefix: str = "") -> np.ndarray:
         """[R] int64 ids without `prefix`: numbers if all are whole, else 0, 1, ... by text.
 
-        Raises: InputError: for a missing id, and two that are one number (1, 1.0) or
-            word (P1, p01).
+        Raises:
+            InputError: for a missing id, and two that are one number (1, 1.0) or word
+                (P1, p01).
         """
         texts = self.column(place).str.strip_prefix(prefix)
         self.refuse(

@@ -17,9 +17,8 @@ from neurosym_jax.scene import refuse_masked
 __all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Reading", "Tracks", "describe_readings"]
 __all__ += ["common", "make_tracks"]
 
-PERIOD = (
-    0.4  # seconds between the steps of the ETH/UCY benchmark and of every shipped model
-)
+# seconds between the steps of the ETH/UCY benchmark and of every shipped model
+PERIOD = 0.4
 SNAP = 1e-6  # seconds within which a stamp counts as a grid point: clocks are rounded
 GAP = 1.5  # a step of a person longer than this many usual ones is a gap
 LATE = 1e11  # latest time accepted, seconds; a float64 of this size resolves 20 microseconds
@@ -35,9 +34,8 @@ class Reading:
     format: str | None = None  # name of the file's format
     rows: int = 0  # points that were read
     filled: int = 0  # points that were interpolated in gaps of single people's tracks
-    interpolated: int = (
-        0  # points of windows, once cut, that lie between two points of the file
-    )
+    # points of windows, once cut, that lie between two points of the file
+    interpolated: int = 0
     gaps: int = 0  # gaps in time, once windows are cut; windows do not cross them
     warnings: tuple[str, ...] = ()  # what looks wrong, a line each
     notes: tuple[
@@ -57,18 +55,14 @@ class Tracks:
     position: np.ndarray  # [R, 2] float64 metres in the recording's frame
     extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     """name: [R, ...] further numbers of each row, as a group, a class or a heading."""
-    known: np.ndarray | None = (
-        None  # [R] seconds: last observation that the point depends on
-    )
-    foreseen: np.ndarray | None = (
-        None  # [R, 2] metres: extrapolated from those before `known`
-    )
-    period: float | None = (
-        None  # seconds between points of the grids that all stamps lie on
-    )
-    step: np.ndarray | None = (
-        None  # [R] int64 number on that grid; pieces of other phase are apart
-    )
+    # [R] seconds: last observation that the point depends on
+    known: np.ndarray | None = None
+    # [R, 2] metres: extrapolated from those before `known`
+    foreseen: np.ndarray | None = None
+    # seconds between points of the grids that all stamps lie on
+    period: float | None = None
+    # [R] int64 number on that grid; pieces of other phase are apart
+    step: np.ndarray | None = None
     reading: Reading | None = None  # how the recording was read from a file
     _columns: ClassVar = ("stamp", "id", "position", "known", "foreseen", "step")
 

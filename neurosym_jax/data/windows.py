@@ -126,8 +126,9 @@ def phases(
         joined: [R] bool: the next row continues this one's track.
         period: seconds.
 
-    Returns: [R] number of each row's piece, in order of time, and [P] seconds: a point
-        of each grid, at or before the first row of the piece.
+    Returns:
+        [R] number of each row's piece, in order of time, and [P] seconds: a point of
+        each grid, at or before the first row of the piece.
     """
     votes = joined | np.append(False, joined[:-1])
     votes = np.flatnonzero(votes) if votes.any() else np.arange(len(stamp))
@@ -200,9 +201,8 @@ def _is_majority(stamp: np.ndarray, label: np.ndarray, period: float) -> np.ndar
     """[R] bool: whether most of the rows within `NEAR` periods have the phase of a row, and one of
     them at another moment. `stamp` ascends."""
     tick = np.rint((stamp - stamp[0]) / period * 100).astype(np.int64)
-    reach = (
-        NEAR * 100 - 1
-    )  # Else of two phases that alternate, each has 5 of 9 rows around one.
+    # Else of two phases that alternate, each has 5 of 9 rows around one.
+    reach = NEAR * 100 - 1
     total = np.searchsorted(tick, tick + reach, "right") - np.searchsorted(
         tick, tick - reach
     )
@@ -352,9 +352,9 @@ def cut_windows(
     Each recording is on one grid (see `tracks.on_grid`). A window starts at every
     `skip`-th step; scenes with fewer than `min_agents` are dropped.
 
-    Raises: InputError: for a number below 1, or if there is no window, a recording is
-        on no grid, or
-            recordings do not match.
+    Raises:
+        InputError: for a number below 1, or if there is no window, a recording is on no
+            grid, or recordings do not match.
     """
     lengths = {"obs_len": obs_len, "pred_len": pred_len}
     refuse(Count, {**lengths, "skip": skip, "min_agents": min_agents})

@@ -79,23 +79,29 @@ def evaluate(
         recordings: a file, folder, dataframe of pandas or polars, `Tracks`, or several
             of these; None for those that the first file of forecasts holds.
         forecasts: files of forecasts, see `read_forecasts`, one or several or by name.
-        samples: number of forecasts of each scene, k. seed: random seed of the noise.
-        min_agents: scenes with fewer people are left out. metrics: names; default:
-        those of every table, see `metric_names`. baselines: forecasters by name, see
-        `baselines_of`. obs_len: steps observed where no model says how many; default:
-        8. pred_len: steps to forecast where no model says; default: those of the files,
-        else 8. period: seconds between steps where no model says; default: 0.4.
+        samples: number of forecasts of each scene, k.
+        seed: random seed of the noise.
+        min_agents: scenes with fewer people are left out.
+        metrics: names; default: those of every table, see `metric_names`.
+        baselines: forecasters by name, see `baselines_of`.
+        obs_len: steps observed where no model says how many; default: 8.
+        pred_len: steps to forecast where no model says; default: those of the files,
+            else 8.
+        period: seconds between steps where no model says; default: 0.4.
         partial: test on the windows that all files of forecasts have, and leave out the
-        rest. read: how files and dataframes are read, by the fields of `ReadOptions`:
-        `unit="cm"`, ...
+            rest.
+        read: how files and dataframes are read, by the fields of `ReadOptions`:
+            `unit="cm"`, ...
 
-    Returns: Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under
-        its name, and the bounds of its 95 % interval under `NAME_low` and `NAME_high`;
+    Returns:
+        Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under its
+        name, and the bounds of its 95 % interval under `NAME_low` and `NAME_high`;
         under `NAME_p` the p value of the paired test against the best model, see
         `with_tests`.
 
-    Raises: InputError: for what cannot be read or does not match, and where nothing is
-        to be tested.
+    Raises:
+        InputError: for what cannot be read or does not match, and where nothing is to
+            be tested.
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     loaded, functions = _apart(models)
@@ -195,10 +201,13 @@ def add_forecasts(
 ) -> list[Test]:
     """Add forecasts of files and functions, by name, to the test sets that they are of.
 
-    Args: tests: see `make_test`. files: see `read_forecasts`; each is of the test sets
-        of its recordings and length. predictors: functions, which forecast all test
-        sets. partial: test on the windows that all files have, see `match`; else all
-        must match.
+    Args:
+        tests: see `make_test`.
+        files: see `read_forecasts`; each is of the test sets of its recordings and
+            length.
+        predictors: functions, which forecast all test sets.
+        partial: test on the windows that all files have, see `match`; else all must
+            match.
 
     Raises:
         InputError: for a file that is of no test set, or that could be of several.

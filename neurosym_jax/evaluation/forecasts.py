@@ -201,12 +201,15 @@ def match(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Match the rows of a file to windows by recording, frame and id.
 
-    Args: file: see `read_forecasts`. windows: of the test set. partial: leave out
-        windows of which not all people have a forecast, and forecasts without
-            a window; else both are refused.
+    Args:
+        file: see `read_forecasts`.
+        windows: of the test set.
+        partial: leave out windows of which not all people have a forecast, and
+            forecasts without a window; else both are refused.
 
-    Returns: [S] bool, windows that have forecasts, and [A] the row of each agent
-        window, -1 for none.
+    Returns:
+        [S] bool, windows that have forecasts, and [A] the row of each agent window, -1
+        for none.
 
     Raises:
         InputError: with counts, for what does not match.

@@ -255,10 +255,12 @@ def against_best(
 ) -> list[float | None]:
     """Holm-adjusted p values of n models against the one of best mean, which itself has None.
 
-    Args: means: [n], None for a model without a value, which is left out. higher:
-        whether a higher mean is better; None if neither is, and nothing is tested.
+    Args:
+        means: [n], None for a model without a value, which is left out.
+        higher: whether a higher mean is better; None if neither is, and nothing is
+            tested.
         p_value: of the paired test of two models, called with the index of the best
-        first.
+            first.
     """
     adjusted: list[float | None] = [None] * len(means)
     known_means = {at: mean for at, mean in enumerate(means) if mean is not None}

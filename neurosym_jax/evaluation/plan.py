@@ -208,8 +208,9 @@ def baseline(
 ) -> Model:
     """Make a registered forecaster without parameters, or load the shipped anchor table.
 
-    Raises: InputError: for another forecaster with parameters, or a horizon without a
-        table.
+    Raises:
+        InputError: for another forecaster with parameters, or a horizon without a
+            table.
     """
     forecaster = FORECASTERS[name]
     config = forecaster.Config(obs_len=obs_len, pred_len=pred_len)

@@ -56,9 +56,9 @@ def read_report(path: Path) -> pl.DataFrame:
 def check_report(path: Path) -> bool:
     """Whether a report is at `path` already.
 
-    Raises: InputError: when `path`, or the log of rows beside it, holds anything else
-        or cannot be
-            written.
+    Raises:
+        InputError: when `path`, or the log of rows beside it, holds anything else or
+            cannot be written.
     """
     if path.suffix == ".jsonl":
         raise InputError(

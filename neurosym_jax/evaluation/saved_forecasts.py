@@ -91,7 +91,8 @@ def save_forecasts(
 def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> dict[str, Any]:
     """Forecast a whole test set of A agent windows by `model`, in their order.
 
-    Returns: World metres `samples` [k, A, pred_len, 2], `truth` [A, pred_len, 2] and
+    Returns:
+        World metres `samples` [k, A, pred_len, 2], `truth` [A, pred_len, 2] and
         `observed` [A, obs_len, 2]; [A] `ids`, `frames` (the last observed one: its
         number or, where the file has none, its time in seconds), `recordings`, `scene`
         and `start`, the index of the first step; `period` in seconds; and, where
@@ -126,10 +127,11 @@ def to_xarray(samples: ArrayLike, *, period: float = 0.4, **arrays: ArrayLike) -
     `to_xarray(nj.predict(...))` takes a scene's, `to_xarray(**forecasts_of(...))` a
     test set's.
 
-    Args: samples: [k, A, T, 2] metres. period: seconds between steps. **arrays:
-        `probabilities` [k] or [k, A], `truth` [A, T, 2], `observed` [A, obs_len, 2],
-        and
-            coordinates [A] by any other name, such as `ids`.
+    Args:
+        samples: [k, A, T, 2] metres.
+        period: seconds between steps.
+        **arrays: `probabilities` [k] or [k, A], `truth` [A, T, 2], `observed` [A,
+            obs_len, 2], and coordinates [A] by any other name, such as `ids`.
 
     Raises:
         InputError: where xarray is not installed.

@@ -232,12 +232,14 @@ def score(
 ) -> Scores:
     """Scores of one scene, S = 1.
 
-    Args: forecast: [k, N, T, 2] metres in any frame. future: [N, T, 2] metres in the
-        same frame, the truth. valid: [N] bool, agents that count, one at least;
-        positions of the others are ignored. observed: [N, obs_len, 2] metres in the
-        same frame, for metrics of symbols. metrics: names; by default those that are
-        computed without being named. probability: [k] of the samples; default: all have
-        the same.
+    Args:
+        forecast: [k, N, T, 2] metres in any frame.
+        future: [N, T, 2] metres in the same frame, the truth.
+        valid: [N] bool, agents that count, one at least; positions of the others are
+            ignored.
+        observed: [N, obs_len, 2] metres in the same frame, for metrics of symbols.
+        metrics: names; by default those that are computed without being named.
+        probability: [k] of the samples; default: all have the same.
     """
     refuse_masked(
         {"forecast": forecast, "future": future, "valid": valid, "observed": observed}

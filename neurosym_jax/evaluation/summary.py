@@ -43,13 +43,14 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
     Args:
         rows: see `evaluate`.
 
-    Returns: A row for each line and metric, with `line` (a number), the columns of
-        `FACTS`, `checkpoint` (of several trainings without the seed), `trainings`,
-        `sets` (number of test sets), `metric`, its `mean` (None where nothing was
-        counted), the bounds `low` and `high` of its 95 % interval, `std` (between
-        trainings or, of one, between seeds of the noise), `p` (of the test against the
-        best, adjusted; None for the best itself) and `best`, whether `p` of all other
-        lines of the test set is below 5 %.
+    Returns:
+        A row for each line and metric, with `line` (a number), the columns of `FACTS`,
+        `checkpoint` (of several trainings without the seed), `trainings`, `sets`
+        (number of test sets), `metric`, its `mean` (None where nothing was counted),
+        the bounds `low` and `high` of its 95 % interval, `std` (between trainings or,
+        of one, between seeds of the noise), `p` (of the test against the best,
+        adjusted; None for the best itself) and `best`, whether `p` of all other lines
+        of the test set is below 5 %.
     """
     lines = _lines(rows)
     means = pl.DataFrame(_tested(list(_means(lines))), schema=lines.schema)

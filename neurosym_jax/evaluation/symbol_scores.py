@@ -18,8 +18,7 @@ from jax import Array
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import SymbolSettings, event_steps, state_steps
-from neurosym_jax.symbolic.qtc import other_pairs
-from neurosym_jax.symbolic.states import all_states
+from neurosym_jax.symbolic.qtc import all_states, other_pairs
 
 __all__ = ["NEAR", "SETTINGS", "event_log", "state_log"]
 

@@ -54,11 +54,15 @@ def format_table(
 ) -> str:
     """Rows as tables: one for each test set and horizon and, of several, one of their means.
 
-    Args: rows: see `evaluate`; runs whose checkpoints differ in `seed0`, `seed1`, ...
-        are one line. style: text for a terminal; csv, markdown or latex for a paper.
-        width: columns of a terminal; default: the terminal's. intervals: whether latex
-        has intervals, too, which is too wide for one column of a paper. whole: whether
-        text has columns that do not fit in further tables, and a table of means.
+    Args:
+        rows: see `evaluate`; runs whose checkpoints differ in `seed0`, `seed1`, ... are
+            one line.
+        style: text for a terminal; csv, markdown or latex for a paper.
+        width: columns of a terminal; default: the terminal's.
+        intervals: whether latex has intervals, too, which is too wide for one column of
+            a paper.
+        whole: whether text has columns that do not fit in further tables, and a table
+            of means.
     """
     lines = summarise(rows).with_columns(
         pl.col("dataset", "model", "checkpoint").map_elements(printable, pl.String)

@@ -63,9 +63,9 @@ def predict_scenes(
     Returns:
         For each scene `[k, N_i, pred_len, 2]` float64 metres in its own frame.
 
-    Raises: InputError: naming the scene that `predict` would refuse; for another number
-        of frames than
-            scenes.
+    Raises:
+        InputError: naming the scene that `predict` would refuse; for another number of
+            frames than scenes.
     """
     refuse(Count, {"samples": samples})
     frames = range(len(observed)) if frames is None else frames
@@ -101,7 +101,8 @@ def forecast_windows(
     `batches` are all windows; `run` is `map` or an executor's, and applies a function
     to batches.
 
-    Returns: [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the
+    Returns:
+        [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the
         same.
     """
     forecaster = model.forecaster
@@ -143,8 +144,9 @@ def forecast_batch(
 
     `noise` is `[k, B, dim]` or `[k, B, N, dim]`, see `batch_noise`.
 
-    Returns: [k, A, pred_len, 2] metres relative to each scene's origin, and [k, B];
-        None where all are the same.
+    Returns:
+        [k, A, pred_len, 2] metres relative to each scene's origin, and [k, B]; None
+        where all are the same.
     """
     valid = np.asarray(scenes.valid)
     if isinstance(forecaster, TwoStageForecaster) and forecaster.decodes_alone:

@@ -190,7 +190,7 @@ class Forecaster(abc.ABC):
 
         It depends on nothing but its arguments, the recipe's seed among them.
         """
-        from neurosym_jax.training.stream import SceneStream
+        from neurosym_jax.training.batches import SceneStream
 
         return SceneStream(windows, recipe.batch_scenes, recipe.seed).batch
 
@@ -202,7 +202,7 @@ class Forecaster(abc.ABC):
         By default the batch is augmented as the recipe says, and the best joint sample
         counts.
         """
-        from neurosym_jax.training.step import variety_loss
+        from neurosym_jax.training.state import variety_loss
 
         return variety_loss(self, params, batch, key, recipe)
 
@@ -214,7 +214,7 @@ class Forecaster(abc.ABC):
         By default one step of gradient descent by `loss` a batch. The state's buffers
         may be reused. `key` is the run's.
         """
-        from neurosym_jax.training.step import gradient_rounds
+        from neurosym_jax.training.state import gradient_rounds
 
         return gradient_rounds(self, self.batches(windows, recipe), recipe, key)
 

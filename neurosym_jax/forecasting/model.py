@@ -184,9 +184,9 @@ def predict(
     Returns:
         [k, N, pred_len, 2] float64 metres.
 
-    Raises: InputError: for a wrong shape, an unusable coordinate, a number out of
-        range, or a trace of
-            jax's (`jit`, `vmap`, `grad`).
+    Raises:
+        InputError: for a wrong shape, an unusable coordinate, a number out of range, or
+            a trace of jax's (`jit`, `vmap`, `grad`).
     """
     return predict_representatives(
         model, observed, samples=samples, seed=seed, recording=recording, frame=frame
@@ -288,14 +288,17 @@ def forecast(
     hard threshold have a gradient of zero by positions; the weightings `soft` and
     `quantised` (straight through) have another.
 
-    Args: config: `Model.config`. params: `Model.params`; those of a weighting, such as
-        thresholds, are `params["weighting"]`. observed: [N, obs_len, 2] metres. Map
-        coordinates lose precision in float32 before this
-            function sees them: subtract an origin, or use x64.
+    Args:
+        config: `Model.config`.
+        params: `Model.params`; those of a weighting, such as thresholds, are
+            `params["weighting"]`.
+        observed: [N, obs_len, 2] metres. Map coordinates lose precision in float32
+            before this function sees them: subtract an origin, or use x64.
         noise: [k, noise_dim], or [k, N, noise_dim] where it is per agent; anchors take
             none and forecast all their samples.
         alpha: [N, N, obs_len], of which anchors use the last step; default: the model's
-        own. valid: [N] bool, False for padding; default: no padding.
+            own.
+        valid: [N] bool, False for padding; default: no padding.
 
     Returns:
         [k, N, pred_len, 2] metres, in the frame of `observed`.

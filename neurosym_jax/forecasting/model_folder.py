@@ -78,9 +78,9 @@ def save_model(
     gets the header of the Hugging Face Hub unless it has one. With `replace` it takes
     the place of what is there.
 
-    Raises: InputError: if something is already there or cannot be written, and for a
-        model that would
-            not come back as it is.
+    Raises:
+        InputError: if something is already there or cannot be written, and for a model
+            that would not come back as it is.
     """
     from safetensors.numpy import save
 
@@ -128,12 +128,13 @@ def load_model(
 ) -> Model:
     """Read a model's folder or a torch checkpoint of SGAN or NeuroSyM.
 
-    Args: path: of the folder or file, the name of a shipped model (`neurosym_zara1_8`),
-        a path
-            among the downloads (`sgan-p-models/zara1_8_model.pt`), or `recommended`:
-            `neurosym models --all` lists them.
+    Args:
+        path: of the folder or file, the name of a shipped model (`neurosym_zara1_8`), a
+            path among the downloads (`sgan-p-models/zara1_8_model.pt`), or
+            `recommended`: `neurosym models --all` lists them.
         dataset: what `recommended` is to be tested on; of ETH/UCY, the model was
-        trained without. pred_len: steps that `recommended` is to forecast; default: 8.
+            trained without.
+        pred_len: steps that `recommended` is to forecast; default: 8.
 
     Raises:
         InputError: for a path that is no model, is damaged, or has another format.

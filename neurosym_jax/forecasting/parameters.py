@@ -17,9 +17,9 @@ DEPTH = 32
 def flat_parameters(params: Any) -> dict[str, np.ndarray]:
     """The arrays of nested dictionaries by path.
 
-    Raises: InputError: for a tree that would not come back: not dictionaries, empty
-        ones, names with a
-            `/`, leaves that are not arrays of numbers.
+    Raises:
+        InputError: for a tree that would not come back: not dictionaries, empty ones,
+            names with a `/`, leaves that are not arrays of numbers.
     """
     flat = {name: np.asarray(leaf, order="C") for name, leaf in _leaves(params)}
     if jax.tree.structure(nested_parameters(flat)) != jax.tree.structure(params):
@@ -35,8 +35,9 @@ def flat_parameters(params: Any) -> dict[str, np.ndarray]:
 def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
     """The inverse of `flat_parameters`.
 
-    Raises: InputError: for paths of more than `DEPTH` parts, and two of which one
-        begins the other.
+    Raises:
+        InputError: for paths of more than `DEPTH` parts, and two of which one begins
+            the other.
     """
     params: dict[str, Any] = {}
     for path, value in flat.items():

@@ -37,8 +37,9 @@ def repair_tracks(observed: AnyArray, period: float) -> tuple[Any, Any]:
         observed: [N, T, 2] metres, numpy's or jax's; so are the results.
         period: of a step, seconds.
 
-    Returns: Tracks [N, T, 2] and offsets [N, 2] in metres, zero unless the last step is
-        an error.
+    Returns:
+        Tracks [N, T, 2] and offsets [N, 2] in metres, zero unless the last step is an
+        error.
     """
     xp: Any = np if isinstance(observed, np.ndarray) else jnp
 

@@ -26,9 +26,8 @@ from neurosym_jax.models.sgan.recipe import RECIPES
 from neurosym_jax.models.sgan.step import init_adversary, learn
 from neurosym_jax.models.sgan.torch_names import params_from_torch
 from neurosym_jax.scene import Scene
-from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
+from neurosym_jax.symbolic.qtc import encode_state, observe
+from neurosym_jax.symbolic.weighting import CndShipped, make_weighting
 from neurosym_jax.training.state import clipping, new_state
 
 __all__ = ["CASES", "Case", "Compared", "forecasts", "make_case", "read_case"]

@@ -90,12 +90,14 @@ def load_torch_checkpoint(
 ) -> Model:
     """The generator that SGAN, NeuroSyM or `export_torch_checkpoint` wrote to `path`.
 
-    Args: path: the file. ignored: names of unknown arguments that do not change the
-        network; None for all.
+    Args:
+        path: the file.
+        ignored: names of unknown arguments that do not change the network; None for
+            all.
 
-    Raises: InputError: naming `path` and what is missing or wrong: an unreadable,
-        damaged or foreign
-            file, an argument, a tensor.
+    Raises:
+        InputError: naming `path` and what is missing or wrong: an unreadable, damaged
+            or foreign file, an argument, a tensor.
     """
     contents = read_torch_file(path)
     try:
@@ -150,8 +152,9 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
 def export_torch_checkpoint(path: Path | str, model: Model) -> None:
     """Write `torch_contents` with torch, which must be installed, as a `.pt` of weights only.
 
-    Raises: InputError: when `path` cannot be written, torch is absent, or as
-        `torch_contents`.
+    Raises:
+        InputError: when `path` cannot be written, torch is absent, or as
+            `torch_contents`.
     """
     contents = torch_contents(model)
     try:
@@ -176,9 +179,9 @@ def torch_contents(model: Model) -> dict[str, Any]:
     The code is SGAN's, or for `neurosym_ros` and `neurosym_ijcnn` the release that each
     is named after.
 
-    Raises: InputError: for a network that SGAN's arguments cannot express,
-        `as_described` and learned
-            weightings, which torch does not have.
+    Raises:
+        InputError: for a network that SGAN's arguments cannot express, `as_described`
+            and learned weightings, which torch does not have.
     """
     config = released_config(model)
     pooling, weighting = config.pooling, config.weighting
@@ -246,8 +249,9 @@ def generator(
         arguments: of SGAN's training or of its generator.
         state: arrays by torch's names; they say which of NeuroSyM's networks it is.
 
-    Raises: InputError: naming an argument that is missing or that our networks lack, or
-        a tensor.
+    Raises:
+        InputError: naming an argument that is missing or that our networks lack, or a
+            tensor.
     """
     state = without_dropout(state, arguments)
     fields = _required(arguments, (*SAME, "pooling_type")) | _widths(state)

@@ -29,9 +29,9 @@ def export_model(model: Model, samples: int = 20) -> bytes:
 
     Subtract an origin near the people before a call: float32 resolves 4e-6 m at 100 m.
 
-    Raises: InputError: for k that the model cannot make, a model that needs more than
-        positions, and
-            without flatbuffers.
+    Raises:
+        InputError: for k that the model cannot make, a model that needs more than
+            positions, and without flatbuffers.
     """
     optional_module("flatbuffers", "exporting", "export")  # JAX imports it.
     program = program_of(model, samples)
@@ -46,8 +46,9 @@ def export_onnx(model: Model, samples: int = 20) -> bytes:
 
     `samples` is k for a model without noise; k of other models is free.
 
-    Raises: InputError: as `export_model`, without onnx, and for an operation without
-        translation.
+    Raises:
+        InputError: as `export_model`, without onnx, and for an operation without
+            translation.
     """
     spec = model.forecaster.noise
     properties = {

@@ -21,8 +21,9 @@ def from_pretrained(name: Path | str, *, revision: str | None = None) -> Model:
     `revision` is a branch, tag or commit of the Hub's repository; default: its main
     branch.
 
-    Raises: InputError: where nothing is found, huggingface_hub is absent, or as
-        `load_model`.
+    Raises:
+        InputError: where nothing is found, huggingface_hub is absent, or as
+            `load_model`.
     """
     if find_model(name).exists() or not re.fullmatch(r"[\w.-]+/[\w.-]+", str(name)):
         return load_model(name)
@@ -38,8 +39,9 @@ def push_to_hub(
 ) -> str:
     """Upload to the Hub's `owner/name`, which is made if need be; returns the commit's URL.
 
-    Raises: InputError: where huggingface_hub is absent or the Hub refuses, and as
-        `save_model`.
+    Raises:
+        InputError: where huggingface_hub is absent or the Hub refuses, and as
+            `save_model`.
     """
     with tempfile.TemporaryDirectory() as place, _hub(name) as hub:
         save_model(Path(place) / "model", model, card)

@@ -47,9 +47,10 @@ def to_onnx(
 ) -> bytes:
     """The ONNX model of `function`, serialised.
 
-    Args: function: from float32 arrays to a tuple of arrays. arguments: shape of each
-        argument by its name in the model; sizes may be symbols, whose
-            names are then those of the model's free sizes.
+    Args:
+        function: from float32 arrays to a tuple of arrays.
+        arguments: shape of each argument by its name in the model; sizes may be
+            symbols, whose names are then those of the model's free sizes.
         outputs: names of the arrays returned.
         properties: metadata of the model.
 

@@ -105,8 +105,9 @@ class Parity:
 def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
     """Each output of each case of `directory`, in the manifest's order.
 
-    Raises: InputError: naming the file, and the field or the array that is missing or
-        wrong.
+    Raises:
+        InputError: naming the file, and the field or the array that is missing or
+            wrong.
     """
     refuse(NotNegative, {"tolerance": tolerance})
     rows, path = [], directory / "manifest.json"
@@ -143,8 +144,9 @@ def run_torch(
 ) -> None:
     """Let the module `FILE.py:CLASS` forecast with a checkpoint, and store the case in `out`.
 
-    Raises: InputError: for a file that is not there, and whatever the module says when
-        it fails.
+    Raises:
+        InputError: for a file that is not there, and whatever the module says when it
+            fails.
     """
     file, _, name = module.rpartition(":")
     if not name.isidentifier() or not Path(file).is_file():
@@ -176,11 +178,14 @@ def compare(
 ) -> Parity:
     """Compare a torch generator that is here in Python with `model`, layer by layer.
 
-    Args: torch_module: SGAN's `TrajectoryGenerator`, changed or not. A copy of it runs
-        on the CPU. model: the same network, see `load_model` and `model_from_torch`.
+    Args:
+        torch_module: SGAN's `TrajectoryGenerator`, changed or not. A copy of it runs on
+            the CPU.
+        model: the same network, see `load_model` and `model_from_torch`.
         scenes: people observed, [N, obs_len, 2] metres each; default: people who walk
-        at random. seed: of the noise and of these people. tolerance: largest absolute
-        difference that passes.
+            at random.
+        seed: of the noise and of these people.
+        tolerance: largest absolute difference that passes.
 
     Raises:
         InputError: for a model that SGAN's code does not have, and unusable scenes.

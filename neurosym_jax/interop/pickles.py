@@ -162,10 +162,10 @@ class _Unpickler(pickle._Unpickler):
 def read_torch_file(path: str | os.PathLike) -> Any:
     """What `torch.save` wrote to `path`: plain Python values with an array for a tensor.
 
-    Raises: InputError: naming `path`, when it cannot be read, is cut short or damaged,
-        is not a
-            file of torch's, asks for a class that is not a state dict's or for more
-            memory than there is.
+    Raises:
+        InputError: naming `path`, when it cannot be read, is cut short or damaged, is
+            not a file of torch's, asks for a class that is not a state dict's or for
+            more memory than there is.
     """
     try:
         with open(path, "rb") as file:

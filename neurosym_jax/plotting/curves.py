@@ -24,9 +24,9 @@ def plot_horizon_errors(
 ) -> Figure:
     """A mean error against the horizon, one line a model, the largest first in the legend.
 
-    Args: errors: [pred_len] by the model's name; or [3, pred_len] with the bounds of an
-        interval,
-            low and high, which is drawn as a band.
+    Args:
+        errors: [pred_len] by the model's name; or [3, pred_len] with the bounds of an
+            interval, low and high, which is drawn as a band.
         period: seconds from the last observation to the first step, and between steps.
         title: of the figure.
         label: name of the error, with its unit.

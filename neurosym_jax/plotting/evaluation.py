@@ -32,9 +32,9 @@ def draw_figures(
     Figures of the same name are replaced. If there are more than `MAX_MODELS` models,
     the first of each name is drawn.
 
-    Args: where: a folder, for PNGs; or a name that ends in .png, .pdf or .svg, with
-        which the
-            figures' names begin.
+    Args:
+        where: a folder, for PNGs; or a name that ends in .png, .pdf or .svg, with which
+            the figures' names begin.
         results: of all models on all test sets.
         together: whether to draw all in `overview`.
     """
@@ -62,8 +62,9 @@ def draw_figures(
 def check_figures(where: Path) -> None:
     """Refuse, before the work, a place where `draw_figures` could not write.
 
-    Raises: InputError: for what cannot be written, or a name with another ending than a
-        figure's.
+    Raises:
+        InputError: for what cannot be written, or a name with another ending than a
+            figure's.
     """
     prefix = where.suffix in style.ENDINGS
     if where.suffix and not (prefix or where.is_dir()):

@@ -24,11 +24,12 @@ def plot_forecasts(
 ) -> Figure:
     """One scene with the forecasts of several models.
 
-    Args: observed: [N, obs_len, 2] metres. truth: [N, pred_len, 2] metres, or None if
-        unknown. forecasts: [N, pred_len, 2] metres by the model's name; or [k, N,
-        pred_len, 2], of which the
-            sample of least joint ADE is drawn (without truth the mean), and all of the
-            last model.
+    Args:
+        observed: [N, obs_len, 2] metres.
+        truth: [N, pred_len, 2] metres, or None if unknown.
+        forecasts: [N, pred_len, 2] metres by the model's name; or [k, N, pred_len, 2],
+            of which the sample of least joint ADE is drawn (without truth the mean),
+            and all of the last model.
         title: of the figure.
     """
     past = np.asarray(observed, float)

@@ -19,7 +19,7 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.plotting import style
 from neurosym_jax.plotting.forecasts import draw_paths, draw_scene
-from neurosym_jax.symbolic.states import state_texts
+from neurosym_jax.symbolic.qtc import state_texts
 from neurosym_jax.symbolic.weighting import is_constant
 
 __all__ = ["plot_pairs", "plot_tracks", "read_underlay"]
@@ -51,9 +51,10 @@ def plot_tracks(
 ) -> Figure:
     """The first recordings (at least one is needed), in metres; a colour a person; 24 panels.
 
-    Args: recordings: what to draw. underlay: what lies under each: an image of the
-        floor, [H, W] or [H, W, 3 or 4], and the
-            homography [3, 3] from its pixels (column, row, 1) to metres; see
+    Args:
+        recordings: what to draw.
+        underlay: what lies under each: an image of the floor, [H, W] or [H, W, 3 or 4],
+            and the homography [3, 3] from its pixels (column, row, 1) to metres; see
             `read_underlay`.
         moment: what one more panel shows: past, future and forecasts of a scene, as
             `plot_forecasts` takes them.

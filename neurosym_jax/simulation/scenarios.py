@@ -41,13 +41,11 @@ class TrackerFaults(Checked):
 
     noise: NotNegative = 0.02  # standard deviation in metres of each coordinate
     dropout: Share = 0.0  # probability per frame that the tracker loses a person
-    dropout_seconds: NotNegative = (
-        1.0  # mean length of a loss, geometrically distributed
-    )
+    # mean length of a loss, geometrically distributed
+    dropout_seconds: NotNegative = 1.0
     id_switch: Share = 0.0  # probability that a lost person comes back under a new id
-    id_swap: Share = (
-        0.0  # probability per frame that two people within 0.8 m exchange their ids
-    )
+    # probability per frame that two people within 0.8 m exchange their ids
+    id_swap: Share = 0.0
 
 
 def simulate(

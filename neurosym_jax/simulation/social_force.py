@@ -24,9 +24,8 @@ __all__ = ["ABREAST", "Plan", "walk"]
 
 RELAXATION = 0.5  # s
 REPULSION, RANGE = 2.1, 0.3  # m^2/s^2, m
-ANTICIPATION = (
-    1.0  # s of coming relative motion; 2 s in 1995, for walks longer than a room
-)
+# s of coming relative motion; 2 s in 1995, for walks longer than a room
+ANTICIPATION = 1.0
 BODY = 0.2  # m, taken off a distance before the repulsion is evaluated
 BEHIND = 0.5  # of the repulsion by people out of view
 HALF_VIEW = np.deg2rad(100.0)

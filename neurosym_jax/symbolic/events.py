@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.plugins import Registry
-from neurosym_jax.symbolic.states import ABSENT
+from neurosym_jax.symbolic.qtc import ABSENT
 
 __all__ = ["EVENTS", "Event", "PairFuture", "register_event"]
 

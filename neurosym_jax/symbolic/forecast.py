@@ -29,13 +29,14 @@ from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import refuse_masked
 from neurosym_jax.symbolic.events import EVENTS, PairFuture
-from neurosym_jax.symbolic.qtc import absent_steps, observe
-from neurosym_jax.symbolic.states import (
+from neurosym_jax.symbolic.qtc import (
     ABSENT,
     DISTANCES,
     Calculus,
     Distances,
+    absent_steps,
     all_states,
+    observe,
     state_index,
     state_texts,
 )
@@ -100,11 +101,13 @@ def symbolic_forecast(
     They are in the order of `all_states(calculus)`, and 0 for an agent with itself and
     where a person is not there.
 
-    Args: samples: [k, N, T, 2] metres, futures of the scene, see `predict`. observed:
-        [N, obs_len, 2] metres in the same frame; only the last positions are used.
+    Args:
+        samples: [k, N, T, 2] metres, futures of the scene, see `predict`.
+        observed: [N, obs_len, 2] metres in the same frame; only the last positions are
+            used.
         pairs: [P, 2] ordered pairs; None for all N^2, which takes 4 N^2 T (2 S + 5 k)
-        bytes: with
-            20 samples of 8 steps in QTC_C1 21 MB for 50 people and 2.1 GB for 500.
+            bytes: with 20 samples of 8 steps in QTC_C1 21 MB for 50 people and 2.1 GB
+            for 500.
         **settings: see `SymbolSettings`.
 
     Raises:

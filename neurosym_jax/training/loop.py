@@ -1,16 +1,16 @@
-"""The training loop: rounds of compiled steps, validation and saved states.
+"""The training of any family: rounds of steps, validation, the best and the last state."""
 
-The best state by validation is a model on the disk from the first validation on, so a
-run that ends early, whatever ends it, can be used; see `run_files`.
-"""
-
+import contextlib
 import sys
-from collections.abc import Callable, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from tqdm import tqdm
 
 from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.windows import make_batches
@@ -18,17 +18,99 @@ from neurosym_jax.errors import InputError, TrainingError, option
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.training.catalogue import make_config, recipes_of
-from neurosym_jax.training.checkpoints import restore_state, save_state, sole_writer
 from neurosym_jax.training.preparation import prepare
-from neurosym_jax.training.progress import Progress
 from neurosym_jax.training.recipe import Recipe
-from neurosym_jax.training.run import ROUND, Run, record_of, refuse_other_run
-from neurosym_jax.training.run_files import RunFiles
-from neurosym_jax.training.state import TrainState
-from neurosym_jax.training.validation import Advice, Row, best_row, is_over, validate
+from neurosym_jax.training.run import (
+    ROUND,
+    Advice,
+    Row,
+    Run,
+    RunFiles,
+    best_row,
+    is_over,
+    make_config,
+    recipes_of,
+    record_of,
+    refuse_other_run,
+    validate,
+)
+from neurosym_jax.training.state import (
+    TrainState,
+    restore_state,
+    save_state,
+    sole_writer,
+)
 
-__all__ = ["train", "train_run"]
+__all__ = ["Progress", "train", "train_run"]
+
+
+# What a training tells while it runs: the bar, and what is compiled for how long.
+
+LONG = 30.0
+"""Seconds after which a compilation is told to go on."""
+
+
+class Progress:
+    """The progress of a run of `steps` steps on the standard error, from the first second on."""
+
+    def __init__(self, steps: int, programs: tuple[str, ...], *, quiet: bool = False):
+        """Compile `programs`, in words, each when it is first needed."""
+        self._quiet, self._programs, self._since = quiet, [*programs], time.monotonic()
+        self._count = len(programs)
+        # tqdm's None shows the bar in a terminal only.
+        self._bar = tqdm(total=steps, unit="step", disable=True if quiet else None)
+
+    def __enter__(self) -> "Progress":
+        """Show the bar."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Leave the bar as it is."""
+        self._bar.close()
+
+    @contextlib.contextmanager
+    def compiling(self, program: str) -> Iterator[None]:
+        """Say that a program is compiled, the first time that it is run within this context."""
+        if program not in self._programs:
+            yield
+            return
+        self._programs.remove(program)
+        label = (
+            f"{program} (program {self._count - len(self._programs)} of {self._count})"
+        )
+        self._say(f"compiling {label}: usually 5 to 60 s, once on this machine")
+        notice = (
+            f"still compiling {label}: XLA needs long for it here; nothing is wrong"
+        )
+        timer = threading.Timer(LONG, self._say, (notice,))
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+        self._say(f"{program} compiled and run")
+
+    def go_to(self, step: int, metrics: Mapping[str, Any]) -> None:
+        """Show a number of steps, and losses and errors."""
+        numbers = {
+            name: f"{value:.3f}"
+            for name, value in metrics.items()
+            if name.endswith(("loss", "ade"))
+        }
+        self._bar.set_postfix(numbers, refresh=False)
+        self._bar.update(step - self._bar.n)
+
+    def _say(self, text: str) -> None:
+        if not self._quiet:
+            seconds = time.monotonic() - self._since
+            self._bar.write(f"[{seconds:.0f} s] {text}", file=sys.stderr)
+
+
+# The training loop: rounds of compiled steps, validation and saved states.
+#
+# The best state by validation is a model on the disk from the first validation on, so a
+# run that ends early, whatever ends it, can be used; see `run_files`.
 
 PROGRAMS = STEP, VALIDATION = "the training step", "the validation"
 
@@ -63,22 +145,26 @@ def train(
 ) -> Model:
     """Train a model; return the best by validation, which `folder / "model"` then holds.
 
-    Args: training: `Windows` (see `windows_from`), or recordings, which are resampled
-        to the steps of
-            `config`: `Tracks`, files, folders, dataframes, or several of these.
+    Args:
+        training: `Windows` (see `windows_from`), or recordings, which are resampled to
+            the steps of `config`: `Tracks`, files, folders, dataframes, or several of
+            these.
         validation: the same; the state with the least error on these is kept. None
             keeps a part of the recordings for it.
-        folder: of the run. config: of what is trained, such as `AnchorConfig` or a
-        plugin's; default: that of `init`,
-            or else SGAN's.
-        recipe: how it is trained; default: the usual one of its family. init: the model
-        whose parameters it starts from, or what `load_model` takes. tested: recordings
-        to be tested on, which are refused where `training` has them. fold: K/N, see
-        `training.preparation.prepare`. read: how files are read, and the guards that
-        are waived. dataset: the data set that was left out, to be tested on; recorded
-        with the model. data: names of the data sets learned from, for the card and
-        licences. resume: continue the run in `folder`, to more steps if the recipe has
-        more. quiet: tell no progress. on_row: called with each row of `metrics.jsonl`.
+        folder: of the run.
+        config: of what is trained, such as `AnchorConfig` or a plugin's; default: that
+            of `init`, or else SGAN's.
+        recipe: how it is trained; default: the usual one of its family.
+        init: the model whose parameters it starts from, or what `load_model` takes.
+        tested: recordings to be tested on, which are refused where `training` has them.
+        fold: K/N, see `training.preparation.prepare`.
+        read: how files are read, and the guards that are waived.
+        dataset: the data set that was left out, to be tested on; recorded with the
+            model.
+        data: names of the data sets learned from, for the card and licences.
+        resume: continue the run in `folder`, to more steps if the recipe has more.
+        quiet: tell no progress.
+        on_row: called with each row of `metrics.jsonl`.
 
     Raises:
         InputError: see `training.preparation.prepare` and `train_run`.
@@ -105,10 +191,11 @@ def train_run(
 ) -> Model:
     """Train from the start, or from the newest good state in `folder`; see `train`.
 
-    Raises: InputError: when `folder` holds a run already (and `resume` is not given),
-        or another run. TrainingError: when numbers are not finite again after steps
-        were made smaller; the best
-            state stays on disk as a model.
+    Raises:
+        InputError: when `folder` holds a run already (and `resume` is not given), or
+            another run.
+        TrainingError: when numbers are not finite again after steps were made smaller;
+            the best state stays on disk as a model.
     """
     recipe, record = run.recipe, record_of(run)
     files = RunFiles(run, folder, record)

@@ -51,21 +51,22 @@ def prepare(
 ) -> tuple[Windows, Windows]:
     """The windows to learn from and to validate on.
 
-    Args: config: of the model, whose `obs_len`, `pred_len` and `period` the windows
-        have. recipe: whose `min_agents` the scenes to learn from have. training:
-        `Windows`, or recordings: `Tracks` on any clock, files, folders, dataframes, or
-            several of these.
-        validation: the same; None or nothing keeps a part of `training` for it. tested:
-        recordings that the model is to be tested on, which it must not learn. also:
-        further recordings to learn from, of which no part is kept. read: how files are
-        read, and which guards are waived (`seen`). fold: K/N validates on the K-th of N
-        parts of `training`: of its recordings, where there are
-            as many, or else of the time of each.
+    Args:
+        config: of the model, whose `obs_len`, `pred_len` and `period` the windows have.
+        recipe: whose `min_agents` the scenes to learn from have.
+        training: `Windows`, or recordings: `Tracks` on any clock, files, folders,
+            dataframes, or several of these.
+        validation: the same; None or nothing keeps a part of `training` for it.
+        tested: recordings that the model is to be tested on, which it must not learn.
+        also: further recordings to learn from, of which no part is kept.
+        read: how files are read, and which guards are waived (`seen`).
+        fold: K/N validates on the K-th of N parts of `training`: of its recordings,
+            where there are as many, or else of the time of each.
         seen: the fingerprint of what the model learned before.
 
-    Raises: InputError: for recordings without windows, windows of another length or
-        period, and
-            windows to be validated or tested on that are learned from.
+    Raises:
+        InputError: for recordings without windows, windows of another length or period,
+            and windows to be validated or tested on that are learned from.
     """
     own = validation is None or (isinstance(validation, list) and not validation)
     if fold is not None and not own:

@@ -1,6 +1,5 @@
-"""A training run: what is trained on what, its first state, record to resume it by, and card.
-
-Everything random follows from (seed, step).
+"""What a run is and keeps: its recipe and configuration by name, its identity, its
+validation, and the files of its folder.
 """
 
 import dataclasses
@@ -11,34 +10,152 @@ import sys
 import types
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.configuration import from_json, to_json
-from neurosym_jax.data.recordings import GENERAL, Synthetic
-from neurosym_jax.data.windows import Windows
+from neurosym_jax.configuration import changed, from_json, refuse, to_json
+from neurosym_jax.data.recordings import GENERAL, Synthetic, licences_of
+from neurosym_jax.data.windows import Batch, Windows, fingerprint, merged_fingerprints
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.forecaster import FORECASTERS, Forecaster, forecaster_of
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.runtime.process import COMPILED_QUICKLY, run_environment
-from neurosym_jax.training.catalogue import refuse_other_recipe
+from neurosym_jax.forecasting.model_folder import save_model
+from neurosym_jax.plugins import loaded, names
+from neurosym_jax.runtime.files import append_text, write_json, write_text
+from neurosym_jax.runtime.process import COMPILED_QUICKLY, code_version, run_environment
+from neurosym_jax.training.recipe import Recipe
 from neurosym_jax.training.state import TrainState, warmup_of
 
 __all__ = [
     "ROUND",
+    "Advice",
+    "Row",
     "Run",
+    "RunFiles",
+    "best_row",
     "differences_between",
+    "is_over",
+    "known_configs",
+    "known_recipes",
+    "make_config",
+    "make_recipe",
     "model_card",
+    "recipes_of",
     "record_of",
+    "refuse_other_recipe",
     "refuse_other_run",
+    "validate",
 ]
+
+
+# The recipes and configurations of all families that learn, by name.
+
+
+def make_recipe(
+    name: str, *, seed: int = 0, steps: int | None = None, changes: Sequence[str] = ()
+) -> Recipe:
+    """The recipe of this name; `changes` are NAME=VALUE, a value as JSON or as text.
+
+    Raises:
+        InputError: for an unknown name, a change that is not NAME=VALUE of a field, or
+            a value out of its range.
+    """
+    recipes = known_recipes()
+    refuse(Literal[*recipes], {"recipe": name})
+    length = [] if steps is None else [f"steps={steps}"]
+    return changed(
+        recipes[name], [f"seed={seed}", *length, *changes], "set", f"recipe {name}"
+    )
+
+
+def make_config(
+    model: str = "sgan",
+    *,
+    obs_len: int = 8,
+    pred_len: int = 8,
+    period: float = 0.4,
+    changes: Sequence[str] = (),
+) -> Any:
+    """The configuration of a model by name: `sgan`, `neurosym`, `anchors`, or a plugin's.
+
+    Args:
+        model: which.
+        obs_len: observed steps.
+        pred_len: steps to forecast.
+        period: seconds between steps.
+        changes: of the published sizes, each NAME=VALUE of a field of the
+            configuration, such as `pooling=social` or `weighting=cnd`.
+
+    Raises:
+        InputError: for an unknown model, a change that does not fit, or one that makes
+            it another model.
+    """
+    configs = known_configs()
+    refuse(Literal[*configs], {"model": model})
+    lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
+    config = changed(
+        dataclasses.replace(configs[model], **lengths), changes, "config", model
+    )
+    if (other := forecaster_of(config).model) != model:
+        raise InputError(f"model {model!r}: {', '.join(changes)} makes it {other!r}")
+    return config
+
+
+def recipes_of(family: type[Forecaster]) -> dict[str, Recipe]:
+    """A family's recipes by name, the usual one first."""
+    return {**family.recipes} or {FORECASTERS.name_of(family): Recipe()}
+
+
+def known_recipes() -> dict[str, Recipe]:
+    """The recipes of all families that learn, by name."""
+    return {
+        name: recipe
+        for family in _learners()
+        for name, recipe in recipes_of(family).items()
+    }
+
+
+def known_configs() -> dict[str, Any]:
+    """The configurations of all models that learn, by name."""
+    configs: dict[str, Any] = {}
+    for family in _learners():
+        configs |= family.configs or {FORECASTERS.name_of(family): family.Config()}
+    return configs
+
+
+def refuse_other_recipe(forecaster: Forecaster, recipe: Any) -> None:
+    """Refuse a recipe of another kind of network, and a forecaster that learns nothing.
+
+    Raises:
+        InputError: naming the recipes that fit.
+    """
+    if type(forecaster) not in _learners():
+        raise InputError(f"{forecaster.title} has nothing to train")
+    fitting = recipes_of(type(forecaster))
+    if type(recipe) not in map(type, fitting.values()):
+        raise InputError(
+            f"recipe: does not fit {forecaster.model}, which takes {[*fitting]}"
+        )
+
+
+def _learners() -> list[type[Forecaster]]:
+    return [
+        family for family in FORECASTERS.values() if family.init is not Forecaster.init
+    ]
+
+
+# A training run: what is trained on what, its first state, record to resume it by, and
+# card.
+#
+# Everything random follows from (seed, step).
 
 ROUND = 25
 """Most steps between two updates of the progress bar."""
@@ -229,8 +346,10 @@ def model_card(
 ) -> str:
     """The text of the card of a model.
 
-    Args: facts: the content of `run.json` of its training, see `loop`. test_rows: rows
-        of an evaluation of this model on its own test set, and of the baselines.
+    Args:
+        facts: the content of `run.json` of its training, see `loop`.
+        test_rows: rows of an evaluation of this model on its own test set, and of the
+            baselines.
     """
     family, licences = FORECASTERS[facts["forecaster"]], facts["licences"]
     config = from_json(family.Config, dict(facts["config"]), "run.json")
@@ -278,3 +397,217 @@ def model_card(
         else "Not tested yet.",
         settings=markdown_table(["", ""], lines),
     )
+
+
+# Validation: errors on windows that nothing is learned from, the best row, and advice.
+
+Row = dict[str, Any]
+"""A line of `metrics.jsonl`: the step, metrics of training and, where it was validated, `val_...`.
+"""
+
+ERRORS = ("joint_ade", "joint_fde", "energy_score", "coverage_50")
+EFFECT = ("neighbour_share", "neighbour_near", "neighbour_move")
+"""The metrics of a validation by which a pooling is judged."""
+LEAST = 0.5
+"""Least share of people with somebody within 2 m whom a living pooling changes."""
+FEW = 100
+"""Fewer people than these make a validation error that says little."""
+STALLED = 5
+"""Validations in a row without a better one, after which that is told."""
+
+
+def validate(run: Run, params: Any, batches: Sequence[Batch]) -> Row:
+    """Errors on the validation windows, best of k and of the distribution.
+
+    `val_score` chooses the best state, see `Recipe.select_by`.
+    """
+    forecaster = run.forecaster
+    metrics = (*ERRORS, *(EFFECT if forecaster.sees_neighbours else ()))
+    samples, seed = run.samples, run.recipe.seed
+    result = score_forecaster(
+        forecaster, params, batches, samples=samples, seed=seed, metrics=metrics
+    )
+    means = {name.removeprefix("joint_"): result.mean(name) for name in result.scores}
+    usual = "energy" if forecaster.calibrated else "ade_fde"
+    by = {"ade": ("ade",), "ade_fde": ("ade", "fde"), "energy": ("energy_score",)}
+    score = sum(means[name] for name in by[run.recipe.select_by or usual])
+    needed = ("ade", "fde")
+    finite = {name: x for name, x in means.items() if name in needed or np.isfinite(x)}
+    return {
+        "val_score": score,
+        **{f"val_{name}": value for name, value in finite.items()},
+    }
+
+
+def best_row(rows: Sequence[Row]) -> Row:
+    """The row of the best validation, of equals the newest; an empty one before the first."""
+    validated = [row for row in rows if "val_score" in row]
+    return min(reversed(validated), key=lambda row: row["val_score"], default={})
+
+
+def is_over(run: Run, rows: Sequence[Row], done: int) -> bool:
+    """Whether all steps are done, or patience is at its end."""
+    patience = run.recipe.patience
+    return done >= run.recipe.steps or (0 < patience <= _waited(rows))
+
+
+def _waited(rows: Sequence[Row]) -> int:
+    """Validations since the best one."""
+    validated = [row for row in rows if "val_score" in row]
+    return len(validated) - 1 - validated.index(best_row(rows)) if validated else 0
+
+
+class Advice:
+    """What a training tells in words, once each, on the standard error."""
+
+    def __init__(self, run: Run):
+        """Look at the windows that are validated on."""
+        self._run, self._given = run, set[str]()
+        if (people := run.validation.agents) < FEW:
+            self._give(
+                f"validation has {people} people in windows: below {FEW} its errors say little, "
+                "and the best state is chosen half by chance; validate on more"
+            )
+
+    def __call__(self, rows: Sequence[Row]) -> None:
+        """Look at the rows so far, of which the last was validated."""
+        row, recipe = rows[-1], self._run.recipe
+        if row.get("val_neighbour_near", 1.0) < LEAST:
+            remedy = "a third of the learning_rate and 500 warmup_steps"
+            if not getattr(recipe, "gentle_pooling", True):
+                remedy = f"gentle_pooling=true, or {remedy}"
+            self._give(
+                f"dead pooling at step {row['step']}: {row['val_neighbour_share']:.0%} of people "
+                f"are changed by their neighbours; try {remedy}",
+                "dead pooling",
+            )
+        if _waited(rows) == STALLED and not recipe.patience:
+            self._give(
+                f"no validation is better than that of step {best_row(rows)['step']} since; its "
+                "state is kept, so end this run, or begin from it with a smaller learning_rate"
+            )
+
+    def _give(self, text: str, about: str = "") -> None:
+        if (about or text) not in self._given:
+            self._given.add(about or text)
+            print(f"advice: {text}", file=sys.stderr)
+
+
+# The files of a run: its log, the best state as a model at every moment, and facts at
+# its end.
+#
+# A run is a folder: `recipe.yaml` (the options that repeat it), `checkpoints/` (to resume
+# from), `metrics.jsonl`, `model/` (the best state by validation so far, and its card) and
+# at its end `curves.png` and `run.json`, all facts of the run, whose presence says that
+# it is finished.
+
+
+class RunFiles:
+    """The files of one run in `folder`; `record` is that of the run."""
+
+    def __init__(self, run: Run, folder: Path, record: dict[str, Any]):
+        """Write nothing yet."""
+        self._run, self._folder, self._record = run, folder, record
+
+    @property
+    def finished(self) -> bool:
+        """Whether all is written that a finished run leaves."""
+        return (self._folder / "run.json").is_file()
+
+    def begin(self, rows: Sequence[Row]) -> None:
+        """Write the options and the rows so far."""
+        if self._run.options:
+            write_text(self._folder / "recipe.yaml", self._run.options)
+        write_text(self._folder / "metrics.jsonl", "".join(map(_line, rows)))
+
+    def add(self, row: Row) -> None:
+        """Append a row to the log."""
+        append_text(self._folder / "metrics.jsonl", _line(row))
+
+    def unfinish(self) -> None:
+        """Say that the run goes on."""
+        (self._folder / "run.json").unlink(missing_ok=True)
+
+    def keep(self, params: Any, best: Row) -> None:
+        """Replace the model by one with these parameters, which `best` was validated with."""
+        model = self.model(params, best)
+        facts = self._facts(model, best)
+        save_model(self._folder / "model", model, model_card(facts), replace=True)
+
+    def finish(self, params: Any, rows: Sequence[Row]) -> Model:
+        """Write what a finished run leaves; returns the model."""
+        from neurosym_jax.plotting import plot_training, save_figure
+
+        model = self.model(params, best_row(rows))
+        if self.finished:
+            return model
+        self.keep(params, best_row(rows))
+
+        def curves(*metrics: str) -> dict[str, Any]:
+            pairs = {
+                name: [(r["step"], r[name]) for r in rows if name in r]
+                for name in metrics
+            }
+            return {
+                name: tuple(zip(*points)) for name, points in pairs.items() if points
+            }
+
+        losses = curves("loss", "g_loss", "g_adversarial", "d_loss")
+        errors = curves("val_ade", "val_fde", "val_energy_score")
+        figure = plot_training(losses, errors, "training", best=best_row(rows)["step"])
+        save_figure(figure, self._folder / "curves.png")
+        # Last: it says that the run is finished, whatever kills the process.
+        write_json(self._folder / "run.json", self._facts(model, best_row(rows)))
+        return model
+
+    def model(self, params: Any, best: Row) -> Model:
+        """The model with these parameters, and its origin, that of the initial model included."""
+        run, init, data = self._run, self._run.init, licences_of(self._run.data)
+        if init is not None:
+            data = {**(init.data or {"the initial model's": "unstated"}), **data}
+        return Model(
+            run.config,
+            params,
+            run.dataset,
+            run.forecaster.key,
+            seed=run.recipe.seed,
+            neighbours=best.get("val_neighbour_near"),
+            seen=self._seen,
+            plugins=names(loaded()),
+            data=data,
+            step=best["step"],
+        )
+
+    @functools.cached_property
+    def _seen(self) -> str:
+        before = () if self._run.init is None else (self._run.init.seen,)
+        return merged_fingerprints(fingerprint(self._run.training), *before)
+
+    @functools.cached_property
+    def _code(self) -> str | None:
+        return code_version()
+
+    def _facts(self, model: Model, best: Row) -> dict[str, Any]:
+        """The content of `run.json`."""
+        parts = {"training": self._run.training, "validation": self._run.validation}
+        return {
+            **self._record,
+            "samples": self._run.samples,
+            "licences": model.data,
+            "counts": {
+                name: {"scenes": w.scenes, "agents": w.agents}
+                for name, w in parts.items()
+            },
+            "recordings": {
+                name: [dataclasses.asdict(reading) for reading in w.reading]
+                for name, w in parts.items()
+            },
+            "parameters": sum(leaf.size for leaf in jax.tree.leaves(model.params)),
+            "code": self._code,
+            "plugins": list(model.plugins),
+            "validation": best,
+        }
+
+
+def _line(row: Row) -> str:
+    return json.dumps(row, allow_nan=False) + "\n"

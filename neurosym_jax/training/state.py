@@ -1,17 +1,50 @@
-"""The state of a training, and one update of a forecaster's parameters: clipping, Adam, average."""
+"""The state of a training: parameters and optimiser, a step by gradients, and the state on
+disk.
+"""
 
-from collections.abc import Callable
+import contextlib
+import dataclasses
+import errno
+import functools
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jax import Array
 
+from neurosym_jax.errors import InputError, TrainingError
+from neurosym_jax.runtime.files import folder_digest, new_folder, refuse_unwritable
+from neurosym_jax.symbolic.soft import safe_root
+from neurosym_jax.training.batches import Groups, augment
 from neurosym_jax.training.recipe import Recipe
 
-__all__ = ["TrainState", "clipping", "is_frozen", "new_state", "optimizer_step"]
-__all__ += ["update", "warmup_of"]
+__all__ = [
+    "TrainState",
+    "clipping",
+    "gradient_rounds",
+    "gradient_step",
+    "is_frozen",
+    "new_state",
+    "optimizer_step",
+    "restore_state",
+    "save_state",
+    "sole_writer",
+    "update",
+    "variety_loss",
+    "warmup_of",
+]
+
+
+# The state of a training, and one update of a forecaster's parameters: clipping, Adam,
+# average.
 
 
 class TrainState(NamedTuple):
@@ -113,3 +146,192 @@ def _optimizer(recipe: Recipe) -> optax.GradientTransformation:
             0.0, recipe.learning_rate, warmup_of(recipe), max(recipe.steps, 1)
         )
     return optax.chain(clipping(recipe), optax.adam(rate))
+
+
+# One step of training by the gradient of a family's loss, and the loss of a family
+# without one.
+
+
+def gradient_rounds(
+    forecaster: Any, batches: Callable[[int], Any], recipe: Any, key: Array
+) -> Callable[..., tuple[TrainState, Any]]:
+    """See `Forecaster.rounds`; `batches` gives the batch of a step."""
+
+    recipe = dataclasses.replace(recipe, seed=0)  # Seeds share the compiled step.
+
+    def advance(state: TrainState, done: int, count: int) -> tuple[TrainState, Any]:
+        rows = []
+        for step in range(done, done + count):
+            state, metrics = gradient_step(
+                forecaster, recipe, key, state, batches(step)
+            )
+            rows.append(metrics)
+        return state, {name: jnp.stack([row[name] for row in rows]) for name in rows[0]}
+
+    return advance
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
+def gradient_step(
+    forecaster: Any, recipe: Any, key: Array, state: TrainState, batch: Any
+) -> tuple[TrainState, dict[str, Array]]:
+    """The state after one step on a batch, and its metrics [], `loss` among them.
+
+    `key` is the run's, the same for all steps. The buffers of `state` are donated.
+    """
+    # The key follows from the step, not from where the run was interrupted.
+    step_key = jax.random.fold_in(key, state.step)
+
+    def loss(params: Any) -> tuple[Array, dict[str, Array]]:
+        return forecaster.loss(params, batch, step_key, recipe)
+
+    (value, metrics), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
+    return update(recipe, state, gradient), {"loss": value, **metrics}
+
+
+def variety_loss(
+    forecaster: Any, params: Any, groups: Groups, key: Array, recipe: Any
+) -> tuple[Array, dict[str, Array]]:
+    """[] metres: ADE and weighted FDE of the best joint sample of each scene, mean over people.
+
+    The batch is augmented; every scene gets its own noise. Consumes `key`.
+    """
+    move_key, noise_key = jax.random.split(key)
+    samples, spec = forecaster.best_of(recipe), forecaster.noise
+    total, people = jnp.zeros(()), jnp.zeros(())
+    for number, scenes in enumerate(augment(groups, move_key, recipe)):
+        scenes = jax.tree.map(jnp.asarray, scenes)
+        slots = scenes.valid.shape if spec.per_agent else scenes.valid.shape[:1]
+        noise = spec.draw(
+            jax.random.fold_in(noise_key, number), (samples, *slots, spec.dim)
+        )
+        forecast = jax.vmap(forecaster.forecast, in_axes=(None, 0, 1), out_axes=1)
+        futures = forecast(params, scenes.replace(future=None), noise)
+        distance = safe_root(jnp.square(futures - scenes.known_future[None]).sum(-1))
+        error = distance.mean(-1) + recipe.fde_weight * distance[..., -1]  # [k, B, N]
+        total += jnp.where(scenes.valid[None], error, 0).sum(-1).min(0).sum()
+        people += scenes.valid.sum(dtype=people.dtype)
+    return total / people, {}
+
+
+# The states of a training run on disk: whole or not at all, verified, the two newest.
+#
+# Each is a folder `step_00000120` of `state/` (arrays, Orbax's), `record.json` and
+# `sha256`, the digest of the others: Orbax restores some flipped bits without noticing,
+# and a flipped bit in a shape asks for any amount of memory. One process at a time writes
+# to a folder.
+
+STATE, RECORD, DIGEST = "state", "record.json", "sha256"
+SPARE = 2**20
+"""Bytes beyond the arrays that a state may need on the disk."""
+
+
+def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> None:
+    """Save the state after `step` steps, a pytree of arrays, then remove all but the two newest.
+
+    It is on the disk when this returns. `record` is JSON-able.
+
+    Raises:
+        TrainingError: where it cannot be written.
+    """
+    from orbax.checkpoint import v1 as ocp
+
+    path = folder / f"step_{step:08d}"
+    # By number, because Orbax or the file system may read a leaf's path otherwise.
+    leaves = {
+        f"{at:06d}": np.asarray(leaf) for at, leaf in enumerate(jax.tree.leaves(state))
+    }
+    context = ocp.Context()
+    # In the background, Orbax waits twenty minutes for a folder that cannot be made.
+    context.asynchronous.create_directories_asynchronously = False
+    try:
+        for left in folder.glob(".step_*"):  # By a process that was killed.
+            shutil.rmtree(left)
+        with new_folder(path) as new:
+            # Asked before, because Orbax prints thirty tracebacks on a full disk.
+            if (
+                shutil.disk_usage(new).free
+                < sum(leaf.nbytes for leaf in leaves.values()) + SPARE
+            ):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            with context:
+                ocp.save(str((new / STATE).absolute()), leaves)
+            (new / RECORD).write_text(json.dumps(record, allow_nan=False))
+            (new / DIGEST).write_text(folder_digest(new))
+        for old in _steps(folder)[:-2]:
+            shutil.rmtree(old)
+    except Exception as error:  # Orbax and its storage raise many kinds.
+        text = (
+            str(error) if isinstance(error, InputError) else f"{path}: {_reason(error)}"
+        )
+        raise TrainingError(f"{text}; what was saved before is kept") from error
+
+
+def restore_state(
+    folder: Path,
+    template: Any,
+    check: Callable[[dict[str, Any]], object] = lambda record: None,
+) -> tuple[Any, dict[str, Any]] | None:
+    """The newest whole state, in the structure of `template`, and its record; None without any.
+
+    Its leaves are numpy arrays, bit for bit those saved. Damaged states are renamed to
+    `damaged_...`, with a warning. `check` may refuse the record before the state is
+    compared.
+
+    Raises:
+        InputError: where a whole state has other arrays than `template`.
+    """
+    from orbax.checkpoint import v1 as ocp
+
+    for path in reversed(_steps(folder)):
+        try:
+            if folder_digest(path, DIGEST) != (path / DIGEST).read_text():
+                raise ValueError("its files do not match their digest")
+            record = json.loads((path / RECORD).read_bytes())
+            arrays: Any = ocp.load(str((path / STATE).absolute()))
+        except (
+            Exception
+        ) as error:  # Orbax and its storage raise many kinds for damaged files.
+            print(f"warning: {path}: is damaged: {_reason(error)}", file=sys.stderr)
+            aside = path.with_name(f"damaged_{path.name}")
+            shutil.rmtree(aside, ignore_errors=True)
+            path.rename(aside)
+            continue
+        check(record)
+        leaves, structure = jax.tree.flatten(template)
+        leaves_saved = [arrays[name] for name in sorted(arrays)]
+        if [(leaf.shape, leaf.dtype) for leaf in leaves_saved] != [
+            (x.shape, x.dtype) for x in leaves
+        ]:
+            raise InputError(f"{folder}: holds another run: its network differs")
+        return jax.tree.unflatten(structure, leaves_saved), record
+    return None
+
+
+@contextlib.contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Lock `folder`, which is created if needed; the lock ends with the process.
+
+    Raises:
+        InputError: when another process holds it, or nothing can be written there.
+    """
+    refuse_unwritable(folder / ".lock")
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".lock").open("w") as file:
+        try:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except ImportError:  # Not on Windows, where nothing guards the folder.
+            pass
+        except BlockingIOError:
+            raise InputError(f"{folder}: another process is training there") from None
+        yield
+
+
+def _steps(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("step_*") if path.name[5:].isdecimal())
+
+
+def _reason(error: Exception) -> str:
+    return str(error).splitlines()[0][:200] if str(error) else type(error).__name__

@@ -1,34 +1,224 @@
-"""Sweeps: many trainings, one test of all models, and a report that compares them.
-
-Each training is a `neurosym train` in a process of one thread. A finished run is never
-trained again and an interrupted one continues, so a sweep that is called again does
-what is left to do.
-"""
+"""Trainings of several seeds and data sets, and the report of their tests."""
 
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+import polars as pl
 import yaml
 
 from neurosym_jax.data.recordings import Source
 from neurosym_jax.errors import InputError, option
 from neurosym_jax.evaluation import plan, report, results
+from neurosym_jax.evaluation.intervals import (
+    ErrorsByScene,
+    mean_difference,
+    paired_difference,
+)
+from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.metrics import known_metric
+from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
 from neurosym_jax.runtime.ending import when_ended
-from neurosym_jax.runtime.files import refuse_unwritable, write_text
+from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.runtime.process import cpu_cores, progress_of, provenance
 from neurosym_jax.training.run import differences_between, model_card
-from neurosym_jax.training.sweep_report import write_errors
 
-__all__ = ["SweepRun", "run_sweep", "unfinished"]
+__all__ = ["SweepRun", "compare_sweep", "run_sweep", "unfinished", "write_errors"]
+
+
+# The comparison of a sweep's models: paired differences with intervals over scenes and
+# seeds.
+
+ERRORS = "scenes.npz"
+"""Beside `sweep.json`, each row's errors by its number: `7/` are the scenes [S, 2], `7/joint_ade`
+totals and counts [2, S]."""
+MEAN = "mean over test sets"
+ENOUGH = 3
+"""Least number of seeds that tell how much trainings differ."""
+TOO_FEW = """\
+**Fewer than three seeds tell nothing of how much trainings differ, so no difference below is a
+finding:** train three or more."""
+INTERVALS = """\
+Differences are the model's metric less the reference's, on the same scenes with the same noise and
+seed: for errors, below 0 is better. In brackets is the 95 % interval: Student's t over blocks of
+test scenes and over seeds. Bold where it leaves out 0. The mean weighs the test sets equally."""
+
+Runs = dict[tuple[str, str], dict[int, ErrorsByScene]]
+"""By model and test set, then by training seed."""
+
+
+def write_errors(folder: Path, errors: Sequence[ErrorsByScene]) -> None:
+    """Write the errors of all rows of a sweep, scene by scene."""
+    arrays: dict[str, Any] = {}
+    for at, row_errors in enumerate(errors):
+        arrays |= {
+            f"{at}/{name}": np.array([*score])
+            for name, score in row_errors.scores.items()
+        }
+        arrays[f"{at}/"] = row_errors.identity
+    with new_file(folder / ERRORS) as beside:
+        np.savez_compressed(beside, **arrays)
+
+
+def compare_sweep(
+    sweep: Path,
+    against: str | None = None,
+    *,
+    pred_len: int | None = None,
+    out: Path | None = None,
+) -> str:
+    """Compare a sweep's models with one of them: Markdown, and all differences as CSV beside it.
+
+    Models are paired by training seed and test scene.
+
+    Args:
+        sweep: folder of the sweep.
+        against: the reference, a model by title or weighting; default: the first of two
+            models.
+        pred_len: steps forecast, where the sweep has several.
+        out: the Markdown's file; default: report.md in the sweep's folder.
+
+    Returns:
+        The Markdown, the table of errors, and a line of the files that were written.
+
+    Raises:
+        InputError: for a folder without a sweep, or one that lacks what is to be
+            compared.
+    """
+    target = out or sweep / "report.md"
+    if target.suffix != ".md":
+        raise InputError(f"{option('out', str(target))}: must end in .md")
+    refuse_unwritable(target)
+    rows = report.read_report(sweep / "sweep.json")
+    runs = _read(sweep, rows, pred_len)
+    models = list(dict.fromkeys(model for model, _ in runs))
+    reference = _reference(against, models)
+    others = [model for model in models if model != reference]
+    compared = pl.DataFrame(
+        row for model in others for row in _compare(runs, model, reference)
+    )
+    last_rows = compared.filter(test_set=compared["test_set"][-1])
+    metrics = compared["metric"].unique(maintain_order=True)
+    head = [f"minus {reference}", *(known_metric(metric).label for metric in metrics)]
+    lines = [
+        [model, *map(_cell, frame.iter_rows(named=True))]
+        for (model,), frame in last_rows.group_by("model", maintain_order=True)
+    ]
+    seeds = {seed for errors in runs.values() for seed in errors}
+    table = target.with_suffix(".csv")
+    parts = [
+        f"# Models compared\n\nRuns: {sum(map(len, runs.values()))}. Seeds: {len(seeds)}.",
+        *([TOO_FEW] if len(seeds) < ENOUGH else []),
+        f"Difference to {reference}, {last_rows['test_set'][0]}:",
+        markdown_table(head, lines),
+        f"{INTERVALS} Differences on each test set are in `{table.name}`.",
+    ]
+    text = "\n\n".join(parts) + "\n"
+    write_text(target, text)
+    write_text(table, compared.write_csv())
+    return f"{text}\n{format_table(rows, 'markdown')}\n\n{target}, {table}"
+
+
+def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
+    """The errors of what was trained, of one horizon."""
+    trained = rows.with_row_index("at").filter(pl.col("training_seed").is_not_null())
+    horizons = sorted(trained.select("obs_len", "pred_len").unique().rows())
+    if pred_len is not None:
+        trained = trained.filter(pl.col("pred_len") == pred_len)
+    if trained.select("obs_len", "pred_len").n_unique() != 1:
+        among = ", ".join(f"{seen} + {ahead}" for seen, ahead in horizons) or "none"
+        raise InputError(
+            f"horizons in the sweep: {among}; {option('pred_len')} chooses one"
+        )
+    runs: Runs = {}
+    columns = trained.select("at", "model", "dataset", "training_seed")
+    try:
+        with np.load(folder / ERRORS) as arrays:
+            for at, model, dataset, seed in columns.iter_rows():
+                row = f"{at}/"
+                names = (
+                    name for name in arrays if name.startswith(row) and name != row
+                )
+                scores = {
+                    name.removeprefix(row): Score(*arrays[name]) for name in names
+                }
+                errors = ErrorsByScene(scores, arrays[row], steps=sum(horizons[0]))
+                runs.setdefault((model, dataset), {})[seed] = errors
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{folder}: holds no whole sweep ({error}); run the sweep again"
+        ) from None
+    return runs
+
+
+def _reference(against: str | None, models: Sequence[str]) -> str:
+    """The model of this title, or whose title ends in `, NAME`; else the first of two."""
+    name = models[0] if against is None and len(models) == 2 else against
+    matches = [model for model in models if model == name]
+    matches = matches or [model for model in models if model.endswith(f", {name}")]
+    if len(models) < 2 or len(matches) != 1:
+        hint = "names the one that others are compared with, by its title or weighting"
+        hint = f"{option('against')} {hint}"
+        problem = hint if len(models) > 1 else "a report compares two models or more"
+        raise InputError(f"{problem}: there are {'; '.join(models)}")
+    return matches[0]
+
+
+def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]:
+    """The model less the reference on each test set and in the mean, a row for each metric.
+
+    Seeds that either of the two has not finished on a test set are left out of it, and
+    of the mean.
+    """
+    parts = {}
+    for dataset in [dataset for name, dataset in runs if name == model]:
+        model_runs, reference_runs = (
+            runs[model, dataset],
+            runs.get((reference, dataset), {}),
+        )
+        seeds = sorted(model_runs.keys() & reference_runs.keys())
+        if not seeds:
+            raise InputError(
+                f"{model} and {reference} have no seed in common on {dataset}"
+            )
+        first, second = (
+            [errors[seed] for seed in seeds] for errors in (model_runs, reference_runs)
+        )
+        mean = np.mean([errors.mean for errors in second], axis=0)
+        parts[dataset] = paired_difference(first, second, numbers=seeds), mean
+    if len(parts) > 1:
+        differences, means = zip(*parts.values())
+        parts[MEAN] = mean_difference(differences), np.mean(means, axis=0)
+    for dataset, (difference, mean) in parts.items():
+        for metric, error, value in zip(difference.metrics, mean, difference.mean):
+            low, high = difference.intervals(metric)["both"]
+            row = {"reference": reference, "model": model, "test_set": dataset}
+            row |= {"metric": metric, "error_of_reference": error, "difference": value}
+            yield row | {"low_95": low, "high_95": high, "seeds": len(difference.seeds)}
+
+
+def _cell(row: dict[str, Any]) -> str:
+    low, high = row["low_95"], row["high_95"]
+    if not np.isfinite(low):
+        return f"{row['difference']:+.3f} (too few blocks of scenes)".replace("-", "−")
+    text = f"{row['difference']:+.3f} ({low:+.3f} to {high:+.3f})".replace("-", "−")
+    return f"**{text}**" if row["seeds"] >= ENOUGH and (low > 0 or high < 0) else text
+
+
+# Sweeps: many trainings, one test of all models, and a report that compares them.
+#
+# Each training is a `neurosym train` in a process of one thread. A finished run is never
+# trained again and an interrupted one continues, so a sweep that is called again does
+# what is left to do.
 
 RECIPE = "recipe.yaml"
 FREE = {"log", "quiet", "resume", "out"}

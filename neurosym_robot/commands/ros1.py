@@ -18,8 +18,9 @@ from neurosym_robot.ros.tcpros import CallError, Refused, call, master_uri, node
 def prepare_arguments(arguments: Sequence[str]) -> list[str]:
     """`a:=b` as `--remap a:=b`, `__name:=` as `--name`, and the master's parameters as options.
 
-    Raises: InputError: if a node that roslaunch started cannot get its parameters from
-        the master.
+    Raises:
+        InputError: if a node that roslaunch started cannot get its parameters from the
+            master.
     """
     if {"-h", "--help", "--help-all"} & set(arguments):
         return list(arguments)

@@ -43,9 +43,8 @@ POLICY = (
 ASKING = 3.0  # seconds that a request may take to arrive
 PATIENCE = 10.0  # seconds that an event may take to be taken
 HEARTBEAT = 1.0  # seconds between two statements of how old and how frequent people are
-BUFFER = (
-    2**18
-)  # bytes on the way to a reader; by itself the system would let megabytes pile up
+# bytes on the way to a reader; by itself the system would let megabytes pile up
+BUFFER = 2**18
 BATCH = 64  # events that a reader takes at once, and so what it may hold that the stream has let go
 KEPT = 32 * 2**20  # bytes of the newest events
 TABS = 16  # connections of one address at once

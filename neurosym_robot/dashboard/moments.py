@@ -42,8 +42,7 @@ from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.weighting import Parameters, Weighting
-from neurosym_jax.symbolic.weightings import Cnd
+from neurosym_jax.symbolic.weighting import Cnd, Parameters, Weighting
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
@@ -213,9 +212,10 @@ def _json(value: Any) -> str:
 def read_floor_map(path: Path) -> dict[str, Any]:
     """A map as ROS's map_server saves it: a `.yaml` file that names an image.
 
-    Returns: `image`, a PNG as data URL whose opacity is how occupied a cell is; `width`
-        and `height` [m]; and `origin` [x, y, yaw] of the lower left corner in metres
-        and radians.
+    Returns:
+        `image`, a PNG as data URL whose opacity is how occupied a cell is; `width` and
+        `height` [m]; and `origin` [x, y, yaw] of the lower left corner in metres and
+        radians.
 
     Raises:
         InputError: naming the file and what is wrong with it.

@@ -22,15 +22,13 @@ class Kind:
     """Paths of fields, with dots between their names; a number is a place in a list."""
 
     people: str  # field with one entry per person
-    position: str = (
-        "position"  # from an entry to x, y, z; empty: entries name frames of /tf
-    )
+    # from an entry to x, y, z; empty: entries name frames of /tf
+    position: str = "position"
     id: str = ""
     """From an entry to a number or name, `|` between alternatives; or a field of the message with
     as many entries as people. Empty: people have no ids."""
-    occluded: str = (
-        ""  # from an entry to whether the tracker guesses the position, unseen
-    )
+    # from an entry to whether the tracker guesses the position, unseen
+    occluded: str = ""
     only: str = ""  # PATH=VALUE[,VALUE] of the entries that are people; empty: all are
 
 
@@ -117,8 +115,9 @@ def see(kind: str | Kind, message: Any, only: str = "") -> Seen:
 
     `only` says which entries are people, instead of the kind.
 
-    Raises: AttributeError, LookupError, TypeError, ValueError: if the message has no
-        such fields.
+    Raises:
+        AttributeError, LookupError, TypeError, ValueError: if the message has no such
+            fields.
     """
     form = KINDS[kind] if isinstance(kind, str) else kind
     entries = list(_follow(message, form.people))

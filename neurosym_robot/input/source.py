@@ -79,9 +79,8 @@ class PeopleSource:
         self._publisher: str | None = None
         self._heard = -math.inf
         self._nearest = NearestIds()
-        self._named = self._stamped = (
-            False  # whether anybody had an id, and a message a time
-        )
+        # whether anybody had an id, and a message a time
+        self._named = self._stamped = False
         self._newest, self._behind = (
             -math.inf,
             math.inf,

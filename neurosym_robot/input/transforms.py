@@ -20,9 +20,8 @@ from neurosym_robot.ros.definitions import seconds_of
 
 KEPT = 10.0  # seconds of each frame's past
 GAP = 1.0  # seconds between two poses that differ, over which nothing is interpolated
-REORDERED = (
-    0.15  # seconds for which older poses after newer ones are taken for late ones
-)
+# seconds for which older poses after newer ones are taken for late ones
+REORDERED = 0.15
 LATE = 1.0  # seconds by which /tf may come later than people
 FIXED = re.compile("map|odom|world|earth")
 """In the names of frames that do not move with a robot, after ROS's REP 105."""

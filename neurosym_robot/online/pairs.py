@@ -14,9 +14,8 @@ from neurosym_jax.symbolic.forecast import symbolic_events
 from neurosym_robot.online.predictor import Forecast
 
 AT_LEAST = 0.5  # least probability of an event that is listed
-PAIRS = (
-    16  # pairs that are looked at: those whose mean paths come nearest to each other
-)
+# pairs that are looked at: those whose mean paths come nearest to each other
+PAIRS = 16
 
 
 class LikelyEvent(NamedTuple):

@@ -25,9 +25,8 @@ from neurosym_jax.scene import Scene, make_scene, pad_scene
 from neurosym_robot.online.programs import Programs, When
 from neurosym_robot.online.window import Window, nearest_first
 
-GRACE = (
-    1.0  # seconds waited for the end of a future, for people lost for a moment there
-)
+# seconds waited for the end of a future, for people lost for a moment there
+GRACE = 1.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,9 +40,8 @@ class ModelForecast:
     central: int
     """The most probable sample; where all have the same probability the medoid, whose squared
     distances to all others have the least sum."""
-    probability: np.ndarray | None = (
-        None  # [k] of the samples; None where all have the same
-    )
+    # [k] of the samples; None where all have the same
+    probability: np.ndarray | None = None
     runtime: float = 0.0
     """Seconds to the samples; models that run side by side share the cores."""
     draw: Callable[[], np.ndarray] | None = None
@@ -182,8 +180,9 @@ class Predictor:
         `max_people`, those nearest to `focus` [2] are forecast, the robot, by default
         those nearest to the centre of all.
 
-        Raises: InputError: if the shapes differ; whatever else is wrong is counted in
-            `health`.
+        Raises:
+            InputError: if the shapes differ; whatever else is wrong is counted in
+                `health`.
         """
         return self.forecast(focus) if self.window.push(stamp, ids, xy, focus) else None
 
@@ -265,8 +264,9 @@ def _summary(samples: np.ndarray, probability: np.ndarray | None) -> ModelForeca
 def load_models(paths: Sequence[Path]) -> dict[str, Model]:
     """Models by how their tables' names begin ("NeuroSyM", "SGAN"), else by their files' names.
 
-    Raises: InputError: for no path, what is no model, or two of one kind whose files
-        are named alike.
+    Raises:
+        InputError: for no path, what is no model, or two of one kind whose files are
+            named alike.
     """
     if not paths:
         raise InputError("--model needs at least one model")

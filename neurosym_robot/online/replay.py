@@ -192,9 +192,8 @@ class ReplayEvent(NamedTuple):
     skipped: int = 0  # older frames that were observed, but not forecast
     age: float = math.nan  # seconds from stamp to forecast, by the recording's clock
     robot: np.ndarray | None = None  # [3] its pose in metres, metres, radians, if known
-    accepted: bool = (
-        True  # whether the window took the frame in; else its stamp was refused
-    )
+    # whether the window took the frame in; else its stamp was refused
+    accepted: bool = True
 
 
 def advance(

@@ -20,12 +20,10 @@ from neurosym_robot.online.regions import SPAN
 from neurosym_robot.online.replay import PUBLISHED, Analytics
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
-STALE_AFTER = (
-    2.0  # seconds of age from which on forecasts no longer describe the present
-)
-OFFSET = (
-    0.5  # seconds: a least age beyond it is an offset between two clocks, and reported
-)
+# seconds of age from which on forecasts no longer describe the present
+STALE_AFTER = 2.0
+# seconds: a least age beyond it is an offset between two clocks, and reported
+OFFSET = 0.5
 AGES = 4096  # newest ages kept for the percentiles
 ARRIVALS = 30  # newest frames whose rate is told
 EXPLAINED = "published: the central forecast; joint, marginal: the best of the samples by hindsight"
@@ -58,9 +56,8 @@ class Status:
         self._stitcher = stitcher or OnlineStitcher()
         self._said = time.monotonic()
         self._newest = math.nan  # stamp of the newest frame
-        self._lag: tuple[float, float] | None = (
-            None  # age of the newest frame, and when it had it
-        )
+        # age of the newest frame, and when it had it
+        self._lag: tuple[float, float] | None = None
         self._least = math.inf  # least age of a frame that arrived
         self._offset_said = self._alarmed = False
         self._ages: collections.deque[float] = collections.deque(maxlen=AGES)

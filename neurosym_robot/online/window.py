@@ -91,8 +91,9 @@ class Window:
     ) -> bool:
         """Take in one frame, see `Predictor.push`; return whether it was accepted.
 
-        Raises: InputError: for other shapes or ids; whatever else is wrong is counted
-            in `health`.
+        Raises:
+            InputError: for other shapes or ids; whatever else is wrong is counted in
+                `health`.
         """
         ids, xy = np.asarray(ids), np.asarray(xy, np.float64)
         if ids.ndim != 1 or (len(ids) and xy.shape != (len(ids), 2)):
@@ -117,8 +118,9 @@ class Window:
     def complete(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All people with a whole window that ends at the newest frame.
 
-        Returns: Ids [N], ascending; positions [N, steps, 2]; and the number [N] of
-            final steps that were not seen but extrapolated, at the velocity of the last
+        Returns:
+            Ids [N], ascending; positions [N, steps, 2]; and the number [N] of final
+            steps that were not seen but extrapolated, at the velocity of the last
             `period` seen.
         """
         people = np.flatnonzero(self.stamp - self._last <= self.hold + SNAP)

@@ -50,8 +50,9 @@ def read_frames(
     `format="bag,topic=/people"`; `source` says which messages of a bag belong to the
     stream.
 
-    Raises: InputError: naming the file and the reason, possibly after some frames of a
-        damaged bag.
+    Raises:
+        InputError: naming the file and the reason, possibly after some frames of a
+            damaged bag.
     """
     path, *others = paths = [paths] if isinstance(paths, Path) else list(paths)
     if all(map(is_bag, paths)):
@@ -326,8 +327,9 @@ class BagWriter(contextlib.AbstractContextManager):
     def write(self, topic: str, stamp: float, message: Any) -> None:
         """Append a message, received at `stamp` seconds.
 
-        Raises: InputError: for a time that ROS has no numbers for, before 1970 or after
-            2038.
+        Raises:
+            InputError: for a time that ROS has no numbers for, before 1970 or after
+                2038.
         """
         if not 0 <= stamp < 2**31:
             raise InputError(f"{self.path}: the time {stamp} s does not fit into a bag")

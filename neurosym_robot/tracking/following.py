@@ -12,17 +12,15 @@ from neurosym_jax.data.windows import resample
 from neurosym_jax.errors import InputError
 
 FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, -3000)
-RESET = (
-    5.0  # seconds: a stamp older by more means a clock set back, also if it comes alone
-)
+# seconds: a stamp older by more means a clock set back, also if it comes alone
+RESET = 5.0
 MAX_SPEED = 5.0  # metres per second of a person between two observations
 SLACK = 1.0  # metres of error of a tracker, both observations together
 SMOOTH = 0.7  # share of the old velocity kept from frame to frame: noise is as large as a step
 REACH = 0.75  # maximum metres from the expected position
 FORGET = 1.0  # seconds after which a person without id who was not seen gets a new id
-CROWD = (
-    512  # people without ids followed at once; the others get new ids in every frame
-)
+# people without ids followed at once; the others get new ids in every frame
+CROWD = 512
 
 
 class Frame(NamedTuple):

@@ -10,8 +10,9 @@ scored as they would be on the robot. What is made of the results is in `report`
 Networks that learned from THÖR and MAGNI, THOR being a folder with their three
 recordings:
 
-for M in sgan neurosym; do neurosym train --model $M --obs-len 8 --pred-len 8 --data
-    THOR --out RUNS/$M --train-on \
+for M in sgan neurosym; do
+    neurosym train --model $M --obs-len 8 --pred-len 8 --data THOR --out RUNS/$M
+    --train-on \
         CLiFF-LHMP_thor1_exp-1-run-2 CLiFF-LHMP_thor3_exp-3-run-2 THOR-MAGNI_Scenario_5
 done
 python -m studies.experiment --out OUT --models RUNS/sgan RUNS/neurosym

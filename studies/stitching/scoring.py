@@ -13,9 +13,10 @@ def idf1(person: ArrayLike, ids: ArrayLike) -> float:
     `2 IDTP / (2 IDTP + IDFP + IDFN)`; 1 is perfect (Ristani et al., ECCV workshops
     2016).
 
-    Args: person: [R] whole numbers, the true person of each row; -1 for a false
-        detection. ids: [R] whole numbers, the id of each row; -1 if the person was
-        missed.
+    Args:
+        person: [R] whole numbers, the true person of each row; -1 for a false
+            detection.
+        ids: [R] whole numbers, the id of each row; -1 if the person was missed.
     """
     person, ids = np.asarray(person), np.asarray(ids)
     tracked = (person != -1) & (ids != -1)

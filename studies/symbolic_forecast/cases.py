@@ -17,7 +17,7 @@ from neurosym_jax.evaluation.symbol_scores import NEAR
 from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.symbolic.forecast import SymbolSettings, event_steps, state_steps
-from neurosym_jax.symbolic.states import adjacency, all_states
+from neurosym_jax.symbolic.qtc import adjacency, all_states
 
 __all__ = ["Answer", "Cases", "counted", "make_cases", "markov_chain", "model_answer"]
 

@@ -11,9 +11,8 @@ from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.sgan.config import POOLINGS, GeneratorConfig
 from neurosym_jax.models.sgan.recipe import RECIPES
-from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
+from neurosym_jax.symbolic.qtc import encode_state, observe
+from neurosym_jax.symbolic.weighting import WEIGHTINGS, register_weighting
 from neurosym_jax.training.recipe import Recipe
 from studies.weighting.control import LENGTHS, ON_ONES_PATH
 

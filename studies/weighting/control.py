@@ -14,8 +14,7 @@ import numpy as np
 from neurosym_jax.data.tracks import PERIOD
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import scene_identity
-from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import encode_state
+from neurosym_jax.symbolic.qtc import encode_state, observe
 
 __all__ = ["LENGTHS", "ON_ONES_PATH", "control"]
 
@@ -36,9 +35,8 @@ def _path_table() -> np.ndarray:
     """[81] by state code: 1 for a neighbour on one's path, else 0."""
     table = np.zeros(81)
     for side in (-1, 1):
-        table[np.ravel_multi_index((0, 0, 1 + side, 1 - side), (3, 3, 3, 3))] = (
-            1  # - - + -
-        )
+        # - - + -
+        table[np.ravel_multi_index((0, 0, 1 + side, 1 - side), (3, 3, 3, 3))] = 1
     return table
 
 

@@ -21,10 +21,12 @@ __all__ = ["train"]
 def train(network: Any, recipe: Recipe, windows: Windows, seed: int) -> Any:
     """Parameters after all steps of `recipe`, whose own seed does not matter.
 
-    Args: network: configuration of a generator or of anchors. recipe: how it is
-        trained; its `steps` are a multiple of 25. windows: what it learns from. seed:
-        of initial values, batches, augmentation and noise; those of two arms are the
-        same.
+    Args:
+        network: configuration of a generator or of anchors.
+        recipe: how it is trained; its `steps` are a multiple of 25.
+        windows: what it learns from.
+        seed: of initial values, batches, augmentation and noise; those of two arms are
+            the same.
     """
     init_key, steps_key = (
         jax.random.fold_in(jax.random.key(seed), part) for part in (0, 1)

@@ -130,9 +130,8 @@ def test_a_header_of_100_000_bodies_is_fast(tmp_path):
     assert time.process_time() - start < 5
 
 
-HELMET = (
-    "X\n" * 10 + "Frame\tTime\tHelmet_1 X\tHelmet_1 Y\tHelmet_1 Z\n"
-)  # Rows begin with 12.
+# Rows begin with 12.
+HELMET = "X\n" * 10 + "Frame\tTime\tHelmet_1 X\tHelmet_1 Y\tHelmet_1 Z\n"
 TRACKLETS = "Time,x,y,ag_id,tracklet_id\n"
 POINT = '{"track": {"f": 1, "p": 1, "x": 1, "y": 0}}\n'
 TABLE = "t,id,x,y\n"

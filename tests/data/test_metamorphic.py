@@ -37,9 +37,8 @@ def walk(seed: int, people: int = 3, steps: int = 18) -> np.ndarray:
     """People who walk, step by step: rows [R, 6] of step, person, x, y, vx, vy."""
     rng = np.random.default_rng(seed)
     angle, pace = rng.uniform(-3, 3, people), rng.uniform(0.8, 1.6, people)
-    angle[0] = (
-        1.5  # Where all headings are small, speed and heading are much like vx and vy.
-    )
+    # Where all headings are small, speed and heading are much like vx and vy.
+    angle[0] = 1.5
     velocity = pace[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     step, person = np.divmod(np.arange(steps * people), people)
     place = (

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic.weightings import WEIGHTINGS
+from neurosym_jax.symbolic.weighting import WEIGHTINGS
 from tests.repository import ROOT, exhaustive
 
 FOLDER = ROOT / "examples"

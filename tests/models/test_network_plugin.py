@@ -14,7 +14,7 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.sgan.config import POOLINGS
 from neurosym_jax.models.sgan.layers import CELLS
 from neurosym_jax.plugins import load_plugin
-from neurosym_jax.training.catalogue import make_config
+from neurosym_jax.training.run import make_config
 from tests.networks import random_model
 
 PLUGIN = str(Path(__file__).with_name("network_plugin.py"))

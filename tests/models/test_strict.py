@@ -12,7 +12,7 @@ from neurosym_jax import GeneratorConfig
 from neurosym_jax.data import Windows
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
-from neurosym_jax.training.catalogue import recipes_of
+from neurosym_jax.training.run import recipes_of
 from tests.networks import random_model
 
 SIZES = {"obs_len": 4, "pred_len": 3}

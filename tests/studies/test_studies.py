@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.data.recordings import read_any
-from neurosym_jax.symbolic.weightings import WEIGHTINGS
+from neurosym_jax.symbolic.weighting import WEIGHTINGS
 from studies.driving import CONTACT, STEPS, drive, hall
 from studies.mistakes.__main__ import tell
 from studies.mistakes.corpus import MISTAKES

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic.weightings import WEIGHTINGS, make_weighting
+from neurosym_jax.symbolic.weighting import WEIGHTINGS, make_weighting
 from studies.weighting.comparison import Runs, adjusted, answer
 from studies.weighting.control import LENGTHS, PEOPLE, control
 from studies.weighting.page import places

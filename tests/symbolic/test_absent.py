@@ -15,10 +15,15 @@ from neurosym_jax.symbolic.forecast import (
     symbolic_events,
     symbolic_forecast,
 )
-from neurosym_jax.symbolic.qtc import observe
+from neurosym_jax.symbolic.qtc import (
+    ABSENT,
+    all_states,
+    encode_state,
+    observe,
+    state_index,
+)
 from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
-from neurosym_jax.symbolic.states import ABSENT, all_states, encode_state, state_index
-from neurosym_jax.symbolic.weightings import WEIGHTINGS, Learned, make_weighting
+from neurosym_jax.symbolic.weighting import WEIGHTINGS, Learned, make_weighting
 from tests.symbolic import literal
 
 GAP, STEPS = 3, 7

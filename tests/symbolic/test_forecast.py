@@ -18,8 +18,7 @@ from neurosym_jax.symbolic.forecast import (
     symbolic_events,
     symbolic_forecast,
 )
-from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import all_states, state_texts
+from neurosym_jax.symbolic.qtc import all_states, observe, state_texts
 
 STEP, OBSERVED = 0.4, 3
 
@@ -72,9 +71,8 @@ def test_pairs_origin_and_compilation_change_nothing(crowd):
 
 def test_a_threshold_in_metres_per_second_holds_at_every_period():
     walk = np.zeros((1, 2, 40, 2))
-    walk[0, 0, :, 0] = (
-        0.3 * 0.1 * np.arange(1, 41)
-    )  # 0.3 m/s at 10 Hz, towards a person 9 m off.
+    # 0.3 m/s at 10 Hz, towards a person 9 m off.
+    walk[0, 0, :, 0] = 0.3 * 0.1 * np.arange(1, 41)
     walk[0, 1, :, 0] = 9
     observed = np.array([[[0.0, 0]], [[9, 0]]])
     for speed, towards in ((0.25, 1.0), (0.35, 0.0)):

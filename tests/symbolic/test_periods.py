@@ -15,11 +15,11 @@ from neurosym_jax.models.sgan.config import GeneratorConfig
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import symbolic_events
-from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.symbolic.weightings import (
+from neurosym_jax.symbolic.weighting import (
     WEIGHTINGS,
     Quantised,
     Soft,
+    initial_parameters,
     make_weighting,
     register_weighting,
 )

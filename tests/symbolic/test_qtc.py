@@ -15,8 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.forecast import symbolic_forecast
-from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import (
+from neurosym_jax.symbolic.qtc import (
     ABSENT,
     adjacency,
     all_states,
@@ -24,11 +23,12 @@ from neurosym_jax.symbolic.states import (
     collapse,
     encode_state,
     format_state,
+    observe,
     state_index,
     state_texts,
     validate,
 )
-from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
+from neurosym_jax.symbolic.weighting import CndShipped, make_weighting
 from tests.repository import GOLDEN
 from tests.symbolic import literal
 

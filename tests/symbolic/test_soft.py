@@ -4,9 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.symbolic.qtc import observe
+from neurosym_jax.symbolic.qtc import alpha_table, encode_state, observe
 from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
-from neurosym_jax.symbolic.states import alpha_table, encode_state
 from tests.symbolic import literal
 
 pytestmark = pytest.mark.usefixtures("double")

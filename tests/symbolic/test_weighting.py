@@ -12,15 +12,16 @@ from hypothesis import strategies as st
 
 from neurosym_jax.configuration import Positive, component
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import alpha_table, encode_state
-from neurosym_jax.symbolic.weighting import Weighting, initial_parameters, is_constant
-from neurosym_jax.symbolic.weightings import (
+from neurosym_jax.symbolic.qtc import alpha_table, encode_state, observe
+from neurosym_jax.symbolic.weighting import (
     WEIGHTINGS,
     Cnd,
     CndShipped,
     Learned,
     Soft,
+    Weighting,
+    initial_parameters,
+    is_constant,
     make_weighting,
     register_weighting,
 )

@@ -11,8 +11,8 @@ from orbax.checkpoint import v1 as ocp
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.sgan.config import GeneratorConfig
 from neurosym_jax.models.sgan.recipe import GeneratorRecipe
+from neurosym_jax.training.batches import SceneStream
 from neurosym_jax.training.run import Run
-from neurosym_jax.training.stream import SceneStream
 
 OBS, PRED = 4, 3
 GENERATOR = GeneratorConfig(
@@ -64,7 +64,7 @@ def make_windows():
 def cheap_classes():
     """Lets these few small scenes have several size classes, as real ones have."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("neurosym_jax.training.stream.COST_OF_A_CLASS", 20)
+        patch.setattr("neurosym_jax.training.batches.COST_OF_A_CLASS", 20)
         yield
 
 

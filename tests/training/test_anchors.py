@@ -27,9 +27,9 @@ from neurosym_jax.models.anchors.network import (
     AnchorTableConfig,
 )
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.training import validation
+from neurosym_jax.training.batches import augment
 from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.stream import augment
+from neurosym_jax.training.run import validate
 from tests.repository import exhaustive
 
 LOSS = jax.jit(anchor_loss, static_argnums=4)
@@ -59,12 +59,14 @@ def test_the_best_state_is_chosen_by_what_the_network_is_for(
 ):
     errors = {"joint_ade": 1.0, "joint_fde": 3.0, "energy_score": 8.0}
     result = types.SimpleNamespace(scores=errors, mean=errors.get)
-    monkeypatch.setattr(validation, "score_forecaster", lambda *_, **options: result)
+    monkeypatch.setattr(
+        "neurosym_jax.training.run.score_forecaster", lambda *_, **options: result
+    )
     config = AnchorConfig(4, 3, samples=3, points=points)
     trained = dataclasses.replace(
         run, config=config, recipe=AnchorRecipe(select_by=select_by)
     )
-    assert validation.validate(trained, {}, [])["val_score"] == score
+    assert validate(trained, {}, [])["val_score"] == score
 
 
 def test_overlapping_people_cost_by_their_distance():

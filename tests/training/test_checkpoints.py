@@ -17,7 +17,7 @@ import pytest
 from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.training.checkpoints import restore_state, save_state
+from neurosym_jax.training.state import restore_state, save_state
 
 
 def state_of(seed):
@@ -164,7 +164,7 @@ KILLED = """
 import os, sys
 from pathlib import Path
 import numpy as np
-from neurosym_jax.training.checkpoints import save_state
+from neurosym_jax.training.state import save_state
 
 folder = Path(sys.argv[1])
 for line in sys.stdin:

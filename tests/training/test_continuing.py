@@ -327,7 +327,7 @@ def test_a_full_disk_is_one_line(table, tmp_path, monkeypatch, capfd):
     """Known before a state is written: its library would print tracebacks."""
     full = shutil.disk_usage(tmp_path)._replace(free=1000)
     monkeypatch.setattr(
-        "neurosym_jax.training.checkpoints.shutil.disk_usage", lambda path: full
+        "neurosym_jax.training.state.shutil.disk_usage", lambda path: full
     )
     with pytest.raises(
         TrainingError, match=r"No space left on device.*; what was saved before is"

@@ -11,10 +11,10 @@ import pytest
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
 from neurosym_jax.training import loop
-from neurosym_jax.training.checkpoints import sole_writer
+from neurosym_jax.training.batches import SceneStream
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.run import Run, model_card
-from neurosym_jax.training.stream import SceneStream
+from neurosym_jax.training.state import sole_writer
 from tests.rows import result_row
 
 

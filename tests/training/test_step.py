@@ -28,6 +28,7 @@ from neurosym_jax.models.sgan.step import (
     scale_pooling_updates,
     train_step,
 )
+from neurosym_jax.training.batches import SceneStream
 from neurosym_jax.training.state import (
     TrainState,
     clipping,
@@ -35,7 +36,6 @@ from neurosym_jax.training.state import (
     update,
     warmup_of,
 )
-from neurosym_jax.training.stream import SceneStream
 from tests.networks import drawing
 from tests.repository import exhaustive
 

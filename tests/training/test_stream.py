@@ -8,7 +8,7 @@ import pytest
 
 from neurosym_jax.models.sgan.loss import draw_group_noise
 from neurosym_jax.models.sgan.recipe import GeneratorRecipe
-from neurosym_jax.training.stream import SceneStream, augment
+from neurosym_jax.training.batches import SceneStream, augment
 
 
 def sums(scene):

@@ -16,8 +16,7 @@ from neurosym_jax.commands._running import load_plugins
 from neurosym_jax.commands.sweep import plan_runs, run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import forecaster_of
-from neurosym_jax.training.sweep import unfinished
-from neurosym_jax.training.sweep_report import compare_sweep
+from neurosym_jax.training.sweep import compare_sweep, unfinished
 from tests.rows import write_sweep
 
 CHOSEN = sweep.Options(weighting=("cnd", "ones"), dataset=("cross-path",), seed=(0, 1))

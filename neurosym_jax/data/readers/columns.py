@@ -279,9 +279,8 @@ def _people(
 
 # Layouts without a header: what each column is. Numbers alone say which file has one.
 
-SMOOTHER = (
-    5  # times, by which another reading of the columns gives the lie to the usual one
-)
+# times, by which another reading of the columns gives the lie to the usual one
+SMOOTHER = 5
 
 
 class Text(Layout):

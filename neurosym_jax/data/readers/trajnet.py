@@ -98,8 +98,9 @@ def read_predictions(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     counts. A forecast of one step does not say how far frames are apart: the frame
     before it counts.
 
-    Raises: InputError: naming file and row, for forecasts that are not of one number
-        and length.
+    Raises:
+        InputError: naming file and row, for forecasts that are not of one number and
+            length.
     """
     paths: dict[tuple[int, int], dict[tuple[int, int], list[float]]] = {}
     for at, kind, fields in _rows(path):

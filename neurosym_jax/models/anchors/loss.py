@@ -17,7 +17,7 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.anchors.network import AnchorForecast
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.scene import Scene
-from neurosym_jax.training.stream import augment, gather_cropped
+from neurosym_jax.training.batches import augment, gather_cropped
 
 __all__ = ["CLASSES", "AnchorStream", "anchor_loss", "batch_loss", "company", "overlap"]
 __all__ += ["personal_energy", "points_loss", "step_energy"]

@@ -37,8 +37,7 @@ from neurosym_jax.models.anchors.frames import (
     pair_features,
     turned,
 )
-from neurosym_jax.symbolic.weighting import Weighting
-from neurosym_jax.symbolic.weightings import WEIGHTINGS
+from neurosym_jax.symbolic.weighting import WEIGHTINGS, Weighting
 
 __all__ = [
     "AnchorConfig",

@@ -15,8 +15,7 @@ from neurosym_jax.models.sgan.layers import CELLS, LSTM, Cell
 from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.sgan.pooling import NoPooling, Pooling, PoolNet, Social
 from neurosym_jax.plugins import Registry
-from neurosym_jax.symbolic.weighting import Weighting
-from neurosym_jax.symbolic.weightings import WEIGHTINGS, Cnd
+from neurosym_jax.symbolic.weighting import WEIGHTINGS, Cnd, Weighting
 
 __all__ = [
     "POOLINGS",

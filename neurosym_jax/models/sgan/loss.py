@@ -24,7 +24,7 @@ from neurosym_jax.models.sgan.network import Discriminator, Generator
 from neurosym_jax.models.sgan.recipe import GeneratorRecipe
 from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.symbolic.soft import safe_root
-from neurosym_jax.training.stream import Groups, merge, split
+from neurosym_jax.training.batches import Groups, merge, split
 
 __all__ = ["Scalars", "adversarial_loss", "decode_groups", "discriminator_gradient"]
 __all__ += [

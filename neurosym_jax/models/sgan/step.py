@@ -30,8 +30,8 @@ from neurosym_jax.models.sgan.loss import (
 )
 from neurosym_jax.models.sgan.network import Discriminator
 from neurosym_jax.models.sgan.recipe import GeneratorRecipe
+from neurosym_jax.training.batches import Groups, SceneStream, augment
 from neurosym_jax.training.state import TrainState, new_state, optimizer_step, update
-from neurosym_jax.training.stream import Groups, SceneStream, augment
 
 __all__ = ["Adversary", "generator_rounds", "init_adversary", "init_gentle_pooling"]
 __all__ += ["init_state", "learn", "scale_pooling_updates", "train_step", "train_steps"]

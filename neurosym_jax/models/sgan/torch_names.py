@@ -108,9 +108,10 @@ def without_dropout(
 def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any]:
     """Our nested float32 parameters from torch's flat state dict of arrays.
 
-    Raises: InputError: naming the tensors that `config` needs and `state` lacks, those
-        that it has
-            and the network does not, and those of another shape; for `as_described`.
+    Raises:
+        InputError: naming the tensors that `config` needs and `state` lacks, those that
+            it has and the network does not, and those of another shape; for
+            `as_described`.
     """
     names = torch_names(config)
     shapes = {name: shape[::-1] for name, (_, shape) in names.items()}

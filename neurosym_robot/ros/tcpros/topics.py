@@ -28,9 +28,8 @@ PATIENCE = (
 )  # seconds before a lost publisher is tried again: at first, and at most
 MOST = 32  # publishers of a topic that are listened to at once
 SLOW = 5.0  # seconds that a subscriber may take for one message before it is dropped
-LOOK = (
-    1.0  # seconds between checks for subscribers that have left, while nothing is sent
-)
+# seconds between checks for subscribers that have left, while nothing is sent
+LOOK = 1.0
 
 Hear = Callable[[bytes, Mapping[str, str]], None]
 """Called with every serialised message and its publisher's header, in a thread."""

@@ -21,9 +21,8 @@ from xmlrpc.server import SimpleXMLRPCDispatcher, SimpleXMLRPCRequestHandler
 
 from neurosym_robot.server import BoundedServer, deadline
 
-MAX_HEADER = (
-    1 << 20
-)  # bytes; a header carries the message's definition, a few kilobytes at most
+# bytes; a header carries the message's definition, a few kilobytes at most
+MAX_HEADER = 1 << 20
 MAX_MESSAGE = 4 << 20  # bytes; ten thousand people are about 1 MB
 MAX_BODY = 4 << 20  # bytes; the state of a graph of thousands of topics stays below
 TIMEOUT = 5.0  # seconds of a call
@@ -49,9 +48,8 @@ class Topic:
     name: str  # global: it begins with a slash
     type: str = "*"  # "package/Name"
     md5: str = "*"  # of the type's definition, as ROS computes it
-    definition: str = (
-        ""  # text of the definition and of those that it uses, for recorders
-    )
+    # text of the definition and of those that it uses, for recorders
+    definition: str = ""
 
     def header(self, caller: str, **fields: str) -> dict[str, str]:
         """Fields of the header that begins a connection of the node `caller`."""

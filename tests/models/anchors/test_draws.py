@@ -227,9 +227,8 @@ def test_the_distribution_is_in_the_callers_frame_and_of_the_seed(model):
 
 def test_the_distribution_of_a_mirrored_scene_is_the_mirrored_one(model):
     observed = np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(1)
-    observed += (
-        20 * np.arange(3)[:, None, None]
-    )  # Everybody is alone and has all points.
+    # Everybody is alone and has all points.
+    observed += 20 * np.arange(3)[:, None, None]
     mirror = np.array([1.0, -1.0])
     draws = predict_distribution(model, observed, draws=24)
     mirrored = predict_distribution(model, observed * mirror, draws=24) * mirror

@@ -196,9 +196,8 @@ def test_discriminator(kind):
     trajectory = (scene.observed, scene.displacement, scene.valid)
     params = random_params(Discriminator(config), *trajectory)
     bias = params["params"]["classifier"]["layer_1"]["bias"]
-    params["params"]["classifier"]["layer_1"]["bias"] = (
-        bias * 0 + 3
-    )  # So that scores live.
+    # So that scores live.
+    params["params"]["classifier"]["layer_1"]["bias"] = bias * 0 + 3
     apply = jax.jit(Discriminator(config).apply)
     scores = apply(params, *trajectory)
     parts = params["params"]

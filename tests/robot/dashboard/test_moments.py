@@ -14,8 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.sgan.config import GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.symbolic.weightings import Soft
+from neurosym_jax.symbolic.weighting import Soft, initial_parameters
 from neurosym_robot.dashboard.moments import MAX_NAMED, UNKNOWN, Moments, read_floor_map
 from neurosym_robot.online.pairs import LikelyEvent
 from neurosym_robot.online.replay import ReplayEvent, advance

@@ -1,12 +1,4 @@
-"""Training batches: an endless stream that depends on (seed, step) only, and random changes to it.
-
-A batch has a fixed number of scenes of every size class, in proportion to the data
-(stratified by size), so that one compiled step serves all batches. Within a class every
-scene comes once before any comes again. It is augmented anew each time.
-
-To add an augmentation: its function, an entry at the end of `AUGMENTATIONS`, and its
-options in `Recipe`.
-"""
+"""Batches of scenes in the order of a seed, cropped, merged and augmented."""
 
 import dataclasses
 import itertools
@@ -29,8 +21,9 @@ __all__ = [
     "augment",
     "gather_cropped",
     "merge",
+    "size_classes",
+    "split",
 ]
-__all__ += ["size_classes", "split"]
 
 Groups = tuple[Scene, ...]
 """A batch: one Scene `[scenes, slots, ...]` for each size class, computed on together."""
