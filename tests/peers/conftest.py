@@ -1,4 +1,8 @@
-"""Public code of peers that is run beside ours: where it lies, and how it is imported."""
+"""Public code of peers that is run beside ours: where it lies, and how it is imported.
+
+`PEERS=FOLDER pytest tests/peers` runs these tests, which need checkouts of the peers in
+FOLDER. Without PEERS they are not collected: a test that never runs is none.
+"""
 
 import os
 import sys
@@ -7,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.repository import ROOT
+if "PEERS" not in os.environ:
+    collect_ignore_glob = ["test_*.py"]
 
 UNUSED = ("pykalman", "pysparkling", "joblib", "prettytable", "cv2", "glob2")
 """What peers import and the functions that we call do not use."""
@@ -22,17 +27,15 @@ def unused(name: str) -> type:
 
 @pytest.fixture
 def peer(monkeypatch):
-    """Return a function that puts checkouts on the path, or skips the test where they are absent.
+    """Return a function that puts checkouts on the path.
 
-    They lie by their repositories' names in the folder that PEERS names; default:
-    ../shared/peers.
+    They lie by their repositories' names in the folder that PEERS names.
     """
-    folder = Path(os.environ.get("PEERS", ROOT.parent / "shared/peers"))
+    folder = Path(os.environ["PEERS"]).absolute()
 
     def use(*names: str) -> Path:
         for name in names:
-            if not (folder / name).is_dir():
-                pytest.skip(f"{folder / name} is not there (PEERS names the folder)")
+            assert (folder / name).is_dir(), f"PEERS: {folder} has no checkout of {name}"
             monkeypatch.syspath_prepend(str(folder / name))
         for name in UNUSED:
             if name not in sys.modules:
