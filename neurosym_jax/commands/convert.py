@@ -1,9 +1,11 @@
 """Convert a torch checkpoint to a model's folder, or back."""
 
 from pathlib import Path
+from typing import Any
 
 from tyro.conf import Positional
 
+from neurosym_jax.commands._options import refuse_given
 from neurosym_jax.errors import InputError, printable
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
@@ -11,9 +13,10 @@ from neurosym_jax.forecasting.model_places import find_model
 from neurosym_jax.interop.checkpoint import (
     export_torch_checkpoint,
     left_out,
-    load_torch_checkpoint,
+    model_from_torch,
 )
 from neurosym_jax.interop.pickles import read_torch_file
+from neurosym_jax.runtime.foreign import reading
 
 __all__ = ["run"]
 
@@ -39,11 +42,15 @@ def run(
             be lost.
     """
     source = find_model(model)
-    loaded = (
-        load_torch_checkpoint(source, ignore_arg) if ignore_arg else load_model(source)
-    )
-    if source.is_file() and not generator_only:
-        _refuse_loss(source, to, loaded)
+    if source.is_file():
+        contents = read_torch_file(source)
+        with reading(source):
+            loaded = model_from_torch(contents, ignore_arg)
+        if not generator_only:
+            _refuse_loss(source, contents, to, loaded)
+    else:
+        refuse_given("on a model's folder", ignore_arg=ignore_arg or None)
+        loaded = load_model(source)
     if to.suffix == ".pt":
         export_torch_checkpoint(to, loaded)
     else:
@@ -51,10 +58,10 @@ def run(
     print(f"{to}: {loaded.name}")
 
 
-def _refuse_loss(source: Path, to: Path, model: Model) -> None:
+def _refuse_loss(source: Path, contents: Any, to: Path, model: Model) -> None:
     """Refuse a checkpoint that holds more than `model` gives back."""
     try:
-        lost = ", ".join(left_out(read_torch_file(source), model))
+        lost = ", ".join(left_out(contents, model))
     except InputError as error:  # SGAN's arguments do not express every network.
         lost = f"its form for torch ({error})"
     if lost:

@@ -11,9 +11,11 @@ import tyro
 from neurosym_jax.commands._options import refuse_given
 from neurosym_jax.configuration import Seed, refuse
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.checkpoint import load_torch_checkpoint
+from neurosym_jax.interop.checkpoint import model_from_torch
 from neurosym_jax.interop.parity import TOLERANCE, run_parity, run_torch
+from neurosym_jax.interop.pickles import read_torch_file
 from neurosym_jax.runtime.files import new_folder
+from neurosym_jax.runtime.foreign import reading
 
 __all__ = ["run"]
 
@@ -57,14 +59,23 @@ def run(
         refuse_given("on stored cases", **module, seed=seed, keep=keep)
         parity = run_parity(directory, tolerance)
     elif torch_module and checkpoint:
-        model = load_torch_checkpoint(checkpoint, ignored=None)
+        contents = read_torch_file(checkpoint)
+        with reading(checkpoint):
+            model = model_from_torch(contents, ignored=None)
         with (
             tempfile.TemporaryDirectory()
             if keep is None
             else new_folder(keep) as folder
         ):
             python = python or sys.executable
-            run_torch(torch_module, checkpoint, Path(folder), python=python, seed=seed)
+            run_torch(
+                torch_module,
+                contents,
+                Path(folder),
+                title=checkpoint.stem,
+                python=python,
+                seed=seed,
+            )
             parity = run_parity(Path(folder), tolerance)
         parity = dataclasses.replace(parity, assumed=model.assumed)
     else:

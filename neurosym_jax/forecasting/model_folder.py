@@ -176,24 +176,29 @@ def _read_config(folder: Path) -> tuple[str, bytes]:
 
 def _write_config(path: Path, folder: Path, rest: bytes) -> None:
     """Write `config.json` with the digest of `rest` and of the other files in `folder`."""
-    path.write_bytes(f'{{\n  "sha256": "{_digest(folder, rest)}",\n'.encode() + rest)
+    contents = [(folder / name).read_bytes() for name in (CARD, PARAMS)]
+    path.write_bytes(f'{{\n  "sha256": "{_digest(rest, *contents)}",\n'.encode() + rest)
 
 
-def _digest(folder: Path, rest: bytes) -> str:
-    digest = hashlib.sha256(rest)
-    for name in (CARD, PARAMS):
-        if not (folder / name).is_file():
-            raise InputError(f"it has no {name}")
-        digest.update((folder / name).read_bytes())
+def _digest(*contents: bytes) -> str:
+    """The digest of the text after it in `config.json`, of the card and of the parameters."""
+    digest = hashlib.sha256()
+    for content in contents:
+        digest.update(content)
     return digest.hexdigest()
 
 
 def _read(folder: Path) -> Model:
     from safetensors import SafetensorError
-    from safetensors.numpy import load_file
+    from safetensors.numpy import load
 
     digest, rest = _read_config(folder)
-    if _digest(folder, rest) != digest:
+    for name in (CARD, PARAMS):
+        if not (folder / name).is_file():
+            raise InputError(f"it has no {name}")
+    # Read once: the bytes that are parsed are those that were checked.
+    card, parameter_bytes = ((folder / name).read_bytes() for name in (CARD, PARAMS))
+    if _digest(rest, card, parameter_bytes) != digest:
         raise InputError("damaged: its files do not match the digest")
     fields = from_json(_File, parse_json(b"{" + rest, CONFIG), CONFIG)
     if fields.format != FORMAT:
@@ -210,8 +215,10 @@ def _read(folder: Path) -> Model:
         hint = f"; it was trained with {plugins}" if absent else ""
         raise InputError(f"{error}{hint}") from None
     try:
-        parameters = nested_parameters(load_file(folder / PARAMS))
-    except (SafetensorError, AttributeError, KeyError, ValueError, TypeError) as error:
+        parameters = nested_parameters(load(parameter_bytes))
+    except KeyError as error:  # Its name of a type of numbers.
+        raise InputError(f"{PARAMS}: numpy has no numbers of type {error}") from None
+    except (SafetensorError, AttributeError, ValueError, TypeError) as error:
         raise InputError(f"{PARAMS}: cannot be read ({error})") from None
     optional: dict[str, Any] = {name: getattr(fields, name) for name in OPTIONAL}
     optional["data"] = fields.data or {}

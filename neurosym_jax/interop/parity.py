@@ -11,6 +11,7 @@ import json
 import math
 import re
 import subprocess
+import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -42,6 +43,8 @@ __all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_tor
 
 TOLERANCE = 1e-5
 """Largest absolute difference that passes, in the output's own unit."""
+LONGEST = 100
+"""Values in an argument of a checkpoint's that a torch module is given."""
 NO_RELU = {"Linear", "ReLU", "Dropout", "Sequential"}
 """Classes in a perceptron of SGAN's that are no other activation."""
 
@@ -140,9 +143,24 @@ def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
 
 
 def run_torch(
-    module: str, checkpoint: Path, out: Path, *, python: str, seed: int
+    module: str,
+    contents: Mapping[str, Any],
+    out: Path,
+    *,
+    title: str,
+    python: str,
+    seed: int,
 ) -> None:
     """Let the module `FILE.py:CLASS` forecast with a checkpoint, and store the case in `out`.
+
+    Args:
+        module: the file and the class of the user's network.
+        contents: what our reader read of the checkpoint. Torch gets its `args` and
+            `g_state`, and never opens the file.
+        out: folder of the case.
+        title: name of the case.
+        python: the interpreter that has torch.
+        seed: of the scenes and the noise.
 
     Raises:
         InputError: for a file that is not there, and whatever the module says when it
@@ -154,18 +172,49 @@ def run_torch(
     # As text: the folder of a file that is run comes first where Python looks for
     # modules.
     script = Path(torch_side.__file__).read_text(encoding="utf-8")
-    paths = (path.resolve() for path in (Path(file), checkpoint, out))
-    try:
-        done = subprocess.run(
-            [python, "-c", script, *paths, name, str(seed)],
-            capture_output=True,
-            text=True,
-        )
-    except OSError as error:
-        raise InputError(f"{option('python', python)}: {error.strerror}") from None
+    with tempfile.TemporaryDirectory() as given:
+        hand_over(Path(given), title, contents)
+        words = [Path(file).resolve(), given, out.resolve(), name, str(seed)]
+        try:
+            done = subprocess.run(
+                [python, "-c", script, *words], capture_output=True, text=True
+            )
+        except OSError as error:
+            raise InputError(f"{option('python', python)}: {error.strerror}") from None
     if done.returncode:
         messages = done.stderr.strip().splitlines() or ["no reason given"]
         raise InputError(f"{python}: {module} failed: {messages[-1][:400]}")
+
+
+def hand_over(folder: Path, title: str, contents: Mapping[str, Any]) -> None:
+    """Write arguments and weights of a checkpoint for `torch_side`, as JSON and plain arrays.
+
+    Arguments that are no plain values, or lists or tuples of some, are left out: no
+    constructor of SGAN's takes any.
+    """
+    arguments, tuples = {}, []
+    for name, value in contents["args"].items():
+        if _is_plain(value):
+            arguments[str(name)] = value
+            if isinstance(value, tuple):
+                tuples.append(str(name))
+    state = contents["g_state"]
+    np.savez(folder / "state.npz", *map(np.asarray, state.values()))
+    description = {
+        "title": title,
+        "arguments": arguments,
+        "tuples": tuples,
+        "names": list(state),
+    }
+    (folder / "contents.json").write_text(json.dumps(description), encoding="ascii")
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether an argument is a number, a text or nothing, or a short list or tuple of these."""
+    parts = value if isinstance(value, list | tuple) else [value]
+    return len(parts) <= LONGEST and all(
+        part is None or isinstance(part, int | float | str) for part in parts
+    )
 
 
 def compare(

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
 from neurosym_jax.errors import InputError, brief
+from neurosym_jax.runtime.foreign import refuse_twins
 from neurosym_jax.runtime.process import refuse_beyond_memory
 
 __all__ = ["read_torch_file"]
@@ -218,6 +219,9 @@ def _read_legacy(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
 
 def _read_zip(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
     with zipfile.ZipFile(stream) as archive:
+        refuse_twins(archive)
+        if min(entry.header_offset for entry in archive.infolist()) != 0:
+            raise InputError("refused: something stands before its first entry")
         names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
         if len(names) != 1:
             raise InputError(

@@ -22,8 +22,13 @@ SIZES = (3, 2, 1, 5)
 """People in each scene: of a scene of more than two the first one stands still."""
 
 
-def main(path, checkpoint, out, name, seed):
-    """Write the case of `checkpoint` in the class `name` of the file `path`, and its manifest."""
+def main(path, given, out, name, seed):
+    """Write the case of a checkpoint in the class `name` of the file `path`, and its manifest.
+
+    The folder `given` holds what our reader read of the checkpoint (see
+    `parity.hand_over`). The file itself is not opened here: a second parser might read
+    another program in it than the one that was checked.
+    """
     torch = importlib.import_module("torch")
     folder, file = os.path.split(os.path.splitext(os.path.abspath(path))[0])
     while os.path.isfile(os.path.join(folder, "__init__.py")):
@@ -31,23 +36,32 @@ def main(path, checkpoint, out, name, seed):
         file = package + "." + file
     sys.path.insert(0, folder)  # The file may import its neighbours.
     network_class = getattr(importlib.import_module(file), name)
-    # SGAN's training saves losses in a defaultdict, which torch refuses from 2.6 on.
-    # The command has read the file with an unpickler that runs no code.
-    os.environ["TORCH_FORCE_NO_WEIGHTS_ONLY_LOAD"] = "1"
-    contents = torch.load(checkpoint, map_location="cpu")
-    arguments = contents["args"]
+    title, arguments, state = read(torch, given)
     names = inspect.signature(network_class).parameters
     row = {n: arguments[k] for n in names for k in (n, n + "_g") if k in arguments}
     network = network_class(**row)
-    network.load_state_dict(contents["g_state"])
+    network.load_state_dict(state)
     walks = random_walks(arguments["obs_len"] + arguments["pred_len"], int(seed))
     arrays, layers = forecast(torch, network, inputs(walks, arguments, int(seed)))
-    row.update(
-        model="sgan", file=os.path.splitext(os.path.basename(checkpoint))[0] + ".npz"
-    )
+    row.update(model="sgan", file=title + ".npz")
     np.savez_compressed(os.path.join(out, row["file"]), **arrays)
     with open(os.path.join(out, "manifest.json"), "w") as manifest:
         json.dump([dict(row, layers=layers)], manifest, indent=1)
+
+
+def read(torch, given):
+    """The checkpoint's name, its arguments and its state dict, from the folder `given`."""
+    with open(os.path.join(given, "contents.json")) as file:
+        contents = json.load(file)
+    arguments = contents["arguments"]
+    for name in contents["tuples"]:
+        arguments[name] = tuple(arguments[name])
+    with np.load(os.path.join(given, "state.npz"), allow_pickle=False) as arrays:
+        values = [arrays[f"arr_{number}"] for number in range(len(arrays.files))]
+    state = {
+        name: torch.from_numpy(value) for name, value in zip(contents["names"], values)
+    }
+    return contents["title"], arguments, state
 
 
 def random_walks(steps, seed):
@@ -120,12 +134,10 @@ def forecast(torch, network, scenes):
         torch.tensor(scenes["scene_start_end"]),
         torch.tensor(scenes["noise"]),
     )
+    run = torch.no_grad()(network)
     # The released code moves its states to a CUDA device.
-    with (
-        torch.no_grad(),
-        mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self),
-    ):
-        moved = network(positions, moves, bounds, user_noise=noise.to(dtype))
+    with mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self):
+        moved = run(positions, moves, bounds, user_noise=noise.to(dtype))
     arrays["pred_rel"] = moved.transpose(0, 1).numpy()
     arrays["pred_abs"] = (positions[-1] + moved.cumsum(dim=0)).transpose(0, 1).numpy()
     return arrays, classes

@@ -35,7 +35,9 @@ def peer(monkeypatch):
 
     def use(*names: str) -> Path:
         for name in names:
-            assert (folder / name).is_dir(), f"PEERS: {folder} has no checkout of {name}"
+            assert (folder / name).is_dir(), (
+                f"PEERS: {folder} has no checkout of {name}"
+            )
             monkeypatch.syspath_prepend(str(folder / name))
         for name in UNUSED:
             if name not in sys.modules:
