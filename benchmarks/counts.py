@@ -106,8 +106,8 @@ def _recipe(name: str) -> Any:
 def _training_costs() -> dict[str, float]:
     import jax
 
-    from neurosym_jax.models.sgan.config import POOLINGS
-    from neurosym_jax.models.sgan.step import init_state, train_steps
+    from neurosym_jax.models.sgan.network import POOLINGS
+    from neurosym_jax.models.sgan.training import init_state, train_steps
     from neurosym_jax.training.batches import SceneStream
     from neurosym_jax.training.run import make_config
 
@@ -138,8 +138,8 @@ def _costs() -> dict[str, float]:
 
     from neurosym_jax.forecasting.model import forecast_scene
     from neurosym_jax.models import Generator, GeneratorConfig
-    from neurosym_jax.models.sgan.config import POOLINGS
     from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
+    from neurosym_jax.models.sgan.network import POOLINGS
     from neurosym_jax.scene import make_scene, pad_scene
 
     counts: dict[str, float] = {}
@@ -167,7 +167,7 @@ def collision_share() -> float:
     from benchmarks.light import decoding, encoding
     from benchmarks.operations import operations
     from neurosym_jax.evaluation import collisions
-    from neurosym_jax.models.sgan.config import GeneratorConfig
+    from neurosym_jax.models.sgan.network import GeneratorConfig
 
     people, config = 40, GeneratorConfig(pred_len=12)
     draw = np.random.default_rng(0)

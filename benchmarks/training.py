@@ -23,7 +23,7 @@ def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.data.recordings import open_source
     from neurosym_jax.data.windows import cut_windows
-    from neurosym_jax.models.sgan.recipe import RECIPES
+    from neurosym_jax.models.sgan.training import RECIPES
     from neurosym_jax.training.batches import SceneStream
 
     source, scene = open_source(options.data), "zara1" if options.data else "cross-path"
@@ -56,7 +56,7 @@ def measure(options: Any) -> dict[str, Any]:
 
 def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
     """Return the work of one network's step."""
-    from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
+    from neurosym_jax.models.sgan.network import DiscriminatorConfig, GeneratorConfig
 
     config, scores = GeneratorConfig(), DiscriminatorConfig()
     agents, sizes = len(array["observed"]), array["sizes"].astype(float)
@@ -100,9 +100,8 @@ def generator_steps(name: str, batches) -> Callable[[], None]:
     """One iteration of a generator's recipe, on batches that lie on the device."""
     import jax
 
-    from neurosym_jax.models.sgan.config import GeneratorConfig
-    from neurosym_jax.models.sgan.recipe import RECIPES
-    from neurosym_jax.models.sgan.step import init_state, train_step
+    from neurosym_jax.models.sgan.network import GeneratorConfig
+    from neurosym_jax.models.sgan.training import RECIPES, init_state, train_step
 
     generator, recipe, key = GeneratorConfig(), RECIPES[name], jax.random.key(0)
     batches = jax.device_put(batches)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from neurosym_jax import forecast, load_model
-from neurosym_jax.models.sgan.loss import warn_if_no_gradient
+from neurosym_jax.models.sgan.training import warn_if_no_gradient
 from neurosym_jax.symbolic import make_weighting
 
 MODEL = Path(__file__).resolve().parents[1] / "checkpoints" / "neurosym_zara1_8"

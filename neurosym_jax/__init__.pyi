@@ -25,10 +25,10 @@ from .forecasting.model_folder import load_model as load_model
 from .forecasting.model_folder import save_model as save_model
 from .models.anchors.network import AnchorConfig as AnchorConfig
 from .models.anchors.recipe import AnchorRecipe as AnchorRecipe
-from .models.sgan.config import DiscriminatorConfig as DiscriminatorConfig
-from .models.sgan.config import GeneratorConfig as GeneratorConfig
-from .models.sgan.config import register_pooling as register_pooling
-from .models.sgan.recipe import GeneratorRecipe as GeneratorRecipe
+from .models.sgan.network import DiscriminatorConfig as DiscriminatorConfig
+from .models.sgan.network import GeneratorConfig as GeneratorConfig
+from .models.sgan.network import register_pooling as register_pooling
+from .models.sgan.training import GeneratorRecipe as GeneratorRecipe
 from .scene import Scene as Scene
 from .scene import make_scene as make_scene
 from .symbolic.weighting import register_weighting as register_weighting

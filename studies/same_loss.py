@@ -28,9 +28,9 @@ from neurosym_jax.data.recordings import Source, open_source
 from neurosym_jax.data.windows import Batch, cut_windows, make_batches
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.models.sgan.config import GeneratorConfig, register_pooling
-from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
-from neurosym_jax.models.sgan.recipe import RECIPES
+from neurosym_jax.models.sgan.network import GeneratorConfig, register_pooling
+from neurosym_jax.models.sgan.pooling import AsDescribed, NeurosymIjcnn, NeurosymRos
+from neurosym_jax.models.sgan.training import RECIPES
 from neurosym_jax.symbolic.weighting import Cnd, CndShipped
 from neurosym_jax.training.run import ROUND, Run
 from studies import print_or_run

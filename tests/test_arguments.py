@@ -19,7 +19,7 @@ import neurosym_jax as nj
 from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.forecasting.forecaster import FORECASTERS, Lengths
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model
 
 ELSEWHERE = {

@@ -9,8 +9,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.models import AsDescribed, PoolNet, Social
 from neurosym_jax.models.anchors.network import AnchorConfig
-from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.sgan.recipe import GeneratorRecipe
+from neurosym_jax.models.sgan.network import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.sgan.training import GeneratorRecipe
 from neurosym_jax.symbolic.weighting import Cnd, Learned, Soft
 from neurosym_jax.training.run import known_recipes, make_config, make_recipe
 

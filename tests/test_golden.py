@@ -10,7 +10,7 @@ import pytest
 from neurosym_jax.forecasting.batched import predict_scenes
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model
 from tests.repository import GOLDEN, exhaustive
 

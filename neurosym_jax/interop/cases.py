@@ -19,12 +19,10 @@ from jax.flatten_util import ravel_pytree
 from neurosym_jax.data.windows import Windows, gather_scenes
 from neurosym_jax.forecasting.batched import unpacked
 from neurosym_jax.interop.checkpoint import discriminator, generator
-from neurosym_jax.models.sgan.config import GeneratorConfig
-from neurosym_jax.models.sgan.network import Discriminator, Generator
-from neurosym_jax.models.sgan.neurosym import NeurosymIjcnn
-from neurosym_jax.models.sgan.recipe import RECIPES
-from neurosym_jax.models.sgan.step import init_adversary, learn
+from neurosym_jax.models.sgan.network import Discriminator, Generator, GeneratorConfig
+from neurosym_jax.models.sgan.pooling import NeurosymIjcnn
 from neurosym_jax.models.sgan.torch_names import params_from_torch
+from neurosym_jax.models.sgan.training import RECIPES, init_adversary, learn
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.qtc import encode_state, observe
 from neurosym_jax.symbolic.weighting import CndShipped, make_weighting

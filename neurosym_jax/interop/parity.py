@@ -35,7 +35,7 @@ from neurosym_jax.interop.cases import (
 )
 from neurosym_jax.interop.checkpoint import released_config
 from neurosym_jax.models import Generator
-from neurosym_jax.models.sgan.layers import LSTM, LSTMNetwork
+from neurosym_jax.models.sgan.pooling import LSTM, LSTMNetwork
 from neurosym_jax.models.sgan.torch_names import torch_names
 from neurosym_jax.scene import checked_positions
 

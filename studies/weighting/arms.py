@@ -9,8 +9,8 @@ from jax import Array
 import examples.encounter_pooling  # noqa: F401 (registers it)
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.models.sgan.config import POOLINGS, GeneratorConfig
-from neurosym_jax.models.sgan.recipe import RECIPES
+from neurosym_jax.models.sgan.network import POOLINGS, GeneratorConfig
+from neurosym_jax.models.sgan.training import RECIPES
 from neurosym_jax.symbolic.qtc import encode_state, observe
 from neurosym_jax.symbolic.weighting import WEIGHTINGS, register_weighting
 from neurosym_jax.training.recipe import Recipe

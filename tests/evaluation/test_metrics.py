@@ -15,7 +15,7 @@ from neurosym_jax.evaluation.formulas import (
 )
 from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
 from neurosym_jax.evaluation.scoring import score, score_forecaster
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS
 from tests.networks import random_model

@@ -10,7 +10,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import TestSet as Case
 from neurosym_jax.evaluation.plan import make_plan, make_test
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 
 MODELS = {
     "zara1_12": Model(GeneratorConfig(pred_len=12), {}, "zara1"),

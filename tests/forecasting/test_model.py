@@ -25,7 +25,7 @@ from neurosym_jax.forecasting.model import (
     predict_representatives,
 )
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic import Quantised
 from tests.networks import random_model

@@ -15,7 +15,7 @@ from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import flat_parameters, refuse_misfit
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model
 
 MODEL = random_model(GeneratorConfig(pooling="pool_net,hidden_dim=16"), "zara1")

@@ -19,7 +19,7 @@ from neurosym_jax.interop.checkpoint import (
     torch_contents,
 )
 from neurosym_jax.interop.pickles import read_torch_file
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.models.sgan.torch_names import params_from_torch, params_to_torch
 from tests.networks import random_model
 

@@ -11,8 +11,8 @@ from neurosym_jax import predict
 from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.models.sgan.config import POOLINGS
-from neurosym_jax.models.sgan.layers import CELLS
+from neurosym_jax.models.sgan.network import POOLINGS
+from neurosym_jax.models.sgan.pooling import CELLS
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training.run import make_config
 from tests.networks import random_model

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from neurosym_jax.models.sgan.config import POOLINGS
+from neurosym_jax.models.sgan.network import POOLINGS
 
 
 @pytest.fixture(scope="module")

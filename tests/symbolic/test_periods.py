@@ -11,7 +11,7 @@ import pytest
 
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.forecasting.model import forecast
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import symbolic_events

@@ -9,8 +9,8 @@ import pytest
 from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.models.sgan.config import GeneratorConfig
-from neurosym_jax.models.sgan.recipe import GeneratorRecipe
+from neurosym_jax.models.sgan.network import GeneratorConfig
+from neurosym_jax.models.sgan.training import GeneratorRecipe
 from neurosym_jax.training.batches import SceneStream
 from neurosym_jax.training.run import Run
 

@@ -8,25 +8,23 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.models.sgan.config import DiscriminatorConfig
-from neurosym_jax.models.sgan.loss import (
+from neurosym_jax.models.sgan.network import DiscriminatorConfig
+from neurosym_jax.models.sgan.training import (
     adversarial_loss,
     decode_groups,
     distance_errors,
     draw_group_noise,
     encode_groups,
     generator_gradient,
-    safe_norm,
-    squared_displacement_errors,
-    warn_if_no_gradient,
-    with_leak,
-)
-from neurosym_jax.models.sgan.step import (
     init_adversary,
     init_gentle_pooling,
     init_state,
+    safe_norm,
     scale_pooling_updates,
+    squared_displacement_errors,
     train_step,
+    warn_if_no_gradient,
+    with_leak,
 )
 from neurosym_jax.training.batches import SceneStream
 from neurosym_jax.training.state import (

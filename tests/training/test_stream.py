@@ -6,8 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.models.sgan.loss import draw_group_noise
-from neurosym_jax.models.sgan.recipe import GeneratorRecipe
+from neurosym_jax.models.sgan.training import GeneratorRecipe, draw_group_noise
 from neurosym_jax.training.batches import SceneStream, augment
 
 

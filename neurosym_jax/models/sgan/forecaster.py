@@ -8,12 +8,15 @@ from jax import Array
 
 from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
-from neurosym_jax.models.sgan.config import POOLINGS, GeneratorConfig
-from neurosym_jax.models.sgan.forecast import decode_scene, encode_scene, init_generator
-from neurosym_jax.models.sgan.layers import LSTM
-from neurosym_jax.models.sgan.pooling import NO_FORECAST
-from neurosym_jax.models.sgan.recipe import RECIPES
-from neurosym_jax.models.sgan.step import generator_rounds, init_state
+from neurosym_jax.models.sgan.network import (
+    POOLINGS,
+    GeneratorConfig,
+    decode_scene,
+    encode_scene,
+    init_generator,
+)
+from neurosym_jax.models.sgan.pooling import LSTM, NO_FORECAST
+from neurosym_jax.models.sgan.training import RECIPES, generator_rounds, init_state
 from neurosym_jax.scene import Scene
 
 __all__ = ["GeneratorForecaster"]

@@ -1,32 +1,165 @@
-"""The generator of SGAN and NeuroSyM, for one scene and one noise, and SGAN's discriminator.
-
-Encoding does not depend on the noise, so best-of-k encodes once and maps `decode` over
-k noises. It has two parts: `observe` (recurrent) looks at no neighbour, `interact`
-(pooling, context) does.
+"""SGAN and NeuroSyM: configurations, generator and discriminator, and the forecast of one
+scene.
 """
 
+import dataclasses
+import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import linen as nn
 from jax import Array
 
+from neurosym_jax.configuration import Checked, Size, Whole
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.sgan.layers import (
+from neurosym_jax.forecasting.forecaster import Lengths, with_weighting
+from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.models.sgan.pooling import (
+    CELLS,
     LSTM,
     Affine,
+    AsDescribed,
+    Cell,
     Encoder,
+    NeurosymIjcnn,
+    NeurosymRos,
+    NoPooling,
     Perceptron,
+    Pooling,
+    PoolNet,
+    PoolNetwork,
+    Social,
     embed,
     with_bias,
 )
-from neurosym_jax.models.sgan.pooling import Pooling, PoolNetwork
-from neurosym_jax.scene import Scene
+from neurosym_jax.plugins import Registry
+from neurosym_jax.scene import Scene, make_scene
+from neurosym_jax.symbolic.weighting import WEIGHTINGS, Cnd, Weighting
 
-__all__ = ["Decoder", "Discriminator", "Generator", "Weigh", "pool", "pooling_network"]
+__all__ = [
+    "POOLINGS",
+    "Decoder",
+    "Discriminator",
+    "DiscriminatorConfig",
+    "Generator",
+    "GeneratorConfig",
+    "Weigh",
+    "decode_scene",
+    "encode_scene",
+    "init_generator",
+    "interact_scene",
+    "pool",
+    "pooling_network",
+    "register_pooling",
+]
+
+
+# Configurations of SGAN's networks, and the table of poolings.
+#
+# Defaults are those of the published SGAN checkpoints, which SGAN's own command line does
+# not have.
+
+POOLINGS: Registry[type[Pooling]] = Registry(
+    "pooling",
+    {
+        "none": NoPooling,
+        "pool_net": PoolNet,
+        "social": Social,
+        "as_described": AsDescribed,
+        "neurosym_ros": NeurosymRos,
+        "neurosym_ijcnn": NeurosymIjcnn,
+    },
+)
+
+register_pooling = POOLINGS.register
+
+
+@dataclasses.dataclass(frozen=True)
+class GeneratorConfig(Lengths):
+    """Architecture of a trajectory generator; numbers count units unless they say otherwise."""
+
+    embedding_dim: Size = 16
+    encoder_h_dim: Size = 32
+    decoder_h_dim: Size = 32
+    mlp_dim: Size = 64
+    pooling: Annotated[Pooling, POOLINGS] = PoolNet()  # noqa: RUF009 (frozen)
+    """How neighbours are pooled: a component with its own options, see `POOLINGS`."""
+    pool_every_timestep: bool = False
+    """Pool at predicted steps too. The symbols of NeuroSyM are then those of the last `obs_len`
+    positions of each sample, observed or predicted."""
+    cell: Annotated[Cell, CELLS] = LSTM()  # noqa: RUF009 (frozen)
+    """The recurrent cell of encoder and decoder."""
+    noise_dim: Whole = 8
+    noise_type: Literal["gaussian", "uniform"] = "gaussian"
+    noise_mix_type: Literal["global", "ped"] = "global"
+    """One noise vector a scene, or one for each agent."""
+    weighting: Annotated[Weighting | None, WEIGHTINGS] = None
+    """Weights of pairs, for a pooling that takes alpha; its default is then the papers' `cnd`."""
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.noise_dim >= self.decoder_h_dim:
+            raise InputError(
+                f"noise_dim must lie in [0, decoder_h_dim = {self.decoder_h_dim}), "
+                f"not {self.noise_dim}: noise is a part of the decoder's first hidden state"
+            )
+        pooling = POOLINGS.name_of(self.pooling)
+        if self.pool_every_timestep and (
+            not self.pools or "alpha_rows" in self.pooling.inputs
+        ):
+            raise InputError(
+                f"pool_every_timestep needs a pooling other than {pooling!r}"
+            )
+        if self.weighting is not None and not self.symbolic:
+            raise InputError(
+                f"pooling {pooling!r} has no symbols for a weighting to weight"
+            )
+        if self.weighting is None and self.symbolic:
+            object.__setattr__(self, "weighting", Cnd())
+
+    @property
+    def noise(self) -> NoiseSpec:
+        """The noise that each sample begins with."""
+        return NoiseSpec(self.noise_dim, self.noise_mix_type == "ped", self.noise_type)
+
+    @property
+    def pools(self) -> bool:
+        """Whether agents see each other."""
+        return not isinstance(self.pooling, NoPooling)
+
+    @property
+    def symbolic(self) -> bool:
+        """Whether pairs are weighted: NeuroSyM."""
+        return "alpha" in self.pooling.inputs
+
+    @property
+    def needs_context_mlp(self) -> bool:
+        """Whether a multi-layer perceptron stands between the encoder and the decoder."""
+        return (
+            self.noise_dim > 0 or self.pools or self.encoder_h_dim != self.decoder_h_dim
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class DiscriminatorConfig(Checked):
+    """Architecture of a trajectory discriminator: `local` scores h, `global` scores pooled h."""
+
+    kind: Literal["global", "local"] = "global"
+    embedding_dim: Size = 16
+    h_dim: Size = 48
+    mlp_dim: Size = 64
+    pool_hidden_dim: Size = 512
+
+
+# The generator of SGAN and NeuroSyM, for one scene and one noise, and SGAN's
+# discriminator.
+#
+# Encoding does not depend on the noise, so best-of-k encodes once and maps `decode` over
+# k noises. It has two parts: `observe` (recurrent) looks at no neighbour, `interact`
+# (pooling, context) does.
 
 Weigh = Callable[[Array, Array], Array]
 """`(positions [N, T, 2] metres, valid [N]) -> alpha [N, N, T]`."""
@@ -246,3 +379,74 @@ class Discriminator(nn.Module):
             # The released code pools at the trajectory's first position, not its last.
             hidden = self.pooling(hidden, positions[:, 0], valid)
         return jnp.squeeze(self.classifier(hidden), -1)
+
+
+# The generator as functions of one scene: initialisation, encoding, pooling, decoding.
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def init_generator(config: GeneratorConfig, key: Array) -> Any:
+    """New parameters, as SGAN draws them, and those of the weighting; consumes `key`."""
+    scene = make_scene(np.zeros((1, config.obs_len, 2)))
+    pairs = (1,) if "alpha_rows" in config.pooling.inputs else (1, 1)
+    alpha = np.zeros((*pairs, config.obs_len))
+    weigh = (lambda *_: alpha) if config.symbolic else None
+    params = Generator(config).init(
+        key, scene, np.zeros((1, config.noise_dim)), alpha, weigh
+    )
+    return with_weighting(params, config.weighting)
+
+
+def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
+    """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling."""
+    hidden = Generator(config).apply(
+        params, scene.displacement, method=Generator.observe
+    )
+    return interact_scene(config, params, hidden, scene)
+
+
+def interact_scene(
+    config: GeneratorConfig,
+    params: Any,
+    hidden: Any,
+    scene: Scene,
+    method: Callable[..., Any] = Generator.interact,
+) -> Any:
+    """The part of `encode_scene` that looks at neighbours, after the encoding `hidden [N, H]`.
+
+    `method` is the generator's `interact`, or its `pool` for the pooled vectors.
+    """
+    weigh, alpha = _weighting(config, params), scene.alpha
+    if alpha is None and weigh is not None:
+        alpha = weigh(jnp.asarray(scene.observed), jnp.asarray(scene.valid))
+    return Generator(config).apply(params, hidden, scene, alpha, method=method)
+
+
+def decode_scene(
+    config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
+) -> Array:
+    """`[k, N, pred_len, 2]` metres relative to the scene's origin; see `Forecaster.forecast`."""
+    weigh = _weighting(config, params)
+
+    def decode(noise: Array) -> Any:
+        inputs = (context, scene, noise, weigh)
+        return Generator(config).apply(params, *inputs, method=Generator.decode)
+
+    if config.pool_every_timestep:
+        # One sample after the other: arrays of all samples' pairs do not stay in the
+        # cache.
+        displacement: Any = jax.lax.map(decode, noise)
+    else:
+        displacement = jax.vmap(decode)(noise)
+    return jnp.asarray(scene.observed)[None, :, -1, None] + jnp.cumsum(
+        displacement, axis=-2
+    )
+
+
+def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:
+    """The config's weighting with its trained parameters; None for a model without symbols."""
+    weighting = config.weighting
+    if weighting is None:
+        return None
+    learned = params.get("weighting", {})
+    return functools.partial(weighting.alpha, learned, period=config.period)

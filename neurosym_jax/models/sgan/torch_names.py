@@ -20,12 +20,21 @@ from neurosym_jax.forecasting.parameters import (
     refuse_misfit,
     shapes_of,
 )
-from neurosym_jax.models.sgan.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
-from neurosym_jax.models.sgan.layers import LSTM
-from neurosym_jax.models.sgan.network import Discriminator
-from neurosym_jax.models.sgan.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
-from neurosym_jax.models.sgan.pooling import NoPooling, PoolNet, Social
+from neurosym_jax.models.sgan.network import (
+    Discriminator,
+    DiscriminatorConfig,
+    GeneratorConfig,
+)
+from neurosym_jax.models.sgan.pooling import (
+    LSTM,
+    AsDescribed,
+    NeurosymIjcnn,
+    NeurosymRos,
+    NoPooling,
+    PoolNet,
+    Social,
+)
 
 __all__ = ["params_from_torch", "params_to_torch", "torch_names", "without_dropout"]
 

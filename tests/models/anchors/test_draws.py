@@ -24,7 +24,7 @@ from neurosym_jax.models.anchors.draws import (
 )
 from neurosym_jax.models.anchors.forecaster import apply_anchors
 from neurosym_jax.models.anchors.network import AnchorConfig
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene
 from tests.networks import random_model
 from tests.repository import exhaustive

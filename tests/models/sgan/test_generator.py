@@ -10,23 +10,23 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorNetwork
-from neurosym_jax.models.sgan import layers
-from neurosym_jax.models.sgan.config import (
+from neurosym_jax.models.sgan import pooling
+from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
+from neurosym_jax.models.sgan.network import (
     POOLINGS,
     DiscriminatorConfig,
     GeneratorConfig,
+    pooling_network,
 )
-from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
-from neurosym_jax.models.sgan.layers import (
+from neurosym_jax.models.sgan.pooling import (
     CELLS,
     LSTM,
     Affine,
     Encoder,
     LSTMNetwork,
     Perceptron,
+    PoolNetwork,
 )
-from neurosym_jax.models.sgan.network import pooling_network
-from neurosym_jax.models.sgan.pooling import PoolNetwork
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting
 from tests.networks import random_params

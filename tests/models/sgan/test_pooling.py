@@ -8,13 +8,15 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
-from neurosym_jax.models.sgan.config import GeneratorConfig
-from neurosym_jax.models.sgan.neurosym import (
+from neurosym_jax.models.sgan.network import GeneratorConfig
+from neurosym_jax.models.sgan.pooling import (
+    PoolNetwork,
     _DescribedNetwork,
+    _GridNetwork,
     _IjcnnNetwork,
+    _leaking_relu,
     _RosNetwork,
 )
-from neurosym_jax.models.sgan.pooling import PoolNetwork, _GridNetwork, _leaking_relu
 from neurosym_jax.scene import make_scene
 from tests.networks import random_params
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_robot.dashboard.dashboard import Dashboard
 from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.predictor import Forecast, ModelForecast

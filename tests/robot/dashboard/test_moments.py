@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models.sgan.config import GeneratorConfig
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import Soft, initial_parameters
 from neurosym_robot.dashboard.moments import MAX_NAMED, UNKNOWN, Moments, read_floor_map
