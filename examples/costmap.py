@@ -1,8 +1,7 @@
 """People's forecasts as a costmap: the probability that a person will be in a cell.
 
-python examples/costmap.py FORECASTS.bag COSTMAP.bag    of a bag that `neurosym replay
---out` wrote python examples/costmap.py ros1|ros2 [SAMPLES-TOPIC]    on a robot, beside
-its node
+python examples/costmap.py FORECASTS.bag COSTMAP.bag    of a bag that `neurosym replay --out` wrote
+python examples/costmap.py ros1|ros2 [SAMPLES-TOPIC]    on a robot, beside its node
 
 Needs numpy and, on a robot, its own ROS with `ros/neurosym_msgs` built; JAX is not
 needed there.

@@ -1,8 +1,7 @@
 """Forecasts of AgentFormer, Trajectron++ and of loaders like SGAN's, as a file that we score.
 
 np.savez("theirs.npz", **agentformer("results/.../samples/crowds_zara01", stride=10))
-neurosym evaluate --data crowds_zara01.txt --pred-len 12 --forecasts theirs.npz
---min-agents 1
+neurosym evaluate --data crowds_zara01.txt --pred-len 12 --forecasts theirs.npz --min-agents 1
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,14 +1,13 @@
 """`docs/cross_domain.md` from evaluations of models on other people than those they learned from.
 
-MODELS="$(ls -d checkpoints/*_zara1_* checkpoints/*_simulations_*)" ALL="$MODELS $(ls -d
-checkpoints/*_general_*)" python evaluate.py --data THOR --checkpoint $ALL --json
-docs/cross_domain/thor.json python evaluate.py --data MORE/tests --checkpoint $ALL
---json docs/cross_domain/more.json python evaluate.py --data DATA --dataset zara1
---checkpoint $MODELS \\
+MODELS="$(ls -d checkpoints/*_zara1_* checkpoints/*_simulations_*)"
+ALL="$MODELS $(ls -d checkpoints/*_general_*)"
+python evaluate.py --data THOR --checkpoint $ALL --json docs/cross_domain/thor.json
+python evaluate.py --data MORE/tests --checkpoint $ALL --json docs/cross_domain/more.json
+python evaluate.py --data DATA --dataset zara1 --checkpoint $MODELS \\
     --json docs/cross_domain/zara1.json
 for scene in all-forward cross-path; do
-    python evaluate.py --dataset $scene --checkpoint $ALL --json
-    docs/cross_domain/$scene.json
+    python evaluate.py --dataset $scene --checkpoint $ALL --json docs/cross_domain/$scene.json
 done
 python -m studies.cross_domain docs/cross_domain/*.json > docs/cross_domain.md
 """

@@ -1,18 +1,19 @@
 """`docs/distribution.csv`: what draws from the distribution of `recommended` are worth, by place.
 
-WHAT="energy_score central_ade coverage_50 coverage_90 draw_collisions
-truth_collision_rate" for T in 8 12; do
-    HOW="--pred-len $T --no-figures --metrics $WHAT" python evaluate.py $HOW --data DATA
-    --checkpoint recommended --json R/eth_ucy_$T.json HOW="$HOW --checkpoint
-    anchors_general_$T anchor_table_general_$T" HOW="$HOW --baselines
-    constant_velocity_sampled" python evaluate.py $HOW --data THOR --json R/thor_$T.json
-    names() { (cd $1 && ls $2* | sed 's/.txt$//; s/.csv$//'); }  # one test set of all
-    recordings python evaluate.py $HOW --data CITR --fps 29.97 --test-on $(names CITR)
-    --json R/citr_$T.json for F in stanford kept_back; do
-        python evaluate.py $HOW --data MORE/$F --test-on $(names MORE/$F) --json
-        R/${F}_$T.json
-    done F=MORE/tests python evaluate.py $HOW --data $F --test-on $(names $F bo) --json
-    R/corridors_$T.json
+WHAT="energy_score central_ade coverage_50 coverage_90 draw_collisions truth_collision_rate"
+for T in 8 12; do
+    HOW="--pred-len $T --no-figures --metrics $WHAT"
+    python evaluate.py $HOW --data DATA --checkpoint recommended --json R/eth_ucy_$T.json
+    HOW="$HOW --checkpoint anchors_general_$T anchor_table_general_$T"
+    HOW="$HOW --baselines constant_velocity_sampled"
+    python evaluate.py $HOW --data THOR --json R/thor_$T.json
+    names() { (cd $1 && ls $2* | sed 's/.txt$//; s/.csv$//'); }  # one test set of all recordings
+    python evaluate.py $HOW --data CITR --fps 29.97 --test-on $(names CITR) --json R/citr_$T.json
+    for F in stanford kept_back; do
+        python evaluate.py $HOW --data MORE/$F --test-on $(names MORE/$F) --json R/${F}_$T.json
+    done
+    F=MORE/tests
+    python evaluate.py $HOW --data $F --test-on $(names $F bo) --json R/corridors_$T.json
 done
 python -m studies.distribution R/*.json > docs/distribution.csv
 

@@ -1,8 +1,7 @@
 """When does it pay to fine-tune `recommended` on the first minutes of a place? `docs/training.md`.
 
-NPROC=1 python -m studies.fine_tuning DATA MORE THOR docs/fine_tuning.csv   # trains and
-tests python -m studies.fine_tuning docs/fine_tuning.csv                          # the
-table
+NPROC=1 python -m studies.fine_tuning DATA MORE THOR docs/fine_tuning.csv   # trains and tests
+python -m studies.fine_tuning docs/fine_tuning.csv                          # the table
 
 DATA is ETH/UCY as SGAN arranges it, MORE what `studies.more_data` writes, THOR a folder
 with THÖR and THÖR-MAGNI. Of six places that the model has not learned, the first 10, 25

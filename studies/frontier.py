@@ -1,8 +1,7 @@
 """Joint against marginal error of anchors, by the weight of the marginal error in the loss.
 
     for weight in 0 0.25 3; do
-        neurosym sweep --model anchors --dataset eth hotel univ zara1 zara2 --data DATA
-        \\
+        neurosym sweep --model anchors --dataset eth hotel univ zara1 zara2 --data DATA \\
             --pred-len 12 --seed 0 --set marginal_weight=$weight --out OUT/$weight
     done
     python -m studies.frontier OUT/*/sweep.json

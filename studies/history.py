@@ -1,8 +1,7 @@
 """Symbols over time: is a pair's history of QTC states worth more than geometry's?
 
-NPROC=1 python -m studies.history DATA docs/history.csv   # the runs that the table
-lacks python -m studies.history docs/history.csv                # what they say, in
-Markdown
+NPROC=1 python -m studies.history DATA docs/history.csv   # the runs that the table lacks
+python -m studies.history docs/history.csv                # what they say, in Markdown
 
 DATA is that of `studies.weighting`. What is asked was written before the first run:
 studies/weighting/protocol.md, fifth part. The table has a row for each run and metric.

@@ -1,8 +1,7 @@
 """How good are models at places where they have not learned? `docs/left_out.md`, from nothing.
 
-NPROC=1 python -m studies.places DATA MORE THOR OUT   # trains, tests, writes
-docs/left_out.csv python -m studies.places > docs/left_out.md           # from
-docs/left_out.csv
+NPROC=1 python -m studies.places DATA MORE THOR OUT   # trains, tests, writes docs/left_out.csv
+python -m studies.places > docs/left_out.md           # from docs/left_out.csv
 
 A place is left out whole, with all its recordings, and models are trained on the
 others: three of ETH/UCY's places are a recording or two each that data sets share, such

@@ -6,8 +6,7 @@ put them. Trainings that differ in their seed become one row: RUNS has five of e
 so on, and three of SGAN and NeuroSyM for eth and zara1 (`--steps 5000`); those of seed
 0 ship.
 
-python evaluate.py --data DATA --seeds 5 --metrics energy_score central_ade
-neighbour_share \\
+python evaluate.py --data DATA --seeds 5 --metrics energy_score central_ade neighbour_share \\
     --baselines constant_velocity constant_velocity_sampled \\
     --checkpoint checkpoints/{anchor_table,n,s}*_[ehuz]*_* RUNS/*_seed[0-4] PUBLISHED \\
     --json docs/results.json

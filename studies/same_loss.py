@@ -1,8 +1,7 @@
 """SGAN and NeuroSyM trained with the same loss: the release's comparison, repeated fairly.
 
-NPROC=1 python -m studies.same_loss DATA docs/same_loss.csv   # the runs that the table
-lacks python -m studies.same_loss docs/same_loss.csv                # what they say, in
-Markdown
+NPROC=1 python -m studies.same_loss DATA docs/same_loss.csv   # the runs that the table lacks
+python -m studies.same_loss docs/same_loss.csv                # what they say, in Markdown
 
 DATA is ETH/UCY. What is asked was written before the first run:
 studies/weighting/protocol.md. The table has a row for each run, step and metric. Runs

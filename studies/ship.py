@@ -1,8 +1,7 @@
 """Ship finished runs: their models to `checkpoints/`, with cards that hold the test numbers.
 
-python -m studies.ship RUNS                         # copies RUNS/*_seed0/model to
-checkpoints/* python -m studies.ship RUNS docs/results.json       # writes the cards
-again, tested
+python -m studies.ship RUNS                         # copies RUNS/*_seed0/model to checkpoints/*
+python -m studies.ship RUNS docs/results.json       # writes the cards again, tested
 
 The first of several trainings ships; `studies.results` has the mean of all. Its
 evaluation names either `checkpoints/NAME` or `RUNS/NAME_seed0/model`.

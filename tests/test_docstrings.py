@@ -68,3 +68,14 @@ def test_every_module_says_what_is_public():
         if not re.search("^__all__ = ", path.read_text(encoding="utf-8"), re.MULTILINE)
     ]
     assert without == []
+
+
+def test_sections_of_docstrings_stand_on_lines_of_their_own():
+    """`neurosym COMMAND --help` reads the meaning of options from `Args:`."""
+    joined = [
+        f"{path.relative_to(ROOT)}: {line.strip()}"
+        for path in [*MODULES, *ROOT.glob("neurosym_robot/**/*.py")]
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if re.match(r"\s*(Args|Returns|Raises): \S", line)
+    ]
+    assert joined == []

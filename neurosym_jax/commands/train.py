@@ -51,8 +51,7 @@ __all__ = ["Options", "closing_line", "configured", "make_run", "run"]
 class Options:
     """Train a model: `neurosym train` alone does so on the embedded simulations.
 
-    `neurosym train FILE.yaml` reads options from a file; those after it override the
-    file.
+    `neurosym train FILE.yaml` reads options from a file; options after it prevail.
     """
 
     model: str | None = None

@@ -4,8 +4,7 @@ A hard symbol (`qtc`) compares a margin d, metres that a step leads away from th
 agent or to the right of the line to it, with a threshold q. A soft one blurs the
 comparison by a logistic error of scale `temperature`, T:
 
-    p(+) = sigmoid((d - q) / T),    p(-) = sigmoid((-d - q) / T),    p(0) = 1 - p(+) -
-    p(-)
+    p(+) = sigmoid((d - q) / T),    p(-) = sigmoid((-d - q) / T),    p(0) = 1 - p(+) - p(-)
 
 As T goes to 0 the hard symbol gets probability 1, at a tie as well where q > 0; with q
 = 0 no symbol is ever 0 and a tie is half -, half +. Margins along and across the line
