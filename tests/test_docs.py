@@ -57,6 +57,17 @@ def test_every_page_is_in_the_navigation_and_linked_from_another():
     assert PAGES.keys() - links == {"index.md"}
 
 
+def test_every_study_that_a_page_names_is_in_the_tree_or_listed_at_rest():
+    command = re.compile(r"python -m studies\.(\w+)")
+    present, at_rest = PAGES["studies.md"].split("## At rest")
+    listed = set(command.findall(at_rest))
+    for name, text in (PAGES | {"studies.md": present}).items():
+        for study in command.findall(text):
+            path = ROOT / "studies" / study
+            in_tree = path.is_dir() or path.with_suffix(".py").is_file()
+            assert in_tree or (study in listed and name != "studies.md"), (name, study)
+
+
 def test_every_option_that_a_page_names_is_one_of_its_command():
     known = {name: {"--plugin", "--help-all", *options_of(name)} for name in commands()}
     count = 0

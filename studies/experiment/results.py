@@ -12,7 +12,7 @@ from neurosym_jax.simulation.scenarios import Scenario, TrackerFaults
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import straight
 from neurosym_robot.tracking.following import Frame
-from studies.stitching.scoring import idf1
+from studies.experiment.identity import idf1
 
 __all__ = [
     "FAULTS",

@@ -74,7 +74,6 @@ def test_what_is_refused():
 
 def test_the_example_pools_neighbours():
     """Encounter pooling, a plugin in `examples`."""
-    POOLINGS.pop("encounter", None)  # A study, run before in this process, may have it.
     load_plugin(str(Path(__file__).parents[2] / "examples" / "encounter_pooling.py"))
     config = make_config("neurosym", changes=["pooling=encounter", "weighting=ones"])
     model, walks = random_model(config, std=0.5), np.zeros((2, 8, 2))

@@ -23,7 +23,7 @@ from neurosym_robot.tracking.stitching import (
     stitch,
     stitched_ids,
 )
-from studies.stitching.scoring import idf1
+from studies.experiment.identity import idf1
 
 FAULTS = TrackerFaults(dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
 

@@ -1,1 +1,0 @@
-"""Does symbolic weighting help? `docs/weighting.md` and what it rests on."""
