@@ -49,7 +49,7 @@ def measure(options: Any) -> dict[str, Any]:
 
 def draw(path: Path) -> None:
     """Draw errors against seconds, each network a point."""
-    from neurosym_jax.evaluation.report import read_report
+    from neurosym_jax.evaluation.compare import read_report
     from neurosym_jax.plotting.style import (
         SMALL,
         WIDTH,

@@ -75,7 +75,7 @@ def _models_and_tests(paths: list[Path], data: Path) -> tuple[list[Any], list[An
 def _ours(paths: list[Path], data: Path) -> Callable[[], float]:
     from neurosym_jax.data.windows import make_batches
     from neurosym_jax.evaluation.metrics import metric_names
-    from neurosym_jax.evaluation.scoring import score_forecaster
+    from neurosym_jax.evaluation.scores import score_forecaster
 
     models, tests = _models_and_tests(paths, data)
     batches = {id(test): make_batches(test) for test in tests}

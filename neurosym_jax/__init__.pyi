@@ -11,7 +11,7 @@ from . import training as training
 from .data.recordings import register_format as register_format
 from .data.recordings import windows_from as windows_from
 from .errors import InputError as InputError
-from .evaluation.comparison import evaluate as evaluate
+from .evaluation.compare import evaluate as evaluate
 from .evaluation.metrics import register_metric as register_metric
 from .forecasting.batched import predict_scenes as predict_scenes
 from .forecasting.distribution import predict_distribution as predict_distribution

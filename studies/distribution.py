@@ -32,7 +32,7 @@ from pathlib import Path
 
 import polars as pl
 
-from neurosym_jax.evaluation.report import read_report
+from neurosym_jax.evaluation.compare import read_report
 from studies.more_data import KEPT_BACK
 
 PLACES = {

@@ -20,9 +20,9 @@ from pathlib import Path
 
 import polars as pl
 
+from neurosym_jax.evaluation.compare import read_report
 from neurosym_jax.evaluation.intervals import student_half
-from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.evaluation.report import read_report
+from neurosym_jax.evaluation.tables import markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "docs" / "left_out.csv"

@@ -25,8 +25,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.evaluation.summary import rows_frame, summarise
+from neurosym_jax.evaluation.tables import markdown_table, rows_frame, summarise
 from neurosym_jax.runtime.files import write_text
 
 __all__ = ["document", "table"]

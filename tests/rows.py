@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from neurosym_jax.evaluation.compare import write_report
 from neurosym_jax.evaluation.intervals import ErrorsByScene
-from neurosym_jax.evaluation.report import write_report
-from neurosym_jax.evaluation.scoring import Score
+from neurosym_jax.evaluation.scores import Score
 from neurosym_jax.training.sweep import write_errors
 
 

@@ -11,7 +11,7 @@ import shutil
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.report import write_report
+from neurosym_jax.evaluation.compare import write_report
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model

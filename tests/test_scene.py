@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.scoring import score
+from neurosym_jax.evaluation.scores import score
 from neurosym_jax.scene import make_scene, pad_scene, scene_identity, to_world
 from neurosym_jax.symbolic.forecast import symbolic_forecast
 

@@ -8,8 +8,8 @@ import pytest
 
 from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import cut_windows, make_batches
-from neurosym_jax.evaluation.formulas import MOVED, NEAR
-from neurosym_jax.evaluation.scoring import chosen, score_scenes, without_neighbours
+from neurosym_jax.evaluation.metrics import MOVED, NEAR
+from neurosym_jax.evaluation.scores import chosen, score_scenes, without_neighbours
 from neurosym_jax.forecasting.batched import (
     batch_noise,
     forecast_batch,

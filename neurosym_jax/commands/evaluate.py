@@ -13,11 +13,17 @@ from neurosym_jax.data.recordings import EthUcy, Source, Synthetic
 from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation import metrics, plan, report, saved_forecasts, tables
-from neurosym_jax.evaluation.comparison import add_forecasts, test_of_file, with_tests
+from neurosym_jax.evaluation import compare, metrics, saved_forecasts, tables
+from neurosym_jax.evaluation.compare import (
+    Row,
+    Settings,
+    add_forecasts,
+    evaluate_tests,
+    test_of_file,
+    with_tests,
+)
 from neurosym_jax.evaluation.forecasts import ForecastFile, read_named
-from neurosym_jax.evaluation.results import Row, Settings, evaluate_tests
-from neurosym_jax.evaluation.summary import rows_frame
+from neurosym_jax.evaluation.tables import rows_frame
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import (
@@ -150,7 +156,7 @@ def run(options: Options) -> list[Row]:
             tasks = len(models) if len(planned) > 1 else 1
             # Processes start while we read.
             run_tests = stack.enter_context(map_for(tasks, options.cluster))
-            tests = plan.load_tests(
+            tests = compare.load_tests(
                 source, planned, test_on=options.test_on, min_agents=least
             )
         tests = add_forecasts(tests, files, partial=options.partial)
@@ -165,7 +171,7 @@ def run(options: Options) -> list[Row]:
         if text and not chosen and source and source.about:
             print(f"{source.about}\n")
         results = list(
-            report.logged(options.json, evaluate_tests(tests, settings, run_tests))
+            compare.logged(options.json, evaluate_tests(tests, settings, run_tests))
         )
     rows = with_tests(results)
     readings = {item.recording: item for test in tests for item in test.windows.reading}
@@ -178,7 +184,7 @@ def run(options: Options) -> list[Row]:
         ),
         "recordings": [dataclasses.asdict(item) for item in readings.values()],
     }
-    report.write_report(options.json, rows, facts)
+    compare.write_report(options.json, rows, facts)
     style = {"intervals": options.intervals, "whole": chosen or bool(further)}
     print(tables.format_table(rows_frame(rows), options.table, **style))
     notes = ["", *filter(None, [describe_readings(readings.values())])]
@@ -218,7 +224,7 @@ def run(options: Options) -> list[Row]:
 
 
 def _labels(
-    options: Options, files: Mapping[str, ForecastFile], tests: Sequence[plan.Test]
+    options: Options, files: Mapping[str, ForecastFile], tests: Sequence[compare.Test]
 ) -> dict[str, str]:
     """Names by path: those of files of forecasts, and the ones that --label says."""
     labels = {str(file.path): name for name, file in files.items()}
@@ -236,7 +242,9 @@ def _labels(
 
 def _plan(
     options: Options, steps: Sequence[int]
-) -> tuple[Source, list[tuple[str, Model]], dict[plan.TestSet, plan.Entries], int]:
+) -> tuple[
+    Source, list[tuple[str, Model]], dict[compare.TestSet, compare.Entries], int
+]:
     """The source of recordings, the models (as given, all that ship, or one or two),
     what is tested on which test set, and the least number of people of a scene.
 
@@ -260,7 +268,7 @@ def _plan(
     if options.all:
         # Baselines are tested beside every model.
         shipped = (path.name for path in shipped_models())
-        names = [name for name in shipped if not name.startswith(plan.TABLE)]
+        names = [name for name in shipped if not name.startswith(compare.TABLE)]
     if steps and not names:
         lengths["pred_len"] = lengths["pred_len"] or steps[0]
     names = names or default_models(source, options.dataset, lengths["pred_len"]) * (
@@ -276,8 +284,8 @@ def _plan(
             *arguments, model_scene=models[0][1].dataset, period=options.period
         )
     elif baselines is None and isinstance(source, Synthetic) and not options.all:
-        baselines = plan.BASELINES[:1]
-    entries = plan.make_plan(
+        baselines = compare.BASELINES[:1]
+    entries = compare.make_plan(
         source,
         models,
         dataset=options.dataset,
@@ -331,7 +339,7 @@ def _validate(options: Options) -> None:
         refuse_unused(
             options, ["intervals"], "without --table latex: other tables have intervals"
         )
-    report.check_report(options.json)
+    compare.check_report(options.json)
     if options.figures:
         from neurosym_jax.plotting.evaluation import check_figures
 

@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from neurosym_jax.evaluation.markdown import aligned_table
+from neurosym_jax.evaluation.tables import aligned_table
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import DOWNLOADED, models_at_hand
 

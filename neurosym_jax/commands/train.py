@@ -28,8 +28,8 @@ from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.tracks import PERIOD, describe_readings
 from neurosym_jax.data.windows import cut_windows, make_batches, shared_shapes
 from neurosym_jax.errors import InputError, optional_module
-from neurosym_jax.evaluation.plan import baselines_of
-from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.evaluation.compare import baselines_of
+from neurosym_jax.evaluation.scores import score_forecaster
 from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model

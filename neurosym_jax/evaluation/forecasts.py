@@ -17,7 +17,7 @@ from neurosym_jax.data.readers.trajnet import read_predictions
 from neurosym_jax.data.tracks import Reading
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError, InputWarning, printable
-from neurosym_jax.evaluation.summary import unique_suffixes
+from neurosym_jax.evaluation.tables import unique_suffixes
 from neurosym_jax.scene import scene_identity
 
 __all__ = ["ForecastFile", "Forecasts", "last_frames", "match", "matched"]

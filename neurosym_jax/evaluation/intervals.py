@@ -26,7 +26,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.scoring import Scores
+from neurosym_jax.evaluation.scores import Scores
 
 __all__ = ["FEWEST", "Difference", "ErrorsByScene", "Estimate", "against_best", "holm"]
 __all__ += ["mean_difference", "paired_difference", "student_half", "student_p"]

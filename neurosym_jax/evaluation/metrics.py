@@ -1,21 +1,382 @@
-"""What a metric is, and the table of all metrics; `scoring` computes them."""
+"""Metrics: formulas of one scene's errors, scores of symbols, and the table that plugins
+extend.
+"""
 
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from neurosym_jax.evaluation import formulas, symbol_scores
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
 from neurosym_jax.plugins import Registry
+from neurosym_jax.scene import Scene
+from neurosym_jax.symbolic.events import EVENTS
+from neurosym_jax.symbolic.forecast import SymbolSettings, event_steps, state_steps
+from neurosym_jax.symbolic.qtc import all_states, other_pairs
 
 __all__ = [
+    "COLLISION_DISTANCE",
     "METRICS",
+    "MISSED",
+    "MOVED",
+    "NEAR",
+    "SETTINGS",
     "SYMBOLS",
     "Metric",
+    "collisions",
+    "energy_score",
+    "event_log",
     "known_metric",
     "metric_names",
     "register_metric",
+    "state_log",
 ]
+
+
+# The formulas of metrics: distances to the truth, collisions, and what neighbours
+# change.
+#
+# Joint best-of-k takes one sample for the whole scene (SGAN's protocol); marginal
+# best-of-k takes each agent's own best, which is what most later papers report. The two
+# are not comparable, so both are always computed. The minima of ADE and of FDE are taken
+# independently, as SGAN does.
+#
+# The energy score and the CRPS are proper: in expectation nothing scores better than the
+# distribution that the truth comes from (Gneiting and Raftery, JASA 2007). Both take the
+# k samples as they are: the estimator with 1 / k^2, which also holds for samples that
+# depend on each other, and which for a single forecast is its error. The price is that
+# scores of different k are not comparable. Samples that have probabilities [k] are
+# weighted by them in place of 1 / k.
+#
+# Few of a crowd's pairs come near each other, and which ones depends on the numbers; so
+# collisions are found on the host, where pairs whose bounding boxes lie apart are dropped
+# first.
+#
+# A pooling whose units are dead forecasts everybody in company as it does alone: the
+# forecasts of each agent with and without its neighbours, for the same noise, tell.
+
+MISSED = 2.0
+"""Metres from the last position of an agent's best sample to the true one that are a miss."""
+COLLISION_DISTANCE = 0.2
+"""Distance between two people's centres below which they collide, metres."""
+REACH = COLLISION_DISTANCE + 1e-3
+"""Distance between boxes, m, beyond which no collision is possible, rounding included."""
+MOVED = 1e-3
+"""Metres; a forecast that moves by no more in any sample and step is unchanged."""
+NEAR = 2.0
+"""Metres to the nearest neighbour, at the last observed step, within which it should matter."""
+
+
+@jax.jit  # So that several metrics trace it once.
+def _distances(forecast: Array, scene: Scene) -> Array:
+    """[k, N, T] metres from the forecast to the truth, zero for agents that are not valid."""
+    return jnp.where(scene.valid[:, None], _length(forecast - scene.known_future), 0)
+
+
+def _length(offset: Array) -> Array:
+    """[...] metres of `offset [..., 2]`."""
+    square = jnp.square(offset)
+    return jnp.sqrt(square[..., 0] + square[..., 1])
+
+
+def joint_ade(forecast: Array, scene: Scene) -> Array:
+    """[N] mean errors over steps, in the sample that is best for the whole scene."""
+    return _best(_distances(forecast, scene).mean(axis=-1))
+
+
+def joint_fde(forecast: Array, scene: Scene) -> Array:
+    """[N] errors at the last step, in the sample that is best for the whole scene."""
+    return _best(_distances(forecast, scene)[..., -1])
+
+
+def _best(errors: Array) -> Array:
+    return errors[errors.sum(axis=-1).argmin()]
+
+
+def marginal_ade(forecast: Array, scene: Scene) -> Array:
+    """[N] mean errors over steps, of each agent's own best sample."""
+    return _distances(forecast, scene).mean(axis=-1).min(axis=0)
+
+
+def marginal_fde(forecast: Array, scene: Scene) -> Array:
+    """[N] errors at the last step, of each agent's own best sample."""
+    return _distances(forecast, scene)[..., -1].min(axis=0)
+
+
+def missed(forecast: Array, scene: Scene) -> Array:
+    """[N] whether even the best sample ends `MISSED` off (Chang et al., "Argoverse", CVPR 2019)."""
+    return marginal_fde(forecast, scene) > MISSED
+
+
+def horizon(forecast: Array, scene: Scene) -> Array:
+    """[N, T] error at each step, in the sample of best joint ADE."""
+    distance = _distances(forecast, scene)
+    return distance[distance.mean(axis=-1).sum(axis=-1).argmin()]
+
+
+def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Array:
+    """[] score of the whole scene's joint forecast, one vector of all agents, steps, coordinates.
+
+    Divided by the root of agents times steps, so that a single forecast has its root
+    mean square displacement error. Gneiting and Raftery, section 4.3.
+    """
+    weight = _numbers(forecast, probability) / len(forecast)
+    present = scene.valid[:, None, None]
+    error = jnp.square(jnp.where(present, forecast - scene.known_future, 0)).sum(
+        axis=(1, 2, 3)
+    )
+    # Products of offsets from the mean, which lose nothing where samples lie close
+    # together.
+    offset = jnp.where(present, forecast - forecast.mean(axis=0), 0).reshape(
+        len(forecast), -1
+    )
+    product = offset @ offset.T
+    square = jnp.diag(product)
+    spread = jnp.sqrt(jnp.maximum(square[:, None] + square - 2 * product, 0))
+    scale = jnp.sqrt(jnp.maximum(scene.valid.sum(), 1) * forecast.shape[2])
+    return (weight @ jnp.sqrt(error) - weight @ spread @ weight / 2) / scale
+
+
+def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
+    """[N] CRPS of each coordinate by itself, mean over steps and both. The same, section 4.2."""
+    weight = _numbers(forecast, probability) / len(forecast)
+    spread = jnp.tensordot(weight, _apart(forecast, weight, jnp.abs), 1)
+    error = jnp.tensordot(weight, jnp.abs(forecast - scene.known_future), 1)
+    return (error - spread / 2).mean(axis=(1, 2))
+
+
+def coverage(
+    level: float, forecast: Array, scene: Scene, probability: Array | None
+) -> tuple[Array, Array]:
+    """[N] share of steps at which the truth lies in the region that holds `level` of a forecast.
+
+    The region of k samples contains the positions whose mean distance to the samples is
+    least. Of k + 1 exchangeable points, the samples and the truth, each has each rank
+    in that order equally often; the truth is covered where its rank is among the first
+    `level`, in part at the boundary and among equals. So a forecast that is right
+    covers exactly `level`, whatever k is. The rank is that of a multivariate rank
+    histogram (Gneiting et al., TEST 2008). One sample has no region. A sample of
+    probability p counts as k p samples, in mean distances and in ranks.
+    """
+    k = len(forecast)
+    if k == 1:
+        nothing = jnp.zeros(forecast.shape[1])
+        return nothing, nothing
+    number = _numbers(forecast, probability)
+    to_truth = _length(forecast - scene.known_future)
+    samples, truth = (
+        _apart(forecast, number) + to_truth,
+        jnp.tensordot(number, to_truth, 1),
+    )
+    nearer = jnp.tensordot(number, (samples < truth).astype(number.dtype), 1)
+    equal = 1 + jnp.tensordot(number, (samples == truth).astype(number.dtype), 1)
+    covered = jnp.clip((level * (k + 1) - nearer) / equal, 0, 1)
+    return covered.mean(axis=-1), jnp.asarray(scene.valid)
+
+
+def central_ade(forecast: Array, scene: Scene, probability: Array | None) -> Array:
+    """[N] mean errors over steps of the central forecast."""
+    return _central(forecast, scene, probability).mean(axis=-1)
+
+
+def central_fde(forecast: Array, scene: Scene, probability: Array | None) -> Array:
+    """[N] errors at the last step of the central forecast."""
+    return _central(forecast, scene, probability)[:, -1]
+
+
+def _central(forecast: Array, scene: Scene, probability: Array | None) -> Array:
+    """[N, T] errors of the most probable sample of the scene, of equally probable ones that with
+    the least mean distance to the others."""
+    if probability is not None:
+        return _distances(forecast, scene)[probability.argmax()]
+    distances = _apart(forecast, _numbers(forecast, None))
+    spread = jnp.where(scene.valid[:, None], distances, 0).sum(axis=(1, 2))
+    return _distances(forecast, scene)[spread.argmin()]
+
+
+@functools.partial(jax.jit, static_argnums=2)  # So that several metrics trace it once.
+def _apart(
+    forecast: Array, number: Array, length: Callable[[Array], Array] = _length
+) -> Array:
+    """For each sample the sum of its distances to all others; one counts `number [k]` times.
+
+    [k, N, T] metres or, where `length` has one for each coordinate, [k, N, T, 2].
+    """
+
+    def add(total: Array, weighted_sample: tuple[Array, Array]) -> tuple[Array, None]:
+        sample, times = weighted_sample
+        return total + times * length(forecast - sample), None
+
+    return jax.lax.scan(add, jnp.zeros_like(length(forecast)), (forecast, number))[0]
+
+
+def _numbers(forecast: Array, probability: Array | None) -> Array:
+    """[k] how many samples each one counts for."""
+    k = len(forecast)
+    return jnp.ones(k, forecast.dtype) if probability is None else k * probability
+
+
+def collisions(forecast: ArrayLike, valid: ArrayLike) -> np.ndarray:
+    """Find agents that come closer than `COLLISION_DISTANCE` to another in the same sample.
+
+    Between time steps agents move in straight lines, so that fast crossings count.
+
+    Args:
+        forecast: [k, N, T, 2] metres.
+        valid: [N] bool.
+
+    Returns:
+        [k, N] bool.
+    """
+    return _of_batch(np.asanyarray(forecast)[:, None], np.asarray(valid)[None])[:, 0]
+
+
+def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """[k, B, N] bool; `forecast [k, B, N, T, 2]`, `valid [B, N]`."""
+    # Samples last, so that a pair is a contiguous row.
+    paths = forecast[:, valid].transpose(2, 3, 1, 0).copy()  # [T, 2, A, k]
+    low, high = paths.min(axis=0), paths.max(axis=0) + REACH
+    sizes = valid.sum(axis=1)
+    pairs = [np.triu_indices(size, 1) for size in sizes]
+    starts = np.repeat(np.cumsum(sizes) - sizes, [len(first) for first, _ in pairs])
+    first, other = np.concatenate(pairs, axis=1) + starts
+    # First the boxes around all samples of a pair, then those of each.
+    near = _meet(low.min(axis=-1), high.max(axis=-1), first, other)
+    first, other = first[near], other[near]
+    pair, sample = np.nonzero(_meet(low, high, first, other))
+    ends = np.stack([first[pair], other[pair]]) * len(forecast) + sample
+    flat = paths.reshape(*paths.shape[:2], -1)
+    close = _collide(flat.take(ends[0], axis=2) - flat.take(ends[1], axis=2))
+    hit = np.zeros((paths.shape[2], len(forecast)), bool)
+    hit.reshape(-1)[ends[:, close]] = True
+    hits = np.zeros(forecast.shape[:3], bool)
+    hits[:, valid] = hit.T
+    return hits
+
+
+def _meet(
+    low: np.ndarray, high: np.ndarray, first: np.ndarray, other: np.ndarray
+) -> np.ndarray:
+    """[P, ...] whether boxes from `low [2, A, ...]` to `high` overlap."""
+    meet = (low[:, first] < high[:, other]) & (low[:, other] < high[:, first])
+    return meet[0] & meet[1]
+
+
+def _collide(offset: np.ndarray) -> np.ndarray:
+    """[C] whether paths whose offset is `offset [T, 2, C]` come too close."""
+    end = np.square(offset[-1]).sum(axis=0)
+    # The offset moves along a segment; its nearest point to zero is at `t` in [0, 1].
+    x, y = offset[:-1].swapaxes(0, 1)
+    dx, dy = (offset[1:] - offset[:-1]).swapaxes(0, 1)
+    # The smallest positive number, for an offset that stays.
+    length = np.maximum(dx**2 + dy**2, np.finfo(offset.dtype).tiny)
+    t = np.clip(-(x * dx + y * dy) / length, 0, 1)
+    nearest = ((x + t * dx) ** 2 + (y + t * dy) ** 2).min(axis=0, initial=np.inf)
+    return np.minimum(end, nearest) < COLLISION_DISTANCE**2
+
+
+def collision_rate(forecast: np.ndarray, scene: Scene) -> np.ndarray:
+    """[B, N] share of samples in which an agent collides; `forecast [k, B, N, T, 2]`."""
+    return _of_batch(forecast, np.asarray(scene.valid)).mean(axis=0)
+
+
+def truth_collision_rate(forecast: np.ndarray, scene: Scene) -> np.ndarray:
+    """[B, N] whether an agent collides in the truth; `forecast [k, B, N, T, 2]`."""
+    return collision_rate(np.asarray(scene.known_future)[None], scene)
+
+
+def excess_collisions(forecast: np.ndarray, scene: Scene) -> np.ndarray:
+    """[B, N] `collision_rate` less `truth_collision_rate`; `forecast [k, B, N, T, 2]`."""
+    return collision_rate(forecast, scene) - truth_collision_rate(forecast, scene)
+
+
+def neighbour_share(moves: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] bool, whether an agent's forecast moves by more than `MOVED`; `moves [k, N, T, 2]`."""
+    return _length(moves).max(axis=(0, 2)) > MOVED, _in_company(scene)
+
+
+def neighbour_near(moves: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] bool, `neighbour_share` of the agents whose nearest neighbour is within `NEAR`."""
+    last = jnp.asarray(scene.observed)[:, -1]
+    others = jnp.asarray(scene.valid) & ~jnp.eye(len(last), dtype=bool)
+    closest = jnp.where(others, _length(last[:, None] - last), jnp.inf).min(axis=1)
+    changed, company = neighbour_share(moves, scene)
+    return changed, company & (closest <= NEAR)
+
+
+def neighbour_move(moves: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] mean over samples of the move at the last step."""
+    return _length(moves[:, :, -1]).mean(axis=0), _in_company(scene)
+
+
+def _in_company(scene: Scene) -> Array:
+    """[N] bool, agents of scenes of two or more."""
+    valid = jnp.asarray(scene.valid)
+    return valid & (valid.sum() > 1)
+
+
+# Log scores of the symbols and events that k forecasts make probable.
+#
+# Scored are ordered pairs within 8 m of each other at the last observation. Counts of
+# samples become probabilities as in `symbolic.forecast`, smoothed by one sample spread
+# uniformly. The score is -ln p_c, in nats, for the class c that came true (Good,
+# "Rational decisions", 1952); it is proper. A movement below 0.125 m/s counts as
+# standing, and events are timed in seconds, at any period. docs/symbolic_forecast.md
+# compares with a Markov chain.
+
+SETTINGS = SymbolSettings()
+IN_SIGHT = 8.0
+"""Distance up to which a pair is scored, metres."""
+
+
+def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
+    """[] mean log score of the QTC_C1 state at each step, nats, and [] the number of pairs."""
+
+    def states(settings: SymbolSettings, *paths: Array) -> Array:
+        return state_steps(settings, *paths).astype(jnp.int16)
+
+    return _log_score(states, len(all_states("c1")), forecast, scene)
+
+
+def event_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
+    """[] mean log score of the events, nats, and [] the number of pairs."""
+
+    def happens(settings: SymbolSettings, *paths: Array) -> Array:
+        first = event_steps(settings, tuple(EVENTS), *paths)
+        return jnp.moveaxis(first < forecast.shape[2], 0, -1)
+
+    return _log_score(happens, 2, forecast, scene)
+
+
+def _log_score(
+    classes_of: Callable[..., Array], classes: int, forecast: Array, scene: Scene
+) -> tuple[Array, Array]:
+    """The mean score of the scene's pairs, whose paths have the classes `[N, N, ...]`."""
+    settings = dataclasses.replace(SETTINGS, period=scene.period)
+    last = jnp.asarray(scene.observed)[:, -1]
+
+    def of(future: Array) -> Array:
+        path = jnp.concatenate([last[:, None], future], axis=1)
+        return classes_of(settings, path[:, None], path)
+
+    true = of(jnp.asarray(scene.known_future))
+    # One sample after the other, for [k, N, N, T, 2] numbers of a crowd are many.
+    hits = jax.lax.map(lambda future: of(future) == true, forecast).sum(axis=0)
+    smoothing = settings.smoothing
+    scores = -jnp.log((hits + smoothing / classes) / (len(forecast) + smoothing))
+    near = jnp.square(last[:, None] - last[None]).sum(axis=-1) <= IN_SIGHT**2
+    pairs = near & other_pairs(scene.valid)
+    count = pairs.sum()
+    pair_scores = jnp.where(pairs, scores.reshape(*pairs.shape, -1).mean(axis=-1), 0)
+    return pair_scores.sum() / jnp.maximum(count, 1), count
+
+
+# What a metric is, and the table of all metrics; `scoring` computes them.
 
 Compute = Callable[..., Any]
 
@@ -99,7 +460,7 @@ _symbols = functools.partial(_further, unit="nats", about=_SYMBOLS, drawn=True)
 
 
 def _covered(level: float) -> Metric:
-    compute = functools.partial(formulas.coverage, level)
+    compute = functools.partial(coverage, level)
     title = f"covered at {100 * level:.0f} %"
     return _distribution(title, compute, "share", _COVERED, higher_is_better=None)
 
@@ -107,41 +468,31 @@ def _covered(level: float) -> Metric:
 METRICS: Registry[Metric] = Registry(
     "metric",
     {
-        "joint_ade": Metric("joint ADE", formulas.joint_ade, "m", _JOINT),
-        "joint_fde": Metric("joint FDE", formulas.joint_fde, "m", _JOINT),
-        "marginal_ade": Metric("marginal ADE", formulas.marginal_ade, "m", _MARGINAL),
-        "marginal_fde": Metric("marginal FDE", formulas.marginal_fde, "m", _MARGINAL),
-        "horizon": Metric("mean error", formulas.horizon),
+        "joint_ade": Metric("joint ADE", joint_ade, "m", _JOINT),
+        "joint_fde": Metric("joint FDE", joint_fde, "m", _JOINT),
+        "marginal_ade": Metric("marginal ADE", marginal_ade, "m", _MARGINAL),
+        "marginal_fde": Metric("marginal FDE", marginal_fde, "m", _MARGINAL),
+        "horizon": Metric("mean error", horizon),
         "collision_rate": Metric(
-            "people in collision", formulas.collision_rate, "share", on_host=True
+            "people in collision", collision_rate, "share", on_host=True
         ),
         "truth_collision_rate": _on_host(
-            "truth's collisions", formulas.truth_collision_rate, higher_is_better=None
+            "truth's collisions", truth_collision_rate, higher_is_better=None
         ),
-        "excess_collisions": _on_host(
-            "collisions beyond truth's", formulas.excess_collisions
-        ),
-        "draw_collisions": _on_host(
-            "draws in collision", formulas.collision_rate, drawn=True
-        ),
-        "miss_rate": _further("missed by 2 m", formulas.missed, "share", _MISS),
-        "energy_score": _distribution(
-            "energy score", formulas.energy_score, "m", _PROPER
-        ),
-        "crps": _distribution("CRPS", formulas.crps, "m", _PROPER),
+        "excess_collisions": _on_host("collisions beyond truth's", excess_collisions),
+        "draw_collisions": _on_host("draws in collision", collision_rate, drawn=True),
+        "miss_rate": _further("missed by 2 m", missed, "share", _MISS),
+        "energy_score": _distribution("energy score", energy_score, "m", _PROPER),
+        "crps": _distribution("CRPS", crps, "m", _PROPER),
         "coverage_50": _covered(0.5),
         "coverage_90": _covered(0.9),
-        "central_ade": _weighted("central ADE", formulas.central_ade, "m", _CENTRAL),
-        "central_fde": _weighted("central FDE", formulas.central_fde, "m", _CENTRAL),
-        "neighbour_share": _moves(
-            "changed by neighbours", formulas.neighbour_share, "share"
-        ),
-        "neighbour_near": _moves(
-            "changed by near neighbours", formulas.neighbour_near, "share"
-        ),
-        "neighbour_move": _moves("moved by neighbours", formulas.neighbour_move),
-        "state_log": _symbols("states log", symbol_scores.state_log),
-        "event_log": _symbols("events log", symbol_scores.event_log),
+        "central_ade": _weighted("central ADE", central_ade, "m", _CENTRAL),
+        "central_fde": _weighted("central FDE", central_fde, "m", _CENTRAL),
+        "neighbour_share": _moves("changed by neighbours", neighbour_share, "share"),
+        "neighbour_near": _moves("changed by near neighbours", neighbour_near, "share"),
+        "neighbour_move": _moves("moved by neighbours", neighbour_move),
+        "state_log": _symbols("states log", state_log),
+        "event_log": _symbols("events log", event_log),
     },
 )
 

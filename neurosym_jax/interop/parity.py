@@ -22,7 +22,7 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, refuse
 from neurosym_jax.errors import InputError, brief, option
-from neurosym_jax.evaluation.markdown import aligned_table
+from neurosym_jax.evaluation.tables import aligned_table
 from neurosym_jax.forecasting.model import Model, refuse_other_length
 from neurosym_jax.interop import torch_side
 from neurosym_jax.interop.cases import (

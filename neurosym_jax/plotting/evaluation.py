@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.compare import Result
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.evaluation.results import Result
-from neurosym_jax.evaluation.summary import labels
+from neurosym_jax.evaluation.tables import labels
 from neurosym_jax.plotting import style
 from neurosym_jax.plotting.curves import draw_horizon
 from neurosym_jax.plotting.forecasts import draw_scene

@@ -21,10 +21,8 @@ from neurosym_jax.configuration import changed, from_json, refuse, to_json
 from neurosym_jax.data.recordings import GENERAL, Synthetic, licences_of
 from neurosym_jax.data.windows import Batch, Windows, fingerprint, merged_fingerprints
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.evaluation.summary import rows_frame
-from neurosym_jax.evaluation.tables import format_table
+from neurosym_jax.evaluation.scores import score_forecaster
+from neurosym_jax.evaluation.tables import format_table, markdown_table, rows_frame
 from neurosym_jax.forecasting.forecaster import FORECASTERS, Forecaster, forecaster_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model

@@ -15,17 +15,15 @@ import yaml
 
 from neurosym_jax.data.recordings import Source
 from neurosym_jax.errors import InputError, option
-from neurosym_jax.evaluation import plan, report, results
+from neurosym_jax.evaluation import compare
 from neurosym_jax.evaluation.intervals import (
     ErrorsByScene,
     mean_difference,
     paired_difference,
 )
-from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
-from neurosym_jax.evaluation.scoring import Score
-from neurosym_jax.evaluation.summary import rows_frame
-from neurosym_jax.evaluation.tables import format_table
+from neurosym_jax.evaluation.scores import Score
+from neurosym_jax.evaluation.tables import format_table, markdown_table, rows_frame
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
 from neurosym_jax.runtime.ending import when_ended
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
@@ -98,7 +96,7 @@ def compare_sweep(
     if target.suffix != ".md":
         raise InputError(f"{option('out', str(target))}: must end in .md")
     refuse_unwritable(target)
-    rows = report.read_report(sweep / "sweep.json")
+    rows = compare.read_report(sweep / "sweep.json")
     runs = _read(sweep, rows, pred_len)
     models = list(dict.fromkeys(model for model, _ in runs))
     reference = _reference(against, models)
@@ -344,8 +342,8 @@ def _test(
         for folder in labels
     }
     models = [(path, load_model(path)) for path in facts]
-    tests = plan.load_tests(source, plan.make_plan(source, models))
-    tested = list(results.evaluate_tests(tests, results.Settings()))
+    tests = compare.load_tests(source, compare.make_plan(source, models))
+    tested = list(compare.evaluate_tests(tests, compare.Settings()))
     rows = [result.row for result in tested]
     for row in rows:
         path = row["checkpoint"]
@@ -358,7 +356,7 @@ def _test(
         for reading in test.windows.reading
         if reading.file
     ]
-    report.write_report(
+    compare.write_report(
         out / "sweep.json", rows, {"provenance": provenance(files, facts)}
     )
     write_errors(out, [result.errors for result in tested])

@@ -18,7 +18,7 @@ import numpy as np
 from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import metric_names
-from neurosym_jax.evaluation.scoring import score
+from neurosym_jax.evaluation.scores import score
 from neurosym_robot.online.predictor import GRACE, Forecast, Predictor
 from neurosym_robot.online.regions import Recalibration
 from neurosym_robot.tracking.following import Frame

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.evaluation.metrics import METRICS, metric_names
+from neurosym_jax.evaluation.tables import aligned_table
 from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.regions import SPAN

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.tables import markdown_table
 from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.runtime.process import run_environment
 from neurosym_jax.simulation.scenarios import Scenario

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.scoring import score as score_scene
+from neurosym_jax.evaluation.scores import score as score_scene
 from neurosym_jax.simulation.scenarios import Scenario, TrackerFaults
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import straight

@@ -13,7 +13,7 @@ from neurosym_jax.commands import evaluate
 from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.metrics import METRICS, register_metric
-from neurosym_jax.evaluation.summary import rows_frame
+from neurosym_jax.evaluation.tables import rows_frame
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
 from tests.repository import SMALL, exhaustive

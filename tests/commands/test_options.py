@@ -15,8 +15,12 @@ from PIL import Image
 
 from neurosym_jax.__main__ import commands
 from neurosym_jax.data.recordings import open_source
-from neurosym_jax.evaluation.plan import load_tests, make_plan
-from neurosym_jax.evaluation.results import Settings, evaluate_tests
+from neurosym_jax.evaluation.compare import (
+    Settings,
+    evaluate_tests,
+    load_tests,
+    make_plan,
+)
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop.parity import Parity
 from tests.commands.walk import (

@@ -12,7 +12,7 @@ import pytest
 import neurosym_jax as nj
 from neurosym_jax.data import ReadOptions, read_any, windows_from
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import baseline
+from neurosym_jax.evaluation.compare import baseline
 from studies.mistakes.crowd import CROWD, table
 
 pytestmark = pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")

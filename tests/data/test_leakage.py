@@ -13,7 +13,7 @@ from neurosym_jax.data.windows import (
     shared_shapes,
 )
 from neurosym_jax.errors import InputWarning
-from neurosym_jax.evaluation import plan
+from neurosym_jax.evaluation import compare
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*needs eth_stride=6")
 
@@ -61,17 +61,17 @@ def test_a_copy_is_found(benchmark, learned):
 
 def test_an_evaluation_says_so(benchmark, learned):
     model = dataclasses.replace(
-        plan.baseline("constant_velocity", 8, 8), seen=fingerprint(learned)
+        compare.baseline("constant_velocity", 8, 8), seen=fingerprint(learned)
     )
     recordings = {scene: benchmark.recordings(scene) for scene in ("zara1", "zara2")}
     with pytest.warns(
         InputWarning, match="mine: was trained on these people: 62 of 71 windows"
     ):
-        test = plan.make_test(
-            plan.TestSet("zara2", 8, 8), [("mine", model)], recordings["zara2"]
+        test = compare.make_test(
+            compare.TestSet("zara2", 8, 8), [("mine", model)], recordings["zara2"]
         )
     assert "trained on these people" in test.windows.reading[0].warnings[0]
-    test = plan.make_test(
-        plan.TestSet("zara1", 8, 8), [("mine", model)], recordings["zara1"]
+    test = compare.make_test(
+        compare.TestSet("zara1", 8, 8), [("mine", model)], recordings["zara1"]
     )
     assert test.windows.reading[0].warnings == ()

@@ -16,7 +16,7 @@ from neurosym_jax.evaluation.intervals import (
     student_half,
     student_p,
 )
-from neurosym_jax.evaluation.scoring import Score
+from neurosym_jax.evaluation.scores import Score
 
 WINDOW = 16
 

@@ -7,14 +7,16 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation import formulas
-from neurosym_jax.evaluation.formulas import (
+from neurosym_jax.evaluation import metrics
+from neurosym_jax.evaluation.metrics import (
     COLLISION_DISTANCE,
+    METRICS,
+    SYMBOLS,
     collision_rate,
     collisions,
+    metric_names,
 )
-from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
-from neurosym_jax.evaluation.scoring import score, score_forecaster
+from neurosym_jax.evaluation.scores import score, score_forecaster
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS
@@ -233,7 +235,7 @@ def test_boxes_change_nothing(crowd, monkeypatch):
     valid = np.arange(40) % 7 > 0
     hits = collisions(crowd, valid)
     assert 0.02 < hits.mean() < 0.6
-    monkeypatch.setattr(formulas, "REACH", np.inf)
+    monkeypatch.setattr(metrics, "REACH", np.inf)
     assert (collisions(crowd, valid) == hits).all()
 
 
@@ -307,9 +309,9 @@ def test_moves_by_hand():
     for gap, near in ((1.9, True), (2.1, False)):
         seen = np.array([[0.0, 0], [gap, 0], [0, 0]])[:, None]
         case = make_scene(np.repeat(seen, 2, axis=1)).replace(valid=np.arange(3) < 2)
-        assert formulas.neighbour_near(moves, case)[1].tolist() == [near, near, False]
-    move, company = formulas.neighbour_move(moves, case)
+        assert metrics.neighbour_near(moves, case)[1].tolist() == [near, near, False]
+    move, company = metrics.neighbour_move(moves, case)
     assert_allclose(move[:2], [2.5, 0])
-    share, same = formulas.neighbour_share(moves, case)
+    share, same = metrics.neighbour_share(moves, case)
     assert share.all()
     assert company.tolist() == same.tolist() == [True, True, False]

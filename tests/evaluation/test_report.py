@@ -9,16 +9,21 @@ import pytest
 
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import TestSet as Case
-from neurosym_jax.evaluation.plan import baseline, make_test
-from neurosym_jax.evaluation.report import check_report, read_report, write_report
+from neurosym_jax.evaluation.compare import TestSet as Case
+from neurosym_jax.evaluation.compare import (
+    baseline,
+    check_report,
+    make_test,
+    read_report,
+    write_report,
+)
 from neurosym_jax.evaluation.saved_forecasts import (
     check_forecasts_file,
     forecasts_of,
     save_forecasts,
     to_xarray,
 )
-from neurosym_jax.evaluation.scoring import score, score_forecaster
+from neurosym_jax.evaluation.scores import score, score_forecaster
 from neurosym_jax.models.anchors.network import AnchorConfig
 from tests.networks import random_model
 

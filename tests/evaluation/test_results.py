@@ -7,10 +7,14 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.data.recordings import Synthetic
-from neurosym_jax.evaluation.comparison import with_tests
+from neurosym_jax.evaluation.compare import (
+    Settings,
+    evaluate_tests,
+    load_tests,
+    make_plan,
+    with_tests,
+)
 from neurosym_jax.evaluation.intervals import paired_difference
-from neurosym_jax.evaluation.plan import load_tests, make_plan
-from neurosym_jax.evaluation.results import Settings, evaluate_tests
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,8 @@ import neurosym_jax as nj
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.formulas import collisions
-from neurosym_jax.evaluation.metrics import METRICS, register_metric
-from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.evaluation.metrics import METRICS, collisions, register_metric
+from neurosym_jax.evaluation.scores import score_forecaster
 from neurosym_jax.forecasting.batched import draw_batch
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.noise import draw_noise

@@ -14,10 +14,13 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 from scipy.stats import t
 
-from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.evaluation.summary import rows_frame, summarise
-from neurosym_jax.evaluation.tables import format_table
+from neurosym_jax.evaluation.tables import (
+    format_table,
+    markdown_table,
+    rows_frame,
+    summarise,
+)
 from tests.repository import ROOT
 from tests.rows import result_row
 

@@ -10,8 +10,8 @@ from neurosym_jax.data.readers.trajnet import read_predictions, read_scenes
 from neurosym_jax.data.tables import GUARDS
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import TestSet as Case
-from neurosym_jax.evaluation.plan import baseline, make_test
+from neurosym_jax.evaluation.compare import TestSet as Case
+from neurosym_jax.evaluation.compare import baseline, make_test
 from neurosym_jax.evaluation.saved_forecasts import save_forecasts
 
 PEOPLE = {5: (0, 30), 7: (0, 30), 9: (6, 30), 12: (0, 4), 13: (25, 30)}

@@ -9,10 +9,10 @@ import pytest
 from neurosym_jax.data.readers.trajnet import read_scenes
 from neurosym_jax.data.recordings import read_any
 from neurosym_jax.data.tables import GUARDS, ReadOptions
-from neurosym_jax.evaluation.plan import TestSet as Case
-from neurosym_jax.evaluation.plan import baseline, make_test
+from neurosym_jax.evaluation.compare import TestSet as Case
+from neurosym_jax.evaluation.compare import baseline, make_test
 from neurosym_jax.evaluation.saved_forecasts import save_forecasts
-from neurosym_jax.evaluation.scoring import score
+from neurosym_jax.evaluation.scores import score
 
 LENGTHS = types.SimpleNamespace(obs_length=9, pred_length=12, disable_collision=False)
 SCENES = 100

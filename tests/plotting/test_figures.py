@@ -8,7 +8,7 @@ from neurosym_jax import plotting
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.summary import labels
+from neurosym_jax.evaluation.tables import labels
 from neurosym_jax.plotting import (
     model_looks,
     plot_forecasts,

@@ -15,10 +15,14 @@ from neurosym_jax.data.recordings import Synthetic
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import TestSet as Case
-from neurosym_jax.evaluation.plan import baseline, make_test
-from neurosym_jax.evaluation.results import Settings, evaluate_tests
-from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.evaluation.compare import (
+    Settings,
+    baseline,
+    evaluate_tests,
+    make_test,
+)
+from neurosym_jax.evaluation.compare import TestSet as Case
+from neurosym_jax.evaluation.scores import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.plugins import load_plugin

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.evaluation.scoring import score
+from neurosym_jax.evaluation.scores import score
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors import loss
 from neurosym_jax.models.anchors.loss import (

@@ -10,8 +10,8 @@ import pytest
 
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.formulas import collisions
-from neurosym_jax.evaluation.scoring import DRAWS, score, score_forecaster
+from neurosym_jax.evaluation.metrics import collisions
+from neurosym_jax.evaluation.scores import DRAWS, score, score_forecaster
 from neurosym_jax.forecasting.distribution import predict_distribution
 from neurosym_jax.forecasting.model import predict, predict_representatives
 from neurosym_jax.forecasting.model_folder import load_model

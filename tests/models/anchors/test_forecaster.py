@@ -7,7 +7,7 @@ import pytest
 
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.scoring import score, score_forecaster
+from neurosym_jax.evaluation.scores import score, score_forecaster
 from neurosym_jax.forecasting.batched import forecast_windows, predict_scenes
 from neurosym_jax.forecasting.model import (
     SceneForecaster,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.evaluation.scoring import score
+from neurosym_jax.evaluation.scores import score
 from neurosym_jax.symbolic import symbolic_events
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_robot.online.pairs import PAIRS, likely_events

@@ -1,4 +1,4 @@
-"""Scores of forecasts by any metrics: of one scene, of a batch, of a forecaster on a test set."""
+"""Forecast batches of scenes and score them."""
 
 import functools
 import time
@@ -32,10 +32,19 @@ from neurosym_jax.scene import (
     relative_positions,
 )
 
-__all__ = ["Evaluation", "Metrics", "Score", "Scores", "chosen"]
-__all__ += ["score", "score_batch", "score_forecaster", "score_samples", "score_scenes"]
-__all__ += ["without_neighbours"]
-
+__all__ = [
+    "Evaluation",
+    "Metrics",
+    "Score",
+    "Scores",
+    "chosen",
+    "score",
+    "score_batch",
+    "score_forecaster",
+    "score_samples",
+    "score_scenes",
+    "without_neighbours",
+]
 
 DRAWS = 100
 """Draws by which the distribution of a calibrated forecaster is scored. With 20 the energy score of
