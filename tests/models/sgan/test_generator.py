@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorNetwork
+from neurosym_jax.models.sgan import pooling
 from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
 from neurosym_jax.models.sgan.network import (
     POOLINGS,
@@ -17,7 +18,6 @@ from neurosym_jax.models.sgan.network import (
     GeneratorConfig,
     pooling_network,
 )
-from neurosym_jax.models.sgan import pooling
 from neurosym_jax.models.sgan.pooling import (
     CELLS,
     LSTM,
