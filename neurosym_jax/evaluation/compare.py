@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import itertools
 import json
-import re
 import sys
 import time
 import warnings
@@ -58,7 +57,7 @@ from neurosym_jax.evaluation.scores import (
     score_forecaster,
     score_samples,
 )
-from neurosym_jax.evaluation.tables import SEED, rows_frame
+from neurosym_jax.evaluation.tables import first_trainings, rows_frame
 from neurosym_jax.forecasting.batched import unpacked
 from neurosym_jax.forecasting.forecaster import FORECASTERS, Forecaster
 from neurosym_jax.forecasting.model import Model, SceneForecaster
@@ -522,6 +521,7 @@ def _evaluate_test(
         row = {
             "checkpoint": path,
             "model": name,
+            **_identity(entry),
             **dataclasses.asdict(test.test_set),
             "samples": evaluation.samples,
             "seed": settings.seed,
@@ -542,6 +542,14 @@ def _evaluate_test(
         yield Result(
             test.test_set, row, errors, example, futures, horizons, windows.period
         )
+
+
+def _identity(entry: Model | Forecasts) -> Row:
+    """See `Model.identity`; nothing is known of saved forecasts and of baselines."""
+    if isinstance(entry, Forecasts) or not entry.params:
+        columns = ("configuration", "training_data", "training_seed", "parameters")
+        return dict.fromkeys(columns)
+    return entry.identity
 
 
 def _runs(model: Model, test: Test, settings: Settings) -> list[Evaluation]:
@@ -998,13 +1006,12 @@ def with_tests(results: Sequence[Result]) -> list[Row]:
     single run with each of them.
     """
     rows = [dict(result.row) for result in results]
-    lines: dict[Any, dict[Any, list[int]]] = {}
+    first = first_trainings(rows)
+    lines: dict[Any, dict[int, list[int]]] = {}
     for number, result in enumerate(results):
-        path = result.row["checkpoint"] or ""
-        training = re.sub(SEED, "", path) if re.search(SEED, path) else number
         # Of another period the windows are others.
         members = lines.setdefault((result.test_set, result.period), {})
-        members.setdefault((result.name, training), []).append(number)
+        members.setdefault(first[number], []).append(number)
     for members in lines.values():
         runs = [[results[number] for number in numbers] for numbers in members.values()]
         for metric, p_values in _p_values(runs).items():

@@ -22,6 +22,7 @@ from neurosym_jax.evaluation.metrics import Metric, known_metric
 __all__ = [
     "Style",
     "aligned_table",
+    "first_trainings",
     "format_table",
     "labels",
     "latex_text",
@@ -97,8 +98,8 @@ def _line(cells: Sequence[str]) -> str:
 # adjusted for their number, is significant at 5 %; for means over test sets the test is
 # Student's of the sets' means.
 
-SEED = r"[_\-.]?seed[_\-=]?(\d+)"
-"""In a checkpoint's path, the seed of one of several trainings."""
+IDENTITY = ("model", "configuration", "training_data")
+"""Columns that are the same for all trainings of a model, see `Model.configuration`."""
 HORIZON = ("obs_len", "pred_len")
 FACTS = ("dataset", *HORIZON, "model", "samples", "seeds", "scenes", "agents", "blocks")
 """Columns of a row that a line keeps."""
@@ -117,7 +118,7 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
 
     Returns:
         A row for each line and metric, with `line` (a number), the columns of `FACTS`,
-        `checkpoint` (of several trainings without the seed), `trainings`, `sets`
+        `checkpoint` (of several trainings with `*` for what differs), `trainings`, `sets`
         (number of test sets), `metric`, its `mean` (None where nothing was counted),
         the bounds `low` and `high` of its 95 % interval, `std` (between trainings or,
         of one, between seeds of the noise), `p` (of the test against the best,
@@ -181,49 +182,80 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
     }
 
 
+def first_trainings(rows: Sequence[Mapping[str, Any]]) -> list[int]:
+    """The index of the first training of each row's model, on the same test set.
+
+    Trainings of one model share all columns of `IDENTITY` and differ in their seed. A
+    row is a model of its own where one of these is not known, or where two rows of one
+    seed differ in something that no column says.
+    """
+    trainings: dict[Any, list[int]] = {}
+    for number, row in enumerate(rows):
+        identity = [row.get(column) for column in (*IDENTITY, "training_seed")]
+        if None not in identity:
+            test_set = [row.get(column) for column in ("dataset", *HORIZON)]
+            trainings.setdefault((*test_set, *identity[:-1]), []).append(number)
+    first = list(range(len(rows)))
+    for numbers in trainings.values():
+        seeds = {rows[number]["training_seed"] for number in numbers}
+        if len(seeds) == len(numbers):
+            for number in numbers:
+                first[number] = numbers[0]
+    return first
+
+
 def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     """Lines of one test set; `means` and `trained` are means and seeds of the trainings."""
-    path = pl.col("checkpoint").cast(pl.String)
-    seed = path.str.extract(SEED, 1).cast(pl.Int64)
-    rows = rows.with_row_index("row").with_columns(seed=seed)
-    family = path.str.replace(SEED, "")
-    # Without a seed in its path each is a model of its own.
-    alone = pl.when(pl.col("seed").is_null()).then(pl.col("row"))
-    line = pl.col("row").first().over("dataset", *HORIZON, "model", family, alone)
+    rows = rows.with_columns(
+        _optional(rows, "training_seed", pl.Int64),
+        _optional(rows, "configuration", pl.String),
+        line=pl.Series(first_trainings(rows.to_dicts()), dtype=pl.Int64),
+    )
     ends = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
     long = pl.concat(
         rows.select(
-            pl.col("seed", "checkpoint", "latency", "forecasts_per_second", *FACTS),
-            family=family,
-            line=line,
+            pl.col("training_seed", "configuration", "checkpoint", "line"),
+            pl.col("latency", "forecasts_per_second", *FACTS),
+            *(
+                _optional(rows, f"{name}{end}", pl.Float64).alias(value)
+                for value, end in ends.items()
+            ),
             metric=pl.lit(name),
-            **{value: _column(rows, f"{name}{end}") for value, end in ends.items()},
         )
         for name in rows.columns
         if f"{name}_low" in rows.columns
     )
     lines = long.group_by("line", "metric", maintain_order=True).agg(
-        pl.col(*FACTS, *ends).first(),
+        pl.col("configuration", *FACTS, *ends).first(),
         pl.col("latency").max(),
         pl.col("forecasts_per_second").min(),
-        checkpoint=pl.when(pl.len() > 1)
-        .then(pl.first("family"))
-        .otherwise(pl.first("checkpoint")),
+        paths=pl.col("checkpoint").cast(pl.String),
         trainings=pl.len().cast(pl.Int64),
         sets=pl.lit(1),
         means=pl.col("mean"),
-        trained=pl.col("seed"),
+        trained=pl.col("training_seed"),
     )
-    values = [
-        _over_trainings(line) if line["trainings"] > 1 else line
-        for line in lines.to_dicts()
-    ]
-    return pl.DataFrame(values, schema=lines.schema).sort("line", maintain_order=True)
+    values = []
+    for line in lines.to_dicts():
+        line["checkpoint"] = _pattern(line.pop("paths"))
+        values.append(_over_trainings(line) if line["trainings"] > 1 else line)
+    schema = {**lines.drop("paths").schema, "checkpoint": pl.String}
+    return pl.DataFrame(values, schema=schema).sort("line", maintain_order=True)
 
 
-def _column(rows: pl.DataFrame, name: str) -> pl.Expr:
-    """The numbers of a column; nulls for one that an older report does not have."""
-    return (pl.col(name) if name in rows.columns else pl.lit(None)).cast(pl.Float64)
+def _optional(rows: pl.DataFrame, name: str, dtype: Any) -> pl.Expr:
+    """A column; nulls for one that an older report does not have."""
+    column = pl.col(name) if name in rows.columns else pl.lit(None)
+    return column.cast(dtype).alias(name)
+
+
+def _pattern(paths: Sequence[str | None]) -> str | None:
+    """One path for several: `*` for each part that differs; None without paths."""
+    known = [PurePath(path).parts for path in paths if path is not None]
+    if len({len(parts) for parts in known}) != 1:
+        return None
+    shared = [part[0] if len(set(part)) == 1 else "*" for part in zip(*known)]
+    return str(PurePath(*shared))
 
 
 def _over_trainings(line: dict[str, Any]) -> dict[str, Any]:
@@ -243,7 +275,8 @@ def _means(lines: pl.DataFrame) -> Iterator[dict[str, Any]]:
     lines = lines.with_columns(family=pl.Series(family))
     for _, peers in lines.group_by(HORIZON, maintain_order=True):
         names = peers["dataset"].unique(maintain_order=True).to_list()
-        for _, sets in peers.group_by("model", "family", "metric", maintain_order=True):
+        columns = ("model", "configuration", "family", "metric")
+        for _, sets in peers.group_by(columns, maintain_order=True):
             if len(names) > 1 and sets["dataset"].to_list() == names:
                 number = len(lines) + sets["line"][0]
                 yield _mean(sets) | {
@@ -342,7 +375,7 @@ def format_table(
     """Rows as tables: one for each test set and horizon and, of several, one of their means.
 
     Args:
-        rows: see `evaluate`; runs whose checkpoints differ in `seed0`, `seed1`, ... are
+        rows: see `evaluate`; trainings that differ in their seed alone are
             one line.
         style: text for a terminal; csv, markdown or latex for a paper.
         width: columns of a terminal; default: the terminal's.

@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+import hashlib
+import json
 import reprlib
 import warnings
 from collections.abc import Mapping
@@ -14,7 +16,7 @@ from jax import Array
 from jax.core import Tracer
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import Count, Seed, differences, refuse
+from neurosym_jax.configuration import Count, Seed, differences, refuse, to_json
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.forecaster import (
@@ -73,6 +75,8 @@ class Model:
     """Licence of each data set that it learned from, by name; empty where not known."""
     step: int | None = None
     """Steps of training after which its parameters were kept; None where it is not known."""
+    recipe: str = ""
+    """Digest of its recipe without the seed; empty where it is not known."""
 
     @property
     def name(self) -> str:
@@ -83,6 +87,23 @@ class Model:
     def forecaster(self) -> Forecaster:
         """The forecaster of this model's parameters."""
         return FORECASTERS[self.family](self.config)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What says whether two models are trainings of one: columns of a report's rows.
+
+        Trainings of one model share `configuration` and `training_data`, digests of
+        what was trained, how and on what, and differ in `training_seed`; `parameters`
+        is the digest of the numbers themselves. None where something is not known.
+        """
+        trained = [self.family, to_json(self.config), self.recipe]
+        leaves = jax.tree.leaves(self.params)
+        return {
+            "configuration": _digest(json.dumps(trained, sort_keys=True).encode()),
+            "training_data": _digest(self.seen.encode()) if self.seen else None,
+            "training_seed": self.seed,
+            "parameters": _digest(*(np.asarray(leaf).tobytes() for leaf in leaves)),
+        }
 
     @property
     def weighting(self) -> Weighting | None:
@@ -100,6 +121,13 @@ class Model:
             f"  config: {type(self.config).__name__}({', '.join(differences(self.config))})\n"
             f"  params: {count:,} numbers"
         )
+
+
+def _digest(*contents: bytes) -> str:
+    sha = hashlib.sha256()
+    for content in contents:
+        sha.update(content)
+    return sha.hexdigest()[:16]
 
 
 class SceneForecaster:

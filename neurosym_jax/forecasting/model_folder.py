@@ -48,7 +48,7 @@ FILES = CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
 HUB_LICENCES = {"MIT": "mit", "CC BY-NC-SA 3.0, restricted": "cc-by-nc-sa-3.0"}
 """Our names of data's licences, and the Hub's."""
-OPTIONAL = ("seed", "seen", "neighbours", "data", "step")
+OPTIONAL = ("seed", "seen", "neighbours", "data", "step", "recipe")
 """Fields of a model that its file has where they are known."""
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
 
@@ -67,6 +67,7 @@ class _File(Checked):
     neighbours: float | None = None
     data: dict[str, str] | None = None
     step: int | None = None
+    recipe: str = ""
 
 
 def save_model(

@@ -574,7 +574,16 @@ class RunFiles:
             plugins=names(loaded()),
             data=data,
             step=best["step"],
+            recipe=self._recipe,
         )
+
+    @property
+    def _recipe(self) -> str:
+        """`Model.recipe`: with the parameters that the training began with, if it had some."""
+        recipe = to_json(dataclasses.replace(self._run.recipe, seed=0))
+        init = () if self._run.init is None else jax.tree.leaves(self._run.init.params)
+        text = json.dumps(recipe, sort_keys=True)
+        return _digest_of(np.frombuffer(text.encode(), np.uint8), *init)[:16]
 
     @functools.cached_property
     def _seen(self) -> str:

@@ -347,7 +347,6 @@ def _test(
     rows = [result.row for result in tested]
     for row in rows:
         path = row["checkpoint"]
-        row["training_seed"] = path and facts[path]["training"]["seed"]
         label = path and labels[Path(path).parent]
         row["model"] += f", {label}" if label else ""
     files = [

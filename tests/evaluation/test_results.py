@@ -59,12 +59,15 @@ def test_models_are_compared_with_the_best_of_their_test_set(simulated):
     assert second["joint_ade_p"] == pytest.approx(difference.over_both.p_value(0))
     assert 0 < second["joint_ade_p"] < 1
 
-    paths = ("a_seed0", "a_seed1", "b")
+    identities = [
+        {"configuration": name, "training_data": "all", "training_seed": seed}
+        for name, seed in (("a", 0), ("a", 1), ("b", 0))
+    ]
     runs = [
         dataclasses.replace(
-            results[0], row=results[0].row | {"checkpoint": path, "joint_ade": ade}
+            results[0], row=results[0].row | identity | {"joint_ade": ade}
         )
-        for path, ade in zip(paths, (0.1, 0.5, 0.4))
+        for identity, ade in zip(identities, (0.1, 0.5, 0.4))
     ]
     seed0, seed1, other = with_tests([*runs, results[1]])[:3]
     assert (seed0["joint_ade_p"], seed1["joint_ade_p"]) == (None, None)
@@ -72,8 +75,8 @@ def test_models_are_compared_with_the_best_of_their_test_set(simulated):
     # One training, the best, against two: the mean over both.
     better, worse = ordered
     rows = [
-        dataclasses.replace(result, row=result.row | {"checkpoint": path, "model": "m"})
-        for path, result in zip(paths, (better, worse, better))
+        dataclasses.replace(result, row=result.row | identity | {"model": "m"})
+        for identity, result in zip(identities, (better, worse, better))
     ]
     difference = paired_difference([better.errors] * 2, [better.errors, worse.errors])
     p_values = [row["joint_ade_p"] for row in with_tests(rows)]

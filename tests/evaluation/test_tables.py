@@ -36,7 +36,10 @@ TRAININGS = [
         "SGAN",
         scene,
         0.2 + 0.1 * at + 0.01 * seed,
-        f"runs/sgan_{scene}_8_8_seed{seed}/model",
+        f"runs/{'abc'[seed]}_{scene}/model",
+        configuration="sgan",
+        training_data=f"all but {scene}",
+        training_seed=seed,
     )
     for at, scene in enumerate(SCENES)
     for seed in range(3)
@@ -58,16 +61,31 @@ def test_trainings_that_differ_in_their_seed_are_one_line():
         ("SGAN", 3)
     ] * 2
     value = lines[2]
-    assert value["checkpoint"] == "runs/sgan_eth_8_8/model"
+    assert value["checkpoint"] == "runs/*/model"
     assert value["mean"] == pytest.approx(0.21)
     assert value["std"] == pytest.approx(0.01)
     assert value["high"] - 0.21 == pytest.approx(t.ppf(0.975, 2) * 0.01 / 3**0.5)
     assert value["best"]
     assert not lines[0]["best"]
-    # Without a seed in their names they are models of their own, even of the same file.
+    # Without a known seed they are models of their own, even of the same file.
     same_rows = [row("SGAN", "eth", 0.2, "a.pt"), row("SGAN", "eth", 0.2, "a.pt")]
     assert len(lines_of(same_rows)[0]) == 2
     assert lines_of(ROWS, "own")[0][2]["mean"] is None
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"configuration": "wider"}, {"training_data": "all"}, {"training_seed": 0}],
+)
+def test_models_that_differ_in_more_than_their_seed_are_lines_of_their_own(other):
+    """Folders named by seeds say nothing: what was trained, and on what, does."""
+    known = {"configuration": "sgan", "training_data": "most", "training_seed": 0}
+    first = row("SGAN", "eth", 0.2, "exp/seed0/model", **known)
+    second = row(
+        "SGAN", "eth", 0.4, "exp/seed1/model", **{**known, "training_seed": 1, **other}
+    )
+    lines = lines_of([first, second])[0]
+    assert [(line["trainings"], line["mean"]) for line in lines] == [(1, 0.2), (1, 0.4)]
 
 
 def test_means_are_of_models_that_were_tested_everywhere():
