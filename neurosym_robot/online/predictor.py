@@ -6,7 +6,6 @@ recording name and index of its first step, whether frames come live or from a f
 
 import dataclasses
 import functools
-import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -262,20 +261,17 @@ def _summary(samples: np.ndarray, probability: np.ndarray | None) -> ModelForeca
 
 
 def load_models(paths: Sequence[Path]) -> dict[str, Model]:
-    """Models by how their tables' names begin ("NeuroSyM", "SGAN"), else by their files' names.
+    """Models by their files' names, such as `recommended`, with the folder's if needed.
 
     Raises:
-        InputError: for no path, what is no model, or two of one kind whose files are
-            named alike.
+        InputError: for no path, what is no model, or the same name twice.
     """
     if not paths:
         raise InputError("--model needs at least one model")
-    models = [load_model(path) for path in paths]
-    names = [re.split(r",| \(", model.name)[0] for model in models]
+    full = [path.resolve() for path in paths]
+    names = [path.stem for path in full]
     if len(set(names)) < len(names):
-        names = [path.resolve().stem for path in paths]
+        names = [f"{path.parent.name}/{path.stem}" for path in full]
     if len(set(names)) < len(names):
-        raise InputError(
-            f"models must differ in kind or name: {', '.join(map(str, paths))}"
-        )
-    return dict(zip(names, models))
+        raise InputError(f"models must differ in name: {', '.join(map(str, paths))}")
+    return {name: load_model(path) for name, path in zip(names, paths)}

@@ -35,13 +35,14 @@ class Programs:
             report,
             forecast,
         )
+        self._begun: set[int] = set()
         self._ready: set[int] = set()
         self._tasks: list[tuple[int, Use]] = []
         self._wanted = sizes[0]
         self._lock = threading.Lock()
         self.waiting = False
         """Whether programs are still to be compiled in the thread."""
-        self.add(self._note)
+        self.add(lambda forecast: None)
 
     def add(self, use: Use) -> None:
         """Compile what computes something of a forecast by doing so, or begin to."""
@@ -78,16 +79,18 @@ class Programs:
         return bool(tasks)
 
     def _compile(self, size: int, use: Use) -> None:
-        if size not in self._ready:
+        if size not in self._begun:
+            self._begun.add(size)
             n = self.sizes.index(size) + 1
             self._report(
                 f"compiling for up to {size} people ({n} of {len(self.sizes)})"
             )
         use(self._forecast(size))
-
-    def _note(self, forecast: Any) -> None:
         with self._lock:
-            self._ready.add(len(forecast.ids))
+            # All that is computed of a forecast must be compiled before the first one:
+            # otherwise a stream would wait for it.
+            if all(task[0] != size for task in self._tasks):
+                self._ready.add(size)
 
     def _work(self) -> None:
         while threading.main_thread().is_alive():
@@ -97,10 +100,7 @@ class Programs:
                     _settle()
                     self._report("everything is compiled")
                     return
-                first = self._wanted, self._note
-                task = min(
-                    self._tasks, key=lambda pair: (pair != first, pair[1] != first[1])
-                )
+                task = min(self._tasks, key=lambda pair: pair[0] != self._wanted)
                 self._tasks.remove(task)
             self._compile(*task)
 

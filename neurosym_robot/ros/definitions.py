@@ -21,11 +21,13 @@ FORECAST = "neurosym_msgs/msg/Forecast"
 EVENTS = "neurosym_msgs/msg/Events"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+GRID = "nav_msgs/msg/OccupancyGrid"
 MARKER = "visualization_msgs/msg/Marker"
 MARKERS = f"{MARKER}Array"
 
 # Where the robot experiment's trackers publish, best first.
 PEOPLE_TOPICS = ("/people_tracker/people_filtered", "/people_tracker/people")
+FORECAST_TOPIC = "/hri/human_poses_prediction"
 TRUTH_TOPIC = "/hri/human_poses_gt"
 TF_TOPICS = ("/tf", "/tf_static")
 # Endings of a ROS 1 bag and of the files in the folder of a ROS 2 bag, and what mends

@@ -63,7 +63,11 @@ class ForecastBag(View):
         self._bag = BagWriter(path, compress=True)
         self._source, self._period = source, predictor.window.period
         self.where, self._stamp = str(self._bag.path), 0.0
-        self._outputs = {model: outputs(model, at_least) for model in predictor.models}
+        self._outputs = [
+            output
+            for output in outputs(predictor.models, at_least)
+            if output.kind != MARKERS
+        ]
 
     def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
         """Write a frame with its forecast and the futures that it completed."""
@@ -72,12 +76,10 @@ class ForecastBag(View):
         self._bag.write(
             PEOPLE_TOPICS[0], self._stamp, make_people(new, event.frame, common[1])
         )
-        for model in () if forecast is None else forecast.models:
-            for topic, (kind, make) in self._outputs[model].items():
-                if kind != MARKERS:
-                    self._bag.write(
-                        topic, self._stamp, make(new, forecast, model, *common)
-                    )
+        if forecast is not None:
+            for output in self._outputs:
+                message = output.make(new, forecast, output.model, *common)
+                self._bag.write(output.topic, self._stamp, message)
         self.end({}, event.scored)
 
     def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
@@ -179,9 +181,8 @@ class ForecastingNode(abc.ABC):
         self._changed, self._moved = threading.Condition(), False
         self._diagnosed = 0.0
         self._forecasts = [
-            (model, kind, make, self._advertise(topic, kind))
-            for model in predictor.models
-            for topic, (kind, make) in outputs(model, at_least).items()
+            (output, self._advertise(output.topic, output.kind))
+            for output in outputs(predictor.models, at_least)
         ]
         self._truth = self._advertise(TRUTH_TOPIC, HUMANS_TRAJS)
         self._diagnostics = self._advertise("/diagnostics", DIAGNOSTICS)
@@ -244,8 +245,9 @@ class ForecastingNode(abc.ABC):
         event = advance(frames, self.predictor, self.source.robot(frames[-1].stamp))
         common = self.predictor.window.period, self.source.frame_id or ""
         if event.forecast is not None:
-            for model, _, make, outlet in self._forecasts:
-                outlet.publish(make, self._new, event.forecast, model, *common)
+            for output, outlet in self._forecasts:
+                arguments = self._new, event.forecast, output.model, *common
+                outlet.publish(output.make, *arguments)
             self.status.published(self._now() - event.frame.stamp, event.skipped)
         for done in self.analytics.add(event.forecast):
             self._truth.publish(truth_message, self._new, done, *common)

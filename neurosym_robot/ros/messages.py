@@ -7,8 +7,9 @@ from a message to people is `people.py`.
 import copy
 import functools
 import itertools
-from collections.abc import Callable, Mapping
-from typing import Any
+import re
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,10 +17,13 @@ from numpy.typing import ArrayLike
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.status import Status
+from neurosym_robot.ros.costmap import CELL, Costmap
 from neurosym_robot.ros.definitions import (
     DIAGNOSTICS,
     EVENTS,
     FORECAST,
+    FORECAST_TOPIC,
+    GRID,
     HUMANS,
     HUMANS_TRAJS,
     MARKER,
@@ -36,28 +40,36 @@ UNITS = {"age": "ms", "p50": "ms", "p99": "ms", "offset": "s", "rate": "Hz"}
 UNITS |= {"lag": "s", "skipped": "frames"}
 
 
-def outputs(
-    model: str, at_least: float = AT_LEAST
-) -> dict[str, tuple[str, Callable[..., Any]]]:
-    """By topic of a model's forecasts: type, and maker (new, forecast, model, period, frame_id).
+class Output(NamedTuple):
+    """A topic of one model's forecasts."""
 
-    "NeuroSyM" and "SGAN" have the topics of the robot experiment; events have a
-    probability of `at_least` or more.
+    topic: str
+    kind: str
+    model: str
+    make: Callable[..., Any]
+    """Returns the message of (new, forecast, model, period, frame_id)."""
+
+
+def outputs(models: Iterable[str], at_least: float = AT_LEAST) -> list[Output]:
+    """The topics of each model; the first model's bear no model's name.
+
+    So what listens needs no change when the model does. Events have a probability of
+    `at_least` or more.
     """
-    name = "".join(
-        letter if letter.isascii() and letter.isalnum() else "_" for letter in model
-    )
-    name = {"sgan": "baseline"}.get(name.lower(), name.lower())
-    base = f"/hri/human_poses_prediction_{name}"
-    return {
-        base: (HUMANS_TRAJS, forecast_message),
-        f"{base}/samples": (FORECAST, samples_message),
-        f"{base}/events": (
-            EVENTS,
-            functools.partial(events_message, at_least=at_least),
-        ),
-        f"{base}/markers": (MARKERS, markers_message),
-    }
+    rows = []
+    for number, model in enumerate(models):
+        base = FORECAST_TOPIC
+        if number:
+            base += "_" + re.sub(r"\W", "_", model, flags=re.ASCII)
+        events = functools.partial(events_message, at_least=at_least)
+        rows += [
+            Output(base, HUMANS_TRAJS, model, forecast_message),
+            Output(f"{base}/samples", FORECAST, model, samples_message),
+            Output(f"{base}/events", EVENTS, model, events),
+            Output(f"{base}/markers", MARKERS, model, markers_message),
+            Output(f"{base}/costmap", GRID, model, CostmapMaker()),
+        ]
+    return rows
 
 
 def filled(message: Any, /, **fields: Any) -> Any:
@@ -257,6 +269,34 @@ def markers_message(
         for id, look, path in zip(forecast.ids.tolist(), looks, xyz)
     ]
     return filled(new(MARKERS, points), markers=markers)
+
+
+class CostmapMaker:
+    """Makes the OccupancyGrid of each forecast of one model, see `Costmap`."""
+
+    def __init__(self):
+        self._costmap = Costmap()
+
+    def __call__(
+        self, new: New, forecast: Forecast, model: str, period: float, frame_id: str
+    ) -> Any:
+        """The nav_msgs/OccupancyGrid of one model's draws."""
+        futures, weights, _ = forecast.models[model].weighted
+        now = np.broadcast_to(forecast.observed[:, -1:], futures[:, :, :1].shape)
+        ways = np.concatenate([now, futures], axis=2)
+        per_cent, corner = self._costmap.update(ways, weights, period)
+        x, y = corner.tolist()
+        return filled(
+            new(GRID),
+            header=_header(forecast.stamp, frame_id),
+            info={
+                "resolution": CELL,
+                "height": per_cent.shape[0],
+                "width": per_cent.shape[1],
+                "origin": {"position": {"x": x, "y": y}, "orientation": {"w": 1.0}},
+            },
+            data=per_cent.ravel(),
+        )
 
 
 def events_message(

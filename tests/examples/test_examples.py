@@ -17,7 +17,6 @@ FOLDER = ROOT / "examples"
 TESTED = {
     *("which_pair_matters", "own_loop", "own_weighting", "closest"),
     *(
-        "costmap",
         "evaluate_tracks",
         "forecast_frames",
         "train_model",
@@ -137,37 +136,3 @@ def test_a_metric_of_ones_own():
     assert (value[:2].tolist(), in_table[:2].tolist()) == ([2.0, 2.0], [True, True])
     alone = make_scene(np.zeros((1, 2, 2)))
     assert not compute(forecast[:, :1], alone)[1].any()
-
-
-def test_forecasts_become_a_costmap(tmp_path):
-    """A cell where all samples have a person is full, where half of them have one half full."""
-    pytest.importorskip("rosbags", reason="rosbags is not installed")
-    from neurosym_robot.online.predictor import Forecast, ModelForecast
-    from neurosym_robot.ros.bags import BagWriter, read_messages
-    from neurosym_robot.ros.messages import samples_message
-
-    costmap = example("costmap")
-    observed = np.array([[[0.0, 0], [1, 0]], [[9, 5], [9, 5]]])
-    # The first may turn to the left or to the right; the other stands.
-    samples = observed[:, -1:] + np.array([[[[1, 1]], [[0, 0]]], [[[1, -1]], [[0, 0]]]])
-    models = {"NeuroSyM": ModelForecast(samples, samples.mean(axis=0), 0)}
-    forecast = Forecast(
-        1e9, 1, np.arange(2), observed, models, {}, 0.0, np.zeros(2, int)
-    )
-    with BagWriter(tmp_path / "forecasts.db3") as bag:
-        message = samples_message(bag.new, forecast, "NeuroSyM", 0.4, "odom")
-        bag.write(costmap.TOPIC, 1e9, message)
-    assert len(costmap.of_bag(bag.path, tmp_path / "costmap.bag")) == 1
-    ((_, grid),) = read_messages(tmp_path / "costmap.bag")
-    assert grid.header.frame_id == "odom"
-    per_cent = grid.data.reshape(grid.info.height, grid.info.width)
-    corner = grid.info.origin.position
-
-    def at(x, y):
-        return per_cent[
-            int((y - corner.y) / costmap.CELL), int((x - corner.x) / costmap.CELL)
-        ]
-
-    assert at(1, 0) == at(1, 0.3) == at(9, 5) == 100
-    assert at(2, 1) == at(2, -1) == round(50 * np.exp(-0.4 / costmap.FADE))
-    assert at(2, 0) == at(5, 3) == at(9, 4) == 0

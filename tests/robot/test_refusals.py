@@ -186,7 +186,7 @@ CASES = [
     (lambda at: FoxgloveView(predictor(), at / "a.txt"), r"\.mcap"),
     *((lambda at, text=text: look(at, text), reason) for text, reason in MAPS.items()),
     (lambda at: load_models(()), "at least one"),
-    (lambda at: load_models((SGAN, SGAN)), "differ in kind or name"),
+    (lambda at: load_models((SGAN, SGAN)), "differ in name"),
     (lambda at: Predictor({}), "steps"),
     (lambda at: Predictor(load_models((SGAN,)), samples=0), "samples"),
     (

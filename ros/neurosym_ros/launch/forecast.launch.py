@@ -18,17 +18,21 @@ ARGUMENTS = {
     "model": None,
     "people": "/people_tracker/people",
     "message": "People",
+    "fixed_frame": "",
+    "robot_frame": "",
     "parameters": str(HERE / "config" / "forecast.yaml"),
     "name": "neurosym_jax",
     "rviz": "false",
 }
+OPTIONS = ("message", "fixed_frame", "robot_frame")
 
 
 def nodes(context):
     """The node with its parameters, and RViz."""
     asked = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     parameters = yaml.safe_load(Path(asked["parameters"]).read_text())
-    own = {"model": asked["model"].split(","), "message": asked["message"]}
+    own = {name: asked[name] for name in OPTIONS if asked[name]}
+    own["model"] = asked["model"].split(",")
     return [
         Node(
             package="neurosym_ros",

@@ -90,7 +90,7 @@ def test_who_stands_is_never_forecast_to_walk(drive):
         for id in () if forecast is None else (0, 1, 10, 11):
             for row in np.flatnonzero(forecast.ids == id):
                 way = (
-                    forecast.models["NeuroSyM"].samples[:, row]
+                    forecast.models["neurosym_zara1_8"].samples[:, row]
                     - forecast.observed[row, -1]
                 )
                 ends.append(np.linalg.norm(way[:, -1], axis=-1).max())

@@ -188,8 +188,8 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
 
 def test_names_of_models_side_by_side():
     sgan, neurosym = Path("sgan_zara1_8"), Path("neurosym_zara1_8")
-    assert list(load_models((neurosym, sgan))) == ["NeuroSyM", "SGAN"]
-    assert list(load_models((sgan,))) == ["SGAN"]
+    assert list(load_models((neurosym, sgan))) == ["neurosym_zara1_8", "sgan_zara1_8"]
+    assert list(load_models((Path("recommended"),))) == ["recommended"]
     names = load_models((sgan, Path("sgan_eth_8")))
     assert list(names) == ["sgan_zara1_8", "sgan_eth_8"]
 

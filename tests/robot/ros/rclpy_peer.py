@@ -17,7 +17,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from visualization_msgs.msg import MarkerArray
 
-MARKERS = "/hri/human_poses_prediction_neurosym/markers"
+MARKERS = "/hri/human_poses_prediction/markers"
 
 
 def main() -> None:

@@ -1,6 +1,7 @@
 """The other side of the tests of `ros1`: rospy, run by the system's Python. Prints JSON lines.
 
-`python3 rospy_peer.py ROLE NAME DEFINITIONS [RATE]`; DEFINITIONS is JSON {type: text}.
+`python3 rospy_peer.py ROLE NAME DEFINITIONS [RATE] [TOPIC ...]`; DEFINITIONS is JSON {type:
+text}.
 """
 
 import json
@@ -14,9 +15,9 @@ from genpy.dynamic import generate_dynamic
 PEOPLE, TRAJECTORIES = "people_msgs/People", "darko_perception_msgs/HumansTrajs"
 
 
-def talk(classes, rate):
+def talk(classes, rate, topic="/people"):
     """People 1 and 2 walk at 1 m/s; the stamps are 0.1 s apart, whatever the rate."""
-    publisher = rospy.Publisher("/people", classes[PEOPLE], queue_size=50)
+    publisher = rospy.Publisher(topic, classes[PEOPLE], queue_size=50)
     people, person = classes[PEOPLE], classes["people_msgs/Person"]
     start, n = time.time(), 0
     while not rospy.is_shutdown():
@@ -60,10 +61,25 @@ def listen(classes, rate):
 
         return hear
 
-    for end in ("prediction_neurosym", "prediction_baseline", "gt"):
+    for end in ("prediction", "prediction_pool_net", "gt"):
         topic = "/hri/human_poses_" + end
         rospy.Subscriber(topic, classes[TRAJECTORIES], say(topic), tcp_nodelay=True)
     print(json.dumps({"topic": "ready"}), flush=True)
+    rospy.spin()
+
+
+def hear(classes, rate, *topics):
+    """Says once for each of `topics`, TOPIC=TYPE, that a message came."""
+    said = set()
+    for text in topics:
+        topic, _, kind = text.partition("=")
+
+        def say(message, topic=topic):
+            if topic not in said:
+                said.add(topic)
+                print("heard " + topic + "\n", end="", flush=True)
+
+        rospy.Subscriber(topic, classes[kind], say)
     rospy.spin()
 
 
@@ -76,7 +92,8 @@ def main():
     for kind, text in definitions.items():
         classes.update(generate_dynamic(kind, text))
     rospy.init_node(name, disable_signals=True)
-    {"talk": talk, "listen": listen}[role](classes, float((*sys.argv, "10")[4]))
+    rate, *topics = sys.argv[4:] or ["10"]
+    {"talk": talk, "listen": listen, "hear": hear}[role](classes, float(rate), *topics)
 
 
 main()

@@ -261,6 +261,17 @@ def test_what_is_not_understood_is_refused_with_a_reason():
 
 
 ROS = ROOT / "ros"
+
+
+def test_topics_of_the_first_model_do_not_name_it():
+    topics = [output.topic for output in messages.outputs(["a b", "runs/Ä-1"])]
+    base = "/hri/human_poses_prediction"
+    ends = ("", "/samples", "/events", "/markers", "/costmap")
+    assert topics == [base + end for end in ends] + [
+        f"{base}_runs___1{end}" for end in ends
+    ]
+
+
 PACKAGES = sorted(path.parent for path in ROS.glob("*/package.xml"))
 
 
@@ -285,9 +296,11 @@ def test_parameters_are_options_and_the_views_are_of_our_topics():
     flat = {name for name, value in parameters.items() if not isinstance(value, dict)}
     assert flat <= Options.__dataclass_fields__.keys()
     assert parameters["stitch"] is Options(model=()).stitch is False
+    published = {output.topic for output in messages.outputs(["any model"])}
     for path in (ROS / "neurosym_ros/rviz").iterdir():
-        displays = yaml.safe_load(path.read_text())["Visualization Manager"]["Displays"]
-        assert sum("/markers" in str(display) for display in displays) == 2
+        shown = set(re.findall(r"/hri/\S+", path.read_text()))
+        assert len(shown) == 2
+        assert shown <= published
     compile(
         (ROS / "neurosym_ros/launch/forecast.launch.py").read_text(), "launch", "exec"
     )

@@ -1,15 +1,8 @@
 """The node in a real ROS 1 graph: roscore, rospy and rosbag as Debian packages them."""
 
-import contextlib
-import json
-import os
-import shutil
 import signal
-import socket
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,30 +13,20 @@ from neurosym_jax.simulation.scenarios import TrackerFaults
 from neurosym_robot.commands import replay
 from neurosym_robot.ros.bags import read_messages, read_people
 from neurosym_robot.ros.definitions import (
-    HUMANS_TRAJS,
-    PEOPLE,
     TRUTH_TOPIC,
     seconds_of,
-    typestore,
 )
 from neurosym_robot.ros.tcpros.wire import CallError, call
 from tests.repository import ROOT
 from tests.robot.recordings import walkers, write_people
+from tests.robot.ros.ros1_graph import OURS, SYSTEM, start_graph
 from tests.robot.ros.tcpros.conftest import wait
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
-OURS = {
-    name: os.environ[name]
-    for name in os.environ
-    if name.startswith(("XDG", "JAX", "XLA"))
-}
-OURS["PYTHONPATH"] = str(ROOT)
-PEER = Path(__file__).with_name("rospy_peer.py")
-SYSTEM = "/usr/bin/python3"
 FORECASTS = (
-    "/hri/human_poses_prediction_neurosym",
-    "/hri/human_poses_prediction_baseline",
+    "/hri/human_poses_prediction",
+    "/hri/human_poses_prediction_pool_net",
 )
 SAMPLES = f"{FORECASTS[0]}/samples"
 TELL = """
@@ -53,134 +36,11 @@ for _, m, _ in rosbag.Bag(sys.argv[1]).read_messages(sys.argv[2]):
     print(m.header.frame_id, m.samples, m.steps, whole)
 """
 """The samples of a bag as ROS's own Python reads them."""
-PACKAGES = "python3-rospy python3-roslaunch python3-rosbag"
-
-
-class Process:
-    """A process that ends with the test; what it prints is kept line by line."""
-
-    def __init__(self, log: Path, *command, env):
-        self._log = log
-        with log.open("w") as output:
-            self.process = subprocess.Popen(
-                [str(part) for part in command],
-                env=env,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-
-    @property
-    def lines(self) -> list[str]:
-        return self._log.read_text().splitlines()
-
-    def wait_for(self, condition) -> None:
-        """Until a line, from now on or before, fulfils `condition`."""
-        self.wait(lambda: any(map(condition, self.lines)))
-
-    def wait(self, condition) -> None:
-        """Until `condition` holds, two minutes at most."""
-
-        def holds() -> bool:
-            with contextlib.suppress(CallError):
-                return bool(condition()) or self.process.poll() is not None
-            return False
-
-        wait(holds, 120)
-        assert condition(), self.lines
-
-    def wait_heard(self, condition) -> list[dict]:
-        """The rows that a listener has printed, once `condition` holds for them."""
-
-        def heard() -> list[dict]:
-            return [
-                json.loads(line)
-                for line in self.lines
-                if line[:2] == '{"' and line[-1] == "}"
-            ]
-
-        self.wait(lambda: condition(heard()))
-        return heard()
-
-    def end(self, number=signal.SIGKILL) -> int:
-        """Send a signal to the process and its children, wait, return the exit status."""
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self.process.pid, number)
-        return self.process.wait(20)
-
-
-class Graph:
-    """A master on a port of its own, and processes around it."""
-
-    def __init__(self, folder: Path):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        self.uri, self._folder = f"http://127.0.0.1:{self.port}", folder
-        self.env = {
-            "PATH": os.environ["PATH"],
-            "ROS_MASTER_URI": self.uri,
-            "ROS_IP": "127.0.0.1",
-            "ROS_HOME": str(folder),
-            "HOME": str(folder),
-        }
-        self._processes = contextlib.ExitStack()
-        store = typestore(1)
-        texts = {
-            name.replace("/msg/", "/"): store.generate_msgdef(name, ros_version=1)[0]
-            for name in (PEOPLE, HUMANS_TRAJS)
-        }
-        (folder / "definitions.json").write_text(json.dumps(texts))
-        self.start_core()
-
-    def start_core(self):
-        """A new master on the same port."""
-        self.core = self.start("roscore", "-p", self.port)
-        # The log's node is the last thing that roscore starts.
-        self.core.wait(lambda: call(self.uri, "lookupNode", "/tests", "/rosout"))
-
-    def start(self, *command, **options) -> Process:
-        """A process in this graph."""
-        log = self._folder / f"{time.monotonic_ns()}.txt"
-        process = Process(log, *command, env={**self.env, **options})
-        self._processes.callback(process.end)
-        return process
-
-    def talker(self, rate: float = 50) -> Process:
-        """A rospy node that publishes people."""
-        return self.start(
-            SYSTEM, PEER, "talk", "tracker", self._folder / "definitions.json", rate
-        )
-
-    def listener(self) -> Process:
-        """A rospy node that hears our topics."""
-        name = f"listener{time.monotonic_ns()}"
-        listener = self.start(
-            SYSTEM, PEER, "listen", name, self._folder / "definitions.json"
-        )
-        listener.wait_for(lambda line: "ready" in line)
-        return listener
-
-    def close(self):
-        """End all."""
-        # First, and gently: roscore's children are in process groups of their own.
-        self.core.end(signal.SIGINT)
-        self._processes.close()
 
 
 @pytest.fixture(scope="module")
 def graph(tmp_path_factory):
-    usable = shutil.which("roscore") and Path(SYSTEM).exists()
-    if (
-        not usable
-        or subprocess.run(
-            [SYSTEM, "-c", "import rospy"], capture_output=True
-        ).returncode
-    ):
-        pytest.skip(
-            f"no ROS 1 here: apt-get install --no-install-recommends {PACKAGES}"
-        )
-    graph = Graph(tmp_path_factory.mktemp("ros"))
+    graph = start_graph(tmp_path_factory.mktemp("ros"))
     yield graph
     graph.close()
 

@@ -11,11 +11,8 @@ one:
 
 import itertools
 import json
-import os
 import signal
 import subprocess
-import sys
-import sysconfig
 import time
 from pathlib import Path
 
@@ -30,34 +27,6 @@ from tests.robot.recordings import walkers
 
 WITH_TRACES = ("-X", "faulthandler")
 MODEL = ROOT / "checkpoints" / "neurosym_zara1_8"
-IMPORTS = "import sys, rclpy, visualization_msgs.msg; print(sys.version_info[:2])"
-
-
-@pytest.fixture(scope="module")
-def ros2() -> tuple[str, dict[str, str]]:
-    """Python with ROS 2, and an environment in which it finds us and what we need."""
-    python = os.environ.get("NEUROSYM_ROS2", sys.executable)
-    outcome = subprocess.run([python, "-c", IMPORTS], capture_output=True, text=True)
-    if outcome.returncode:
-        pytest.skip(
-            f"no ROS 2 in {python} (set NEUROSYM_ROS2): {outcome.stderr.splitlines()[-1]}"
-        )
-    if outcome.stdout.strip() != str(sys.version_info[:2]):
-        pytest.skip(
-            f"{python} is another Python than that of these tests: {outcome.stdout.strip()}"
-        )
-    folders = [
-        str(ROOT),
-        sysconfig.get_paths()["purelib"],
-        os.environ.get("PYTHONPATH", ""),
-    ]
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, folders)))
-    environment |= {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        # Nobody else's graph.
-        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
-    }
-    return python, environment
 
 
 @pytest.mark.slow
@@ -155,7 +124,7 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
         for marker, id, way in zip(
             message["markers"], forecast.ids.tolist(), path, strict=True
         ):
-            assert marker["ns"] == f"NeuroSyM/{id}"
+            assert marker["ns"] == f"{MODEL.name}/{id}"
             assert (marker["type"], marker["frame_id"]) == (4, "odom")
             assert_allclose(marker["points"], way, atol=1e-4)
 
