@@ -28,7 +28,7 @@ from neurosym_jax.forecasting.model import (
     warn_of_tracking_errors,
 )
 from neurosym_jax.forecasting.noise import draw_noise
-from neurosym_jax.forecasting.tracking_errors import repair_tracks
+from neurosym_jax.forecasting.tracking_errors import repair_tracks, settle
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
 __all__ = [
@@ -52,11 +52,12 @@ def predict_scenes(
     seed: int = 0,
     recording: str = "",
     frames: Sequence[int] | None = None,
+    repair: bool = False,
 ) -> list[np.ndarray]:
     """`predict` for many scenes `[N_i, obs_len, 2]`, scenes of one padded size at once.
 
     Forecast i equals `predict(model, observed[i], frame=frames[i], ...)` up to float
-    rounding; `frames` are 0, 1, 2, ... by default. All forecasts are in memory
+    rounding; `frames` are 0, 1, 2, ... by default, `repair` is that of `predict`. All forecasts are in memory
     together, 16 pred_len bytes for each sample of a person; pass larger numbers of
     scenes in parts, with the `frames` of each.
 
@@ -80,12 +81,17 @@ def predict_scenes(
     bounds = np.cumsum([0, *map(len, scenes)])
     identity = scene_identity(recording, np.asarray(frames))
     agents = np.arange(bounds[-1])
-    tracks = np.concatenate(scenes)
-    warn_of_tracking_errors(tracks, model.config.period, "observed")
-    tracks, offset = repair_tracks(tracks, model.config.period)
+    tracks, period = np.concatenate(scenes), model.config.period
+    repaired = repair_tracks(tracks, period) if repair else None
+    if repair or model.forecaster.repairs:
+        warn_of_tracking_errors(tracks, period, "observed")
+    if repaired is not None:
+        tracks = repaired.tracks
     windows = Windows(tracks, agents, bounds, identity, model.config.obs_len)
     futures, _ = forecast_windows(model, windows, make_batches(windows), samples, seed)
-    return np.split(futures + offset[:, None], bounds[1:-1], axis=1)
+    if repaired is not None:
+        futures = settle(futures, repaired, period)
+    return np.split(futures, bounds[1:-1], axis=1)
 
 
 def forecast_windows(

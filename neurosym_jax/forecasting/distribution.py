@@ -25,6 +25,7 @@ def predict_distribution(
     seed: int = 0,
     recording: str = "",
     frame: int = 0,
+    repair: bool = False,
 ) -> np.ndarray:
     """Equally probable futures of one scene, for probabilities, regions and risks.
 
@@ -39,6 +40,7 @@ def predict_distribution(
         seed: with `recording` and `frame`, determines the draws.
         recording: name of the recording.
         frame: index of the first observed step in the recording.
+        repair: as in `predict`.
 
     Returns:
         [n, N, pred_len, 2] float64 metres.
@@ -47,8 +49,10 @@ def predict_distribution(
         InputError: as `predict`.
     """
     refuse(Count, {"draws": draws})
-    scene = checked_scene(model, observed, recording, frame)
-    forecaster = SceneForecaster(model.forecaster, model.params, samples=1, seed=seed)
+    scene = checked_scene(model, observed, recording, frame, repair)
+    forecaster = SceneForecaster(
+        model.forecaster, model.params, samples=1, seed=seed, repair=repair
+    )
     return draw_futures(forecaster, scene, draws)
 
 
@@ -58,13 +62,25 @@ def draw_futures(forecaster: SceneForecaster, scene: Scene, count: int) -> np.nd
     refuse_many(forecaster.forecaster, count, slots)
     padded = forecaster.forecaster.prepared(pad_scene(scene.bare(), slots))
     futures = _draw(
-        forecaster.forecaster, forecaster.params, padded, forecaster.key, count
+        forecaster.forecaster,
+        forecaster.params,
+        padded,
+        forecaster.key,
+        count,
+        forecaster.repair,
     )
     return to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 4))
+@functools.partial(jax.jit, static_argnums=(0, 4, 5))
 def _draw(
-    forecaster: Forecaster, params: Any, scene: Scene, key: Array, count: int
+    forecaster: Forecaster,
+    params: Any,
+    scene: Scene,
+    key: Array,
+    count: int,
+    repair: bool,
 ) -> Array:
+    if repair:
+        return forecaster.repaired_distribution(params, scene, key, count)
     return forecaster.distribution(params, scene, key, count)

@@ -20,7 +20,7 @@ from jax import Array
 from neurosym_jax.configuration import Checked, Rule, Size, differences
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.noise import NoiseSpec, scene_noise
-from neurosym_jax.forecasting.tracking_errors import repair_scene
+from neurosym_jax.forecasting.tracking_errors import repair_scene, settle
 from neurosym_jax.plugins import Registry
 from neurosym_jax.runtime.process import refuse_beyond_memory, refuse_forked
 from neurosym_jax.scene import Scene
@@ -113,6 +113,11 @@ class Forecaster(abc.ABC):
         return True
 
     @property
+    def repairs(self) -> bool:
+        """Whether `forecast` itself repairs tracking errors; by default it takes all positions."""
+        return False
+
+    @property
     def unfit(self) -> str:
         """Why it cannot forecast scenes of its own, in words; empty if it can."""
         return ""
@@ -147,12 +152,32 @@ class Forecaster(abc.ABC):
     def representatives(
         self, params: Any, scene: Scene, noise: Array
     ) -> Representatives:
-        """`forecast`, and the probabilities [k] of its samples; None where all have the same.
+        """`forecast`, and the probabilities [k] of its samples; None where all have the same."""
+        return self.forecast(params, scene, noise), None
 
-        By default tracking errors are repaired before, see `repair_scene`.
+    def repaired_representatives(
+        self, params: Any, scene: Scene, noise: Array
+    ) -> Representatives:
+        """`representatives` given plausible tracks in place of tracking errors.
+
+        See `repair_tracks`: forecasts begin at the reported positions all the same. A
+        family that `repairs` tracks itself sees them as they are.
         """
-        scene, offset = repair_scene(scene, self.config.period)
-        return self.forecast(params, scene, noise) + offset[None, :, None], None
+        if self.repairs:
+            return self.representatives(params, scene, noise)
+        scene, repair = repair_scene(scene, self.config.period)
+        samples, probability = self.representatives(params, scene, noise)
+        return settle(samples, repair, self.config.period), probability
+
+    def repaired_distribution(
+        self, params: Any, scene: Scene, key: Array, count: int
+    ) -> Array:
+        """`distribution` given plausible tracks, as `repaired_representatives`."""
+        if self.repairs:
+            return self.distribution(params, scene, key, count)
+        scene, repair = repair_scene(scene, self.config.period)
+        draws = self.distribution(params, scene, key, count)
+        return settle(draws, repair, self.config.period)
 
     def distribution(self, params: Any, scene: Scene, key: Array, count: int) -> Array:
         """Equally probable draws [n, N, pred_len, 2] of one scene.

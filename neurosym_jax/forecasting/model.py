@@ -27,11 +27,7 @@ from neurosym_jax.forecasting.forecaster import (
     refuse_many,
 )
 from neurosym_jax.forecasting.noise import scene_noise
-from neurosym_jax.forecasting.tracking_errors import (
-    TOP_CHANGE,
-    TOP_SPEED,
-    repair_tracks,
-)
+from neurosym_jax.forecasting.tracking_errors import repair_tracks, was_repaired
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
 from neurosym_jax.symbolic.weighting import Weighting
@@ -133,13 +129,26 @@ def _digest(*contents: bytes) -> str:
 class SceneForecaster:
     """k futures of each scene it is called with, by one compiled program a bucket of sizes."""
 
-    def __init__(self, forecaster: Forecaster, params: Any, *, samples: int, seed: int):
-        """Move `params` to the device; nothing is compiled yet."""
+    def __init__(
+        self,
+        forecaster: Forecaster,
+        params: Any,
+        *,
+        samples: int,
+        seed: int,
+        repair: bool = False,
+    ):
+        """Move `params` to the device; nothing is compiled yet.
+
+        With `repair`, every forecaster is given plausible tracks in place of tracking
+        errors, see `repair_tracks`.
+        """
         refuse(Count, {"samples": samples})
         refuse(Seed, {"seed": seed})
         self.forecaster = forecaster
         self.samples = forecaster.count(samples)
         refuse_many(forecaster, self.samples, 1)
+        self.repair = repair
         self.params = jax.device_put(params)
         self.key = jax.random.key(seed)
 
@@ -157,7 +166,7 @@ class SceneForecaster:
         if spec.dim:
             agents = slots if spec.per_agent else 1
             noise = _noise(spec, self.key, padded.identity, self.samples, agents)
-        return forecast_scene(self.forecaster, self.params, padded, noise)
+        return forecast_scene(self.forecaster, self.params, padded, noise, self.repair)
 
     @staticmethod
     def finish(
@@ -175,11 +184,20 @@ class SceneForecaster:
         )
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jax.jit, static_argnums=(0, 4))
 def forecast_scene(
-    forecaster: Forecaster, params: Any, scene: Scene, noise: Any
+    forecaster: Forecaster,
+    params: Any,
+    scene: Scene,
+    noise: Any,
+    repair: bool = False,
 ) -> Representatives:
-    """`forecaster.representatives`, compiled; equal forecasters share the program."""
+    """`forecaster.representatives`, compiled; equal forecasters share the program.
+
+    With `repair`, its `repaired_representatives`.
+    """
+    if repair:
+        return forecaster.repaired_representatives(params, scene, noise)
     return forecaster.representatives(params, scene, noise)
 
 
@@ -198,6 +216,7 @@ def predict(
     seed: int = 0,
     recording: str = "",
     frame: int = 0,
+    repair: bool = False,
 ) -> np.ndarray:
     """Forecast one scene in the caller's own frame.
 
@@ -208,6 +227,9 @@ def predict(
         seed: with `recording` and `frame`, determines the noise.
         recording: name of the recording.
         frame: index of the first observed step in the recording.
+        repair: give plausible tracks in place of tracking errors (see `repair_tracks`)
+            to a network that takes positions as they are, SGAN's or NeuroSyM's. Anchors
+            always see plausible tracks.
 
     Returns:
         [k, N, pred_len, 2] float64 metres.
@@ -216,9 +238,16 @@ def predict(
         InputError: for a wrong shape, an unusable coordinate, a number out of range, or
             a trace of jax's (`jit`, `vmap`, `grad`).
     """
-    return predict_representatives(
-        model, observed, samples=samples, seed=seed, recording=recording, frame=frame
-    )[0]
+    futures, _ = predict_representatives(
+        model,
+        observed,
+        samples=samples,
+        seed=seed,
+        recording=recording,
+        frame=frame,
+        repair=repair,
+    )
+    return futures
 
 
 def predict_representatives(
@@ -229,6 +258,7 @@ def predict_representatives(
     seed: int = 0,
     recording: str = "",
     frame: int = 0,
+    repair: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The futures that `predict` returns, and their probabilities [k].
 
@@ -242,9 +272,9 @@ def predict_representatives(
     Raises:
         InputError: as `predict`.
     """
-    scene = checked_scene(model, observed, recording, frame)
+    scene = checked_scene(model, observed, recording, frame, repair)
     forecaster = SceneForecaster(
-        model.forecaster, model.params, samples=samples, seed=seed
+        model.forecaster, model.params, samples=samples, seed=seed, repair=repair
     )
     futures, probability = forecaster.finish(forecaster.start(scene), scene)
     return futures, np.full(
@@ -253,7 +283,7 @@ def predict_representatives(
 
 
 def checked_scene(
-    model: Model, observed: ArrayLike, recording: str, frame: int
+    model: Model, observed: ArrayLike, recording: str, frame: int, repair: bool = False
 ) -> Scene:
     """The scene that `predict` forecasts from `observed [N, obs_len, 2]`.
 
@@ -266,26 +296,37 @@ def checked_scene(
         )
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")
-    warn_of_tracking_errors(
-        np.asarray(scene.observed), model.config.period, "observed", 4
-    )
+    if repair or model.forecaster.repairs:
+        observed = np.asarray(scene.observed)
+        warn_of_tracking_errors(observed, model.config.period, "observed", 4)
     return scene
 
 
 def warn_of_tracking_errors(
     observed: np.ndarray, period: float, name: str, stacklevel: int = 3
 ) -> None:
-    """Warn of positions in `observed [N, T, 2]`, called `name`, that no person can have reached.
+    """Warn of agents in `observed [N, T, 2]`, called `name`, whose tracks are repaired.
 
     Warns:
-        InputWarning: naming the agents.
+        InputWarning: naming the agents, and those without any plausible step.
     """
-    track, offset = repair_tracks(observed, period)
-    agents = np.flatnonzero((track != observed).any((1, 2)) | offset.any(1)).tolist()
+    repair = repair_tracks(observed, period)
+    changed = was_repaired(observed, period)
+    agents = np.flatnonzero(changed & ~repair.lost).tolist()
+    lost = np.flatnonzero(repair.lost).tolist()
+    texts = []
     if agents:
-        text = f"{name}: agents {reprlib.repr(agents)[1:-1]} have steps beyond {TOP_SPEED:g} m/s, "
-        text += f"or changes beyond {TOP_CHANGE:g} m/s within a step: taken for tracking errors"
-        warnings.warn(text, InputWarning, stacklevel=stacklevel)
+        texts.append(
+            f"agents {reprlib.repr(agents)[1:-1]} have steps that contradict those "
+            "around them: taken for tracking errors and replaced"
+        )
+    if lost:
+        texts.append(
+            f"agents {reprlib.repr(lost)[1:-1]} have no plausible step: they are "
+            "forecast to go anywhere (are positions in metres?)"
+        )
+    if texts:
+        warnings.warn(f"{name}: {'; '.join(texts)}", InputWarning, stacklevel)
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:

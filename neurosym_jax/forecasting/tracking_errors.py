@@ -1,14 +1,23 @@
-"""Positions that no person can have reached: how a network sees a track with tracking errors.
+"""Tracking errors: steps that contradict the steps around them, and what replaces them.
 
-A step is an error beyond `TOP_SPEED`, or where its velocity differs by more than
-`TOP_CHANGE` from that of the steps beside it and of the track's typical step. A
-position between two such steps is interpolated if that mends both; another such step is
-replaced by the last plausible one before it, or the first one after it. A jump at the
-last step is not confirmed by a later position: neighbours see the agent where it would
-be without it, and its own forecast begins at the reported position.
+A step is an error because it is inconsistent, not because it is fast. Consecutive steps
+whose velocity changes by no more than `TOP_CHANGE` (somewhat more of a fast agent)
+belong together. The run of steps around the track's typical step is believed where
+enough steps agree with it, at any speed up to `FASTEST`, and it says how fast the agent
+can be: a step is an error beyond that, or where it differs both from the steps beside
+it and from the typical one.
+
+A position between two such steps is interpolated if that mends both; another such step
+is replaced by the last plausible one before it, or the first one after it. A jump at
+the last step is not confirmed by a later position: neighbours see the agent where it
+would be without it, and its own forecast begins at the reported position. Of an agent
+without any plausible step nothing is known but the position, and its forecast is as
+wide as what people do, see `unknown_motion`.
+
+Nothing here is applied to networks of SGAN and NeuroSyM unless it is asked for.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,48 +26,65 @@ from jax import Array
 from neurosym_jax.scene import AnyArray, Scene
 
 __all__ = [
+    "FAST",
+    "FASTEST",
     "TOP_CHANGE",
     "TOP_SPEED",
+    "Repair",
+    "expansion_of",
     "limit_displacement",
     "repair_scene",
     "repair_tracks",
+    "settle",
+    "unknown_motion",
+    "was_repaired",
 ]
 
+FAST = 3.0
+"""Speed beyond which an agent's own motion is scaled down to it for a network, m/s: networks
+learn from people who walk."""
 TOP_SPEED = 4.0
-"""Largest speed that models take for a person's, m/s: a fast run."""
+"""Speed that a step may have whatever the others are, m/s: a fast run."""
+FASTEST = 20.0
+"""Largest speed of anybody under their own power, m/s: a bicycle downhill. Pixels are faster."""
 TOP_CHANGE = 1.8
 """Largest change of velocity from one step to the next, m/s: a fast walk to a stand."""
+CHANGE_SHARE, FAST_CHANGE = 0.3, 2.4
+"""The same of the fast, a share of the typical speed up to 2.4 m/s: a cyclist who brakes or turns
+hard. An error of 1 m changes the velocity by 2.5 m/s at a step of 0.4 s."""
+HEADROOM = 1.5
+"""How much faster than the believed steps another step may be."""
+WITNESSES = 3
+"""Steps that must agree for a speed beyond `TOP_SPEED`, or most of fewer steps."""
+STRIDE = 2.0
+"""Largest speed in `unknown_motion`, m/s: a fast walk."""
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+"""Angle between consecutive points of a sunflower, radians."""
 
 
-def repair_tracks(observed: AnyArray, period: float) -> tuple[Any, Any]:
-    """Plausible tracks, and how far the reported last positions lie from theirs.
+class Repair(NamedTuple):
+    """Plausible tracks of N agents, and what is known of the reported ones."""
+
+    tracks: Any
+    """[N, T, 2] metres."""
+    offset: Any
+    """[N, 2] metres from the last position of `tracks` to the reported one; 0 unless the last
+    step is an error."""
+    lost: Any
+    """[N] bool, no step is plausible: the track stands, and nothing is known of its motion."""
+
+
+def repair_tracks(observed: AnyArray, period: float) -> Repair:
+    """Replace the steps of `observed [N, T, 2]` that are tracking errors, see the module.
 
     Args:
         observed: [N, T, 2] metres, numpy's or jax's; so are the results.
         period: of a step, seconds.
-
-    Returns:
-        Tracks [N, T, 2] and offsets [N, 2] in metres, zero unless the last step is an
-        error.
     """
     xp: Any = np if isinstance(observed, np.ndarray) else jnp
-
-    def beyond(steps: Any, speed: float) -> Any:
-        return xp.square(steps).sum(-1) > (speed * period) ** 2
-
     steps = xp.diff(observed, axis=1)
-    difference = xp.sqrt(xp.square(steps[:, :, None] - steps[:, None]).sum(-1) + 1e-6)
-    typical = xp.take_along_axis(
-        steps, difference.sum(2).argmin(1)[:, None, None], axis=1
-    )
-    turn = beyond(steps[:, 1:] - steps[:, :-1], TOP_CHANGE)
-    end = xp.ones_like(turn[:, :1])
-    sudden = xp.concatenate([end, turn], 1) & xp.concatenate([turn, end], 1)
-    wrong = beyond(steps, TOP_SPEED) | (sudden & beyond(steps - typical, TOP_CHANGE))
+    wrong, bridge, bridged = _errors(xp, steps, period)
 
-    bridge = (steps[:, 1:] + steps[:, :-1]) / 2
-    bridged = wrong[:, 1:] & wrong[:, :-1] & ~beyond(bridge, TOP_SPEED)
-    bridged &= ~beyond(bridge - typical, TOP_CHANGE)
     mended: list[Any] = []
     plausible = xp.zeros_like(wrong[:, 0])
     for number in range(steps.shape[1]):
@@ -82,27 +108,113 @@ def repair_tracks(observed: AnyArray, period: float) -> tuple[Any, Any]:
     for step in mended[::-1]:
         track.insert(0, track[0] - step)
     # A track without errors keeps its bits.
-    return xp.where(wrong.any(1)[:, None, None], xp.stack(track, 1), observed), offset
+    tracks = xp.where(wrong.any(1)[:, None, None], xp.stack(track, 1), observed)
+    return Repair(tracks, offset, ~plausible)
 
 
-def repair_scene(scene: Scene, period: float) -> tuple[Scene, Array]:
-    """The scene with plausible tracks, and offsets [N, 2] of its forecast, see `repair_tracks`."""
-    track, offset = repair_tracks(jnp.asarray(scene.observed), period)
-    repaired = (track != scene.observed).any((1, 2))[:, None, None]
+def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
+    """Which of `steps [N, S, 2]` are errors `[N, S]`, and what bridges two of them.
+
+    The bridge `[N, S - 1, 2]` is the mean of two consecutive steps; it replaces them
+    where `[N, S - 1]` says so.
+    """
+
+    def beyond(vectors: Any, speed: Any) -> Any:
+        return xp.square(vectors).sum(-1) > xp.square(speed * period)
+
+    difference = xp.sqrt(xp.square(steps[:, :, None] - steps[:, None]).sum(-1) + 1e-6)
+    middle = difference.sum(2).argmin(1)[:, None]
+    typical = xp.take_along_axis(steps, middle[..., None], axis=1)
+    typical_speed = xp.sqrt(xp.square(typical).sum(-1)) / period  # [N, 1]
+    change = xp.clip(CHANGE_SHARE * typical_speed, TOP_CHANGE, FAST_CHANGE)
+
+    turn = beyond(steps[:, 1:] - steps[:, :-1], change)
+    end = xp.ones_like(middle, bool)
+    sudden = xp.concatenate([end, turn], 1) & xp.concatenate([turn, end], 1)
+    unlike = beyond(steps - typical, change)
+
+    run = xp.cumsum(xp.concatenate([~end, turn], 1).astype(np.int32), axis=1)
+    main = run == xp.take_along_axis(run, middle, axis=1)
+    count = steps.shape[1]
+    believed = (main | ~unlike).sum(1) >= min(WITNESSES, count // 2 + 1)
+    reached = xp.sqrt(xp.where(main, xp.square(steps).sum(-1), 0).max(1)) / period
+    limit = xp.where(believed, xp.maximum(HEADROOM * reached, TOP_SPEED), TOP_SPEED)
+    limit = xp.minimum(limit, FASTEST)[:, None]
+
+    # Where too few steps agree, none is a witness.
+    wrong = beyond(steps, limit) | (sudden & unlike) | ~believed[:, None]
+    bridge = (steps[:, 1:] + steps[:, :-1]) / 2
+    mends = ~beyond(bridge, limit) & ~beyond(bridge - typical, change)
+    return wrong, bridge, wrong[:, 1:] & wrong[:, :-1] & mends
+
+
+def repair_scene(scene: Scene, period: float) -> tuple[Scene, Repair]:
+    """The scene with plausible tracks, and what was repaired, see `repair_tracks`."""
+    repair = repair_tracks(jnp.asarray(scene.observed), period)
+    track = repair.tracks
+    changed = (track != scene.observed).any((1, 2))[:, None, None]
     steps = jnp.diff(track, axis=1, prepend=track[:, :1])
-    steps = jnp.where(repaired, steps, scene.displacement)
-    return scene.replace(observed=track, displacement=steps), offset
+    steps = jnp.where(changed, steps, scene.displacement)
+    return scene.replace(observed=track, displacement=steps), repair
 
 
-def limit_displacement(forecast: Array, last: Array, period: float) -> Array:
-    """Forecast positions pulled smoothly within what `TOP_SPEED` reaches.
+def was_repaired(observed: np.ndarray, period: float) -> np.ndarray:
+    """[N] bool, which of the tracks `observed [N, T, 2]` metres have tracking errors."""
+    repair = repair_tracks(observed, period)
+    changed = (repair.tracks != observed).any((1, 2))
+    return changed | repair.offset.any(1) | repair.lost
 
-    Displacements of up to half of that are changed by less than 0.1 %.
+
+def settle(forecast: Any, repair: Repair, period: float) -> Any:
+    """`forecast [k, N, T, 2]` of the repaired tracks, from the reported positions.
+
+    Of agents without a plausible step it becomes `unknown_motion`.
+    """
+    xp: Any = np if isinstance(forecast, np.ndarray) else jnp
+    last = repair.tracks[None, :, -1, None]
+    unknown = unknown_motion(len(forecast), forecast.shape[2], period)
+    unknown = xp.asarray(unknown, forecast.dtype)[:, None] + last
+    forecast = xp.where(repair.lost[None, :, None, None], unknown, forecast)
+    return forecast + repair.offset[None, :, None]
+
+
+def expansion_of(steps: Array, period: float) -> Array:
+    """[N] factors, 1 or more, by which agents move faster than `FAST`, by their fastest step.
+
+    A network sees an agent's own motion divided by its factor, and its residual is
+    multiplied by it. `steps [N, S, 2]` are plausible ones in metres.
+    """
+    fastest = jnp.sqrt(jnp.square(steps).sum(-1).max(1) + 1e-12)
+    return jnp.maximum(fastest / (FAST * period), 1)
+
+
+def unknown_motion(count: int, steps: int, period: float) -> np.ndarray:
+    """[count, steps, 2] metres of equally probable futures of whom nothing is known.
+
+    They leave in all directions, at speeds from 0 to `STRIDE` that are equally
+    frequent.
+    """
+    number = np.arange(count)
+    angle = GOLDEN_ANGLE * number
+    speed = STRIDE * (number + 0.5) / count
+    velocity = speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    time = period * np.arange(1, steps + 1)
+    return velocity[:, None] * time[:, None]
+
+
+def limit_displacement(
+    forecast: Array, last: Array, period: float, expansion: Array
+) -> Array:
+    """Forecast positions pulled smoothly within what an agent can reach.
+
+    That is `TOP_SPEED`, or a third more than its fastest step. Displacements of up to
+    half of that are changed by less than 0.1 %.
 
     Args:
         forecast: [k, N, T, 2] metres.
         last: [N, 2] last observed positions, metres.
         period: of a step, seconds.
+        expansion: [N] of the agents, see `expansion_of`.
 
     Returns:
         [k, N, T, 2] metres.
@@ -112,7 +224,8 @@ def limit_displacement(forecast: Array, last: Array, period: float) -> Array:
     ahead = forecast - start
     # Smooth, so that 0 has a gradient.
     distance = jnp.sqrt(jnp.square(ahead).sum(-1) + 1e-6)
-    share = distance / (TOP_SPEED * time + 0.3)[None, None]
+    reach = TOP_SPEED * expansion[:, None] * time[None] + 0.3
+    share = distance / reach[None]
     # (1 + share^8)^(-1/8), written so that a large share does not overflow.
     low, high = jnp.minimum(share, 1), jnp.maximum(share, 1)
     factor = (high**-8 + low**8) ** (-1 / 8) / high

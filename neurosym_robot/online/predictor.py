@@ -20,6 +20,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.distribution import draw_futures
 from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.tracking_errors import was_repaired
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 from neurosym_robot.online.programs import Programs, When
 from neurosym_robot.online.window import Window, nearest_first
@@ -110,6 +111,7 @@ class Predictor:
         seed: int = 0,
         *,
         recording: str = "",
+        repair: bool = True,
         compile: When = "start",
         report: Callable[[str], None] = lambda text: None,
         **window: Any,
@@ -119,8 +121,9 @@ class Predictor:
         `models` are one, called by its own name, or several by name; their `samples`
         are k futures each, and the `period` in seconds is by default that of their
         training data. The nearest `max_people` are forecast. Noise depends on `seed`,
-        `recording` and the index of the first observed step, as in `predict`; `report`
-        is called with one line before each program is compiled, after which the
+        `recording` and the index of the first observed step, as in `predict`. With
+        `repair`, SGAN and NeuroSyM see plausible tracks in place of tracking errors;
+        anchors always do. `report` is called with one line before each program is compiled, after which the
         process's objects are frozen (`gc.freeze`). InputError for numbers out of range,
         no model, or models that observe different spans.
         """
@@ -156,11 +159,18 @@ class Predictor:
         """Seconds so far that forecasts waited for programs that they needed."""
         self._forecasters = {
             name: SceneForecaster(
-                model.forecaster, model.params, samples=samples, seed=seed
+                model.forecaster,
+                model.params,
+                samples=samples,
+                seed=seed,
+                repair=repair,
             )
             for name, model in self.models.items()
         }
         sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
+        self._repairs = repair or any(
+            model.forecaster.repairs for model in self.models.values()
+        )
         self.programs = Programs(sorted(sizes), compile, report, self._example)
         """What is compiled for these forecasts, and for what is computed of them."""
 
@@ -209,6 +219,9 @@ class Predictor:
         if not len(people):
             return None
         index, stamp = self.window.index, self.window.stamp
+        if self._repairs:
+            changed = was_repaired(observed, self.window.period)
+            self.health["repaired"] += int(changed.sum())
         models = self._forecast(observed, index - self.window.steps + 1, slots)
         took = time.perf_counter() - began - (self.waited - waited)
         return Forecast(

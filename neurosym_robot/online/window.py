@@ -27,6 +27,7 @@ HEALTH = {
     "bad_positions": "people refused: a coordinate is not finite",
     "far_positions": "people left out: a coordinate is 3000 m or beyond",
     "jumps": "people faster than 5 m/s, who begin a new track",
+    "repaired": "people forecast without their tracking errors, once in each forecast",
     "refused": "people refused: `max_tracks` are followed already",
     "forgotten": "tracks not seen for `timeout`",
 }

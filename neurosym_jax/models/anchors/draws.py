@@ -115,7 +115,7 @@ def pair_terms(
     Of each point of `near [N, M]` (third axis) and of the person itself (fourth), where
     `present [N, M]`; `points` are [P, N, T, 2] metres, with steps of `period` seconds.
     """
-    observed, offset = repair_tracks(jnp.asarray(scene.observed), period)
+    observed, offset, _ = repair_tracks(jnp.asarray(scene.observed), period)
     companionship = jnp.where(present, _companionship(observed, near, period), 0)
     total = jnp.maximum(companionship.sum(1), 1)
     # Of a stream of people, all hold a person as one companion does.

@@ -51,6 +51,11 @@ class AnchorTableForecaster(Forecaster):
         """The table has the same offsets for everybody."""
         return False
 
+    @property
+    def repairs(self) -> bool:
+        """Table and network see plausible tracks, see `repair_tracks`."""
+        return True
+
     def init(self, key: Array) -> Any:
         """See `Forecaster.init`."""
         observed, valid = jnp.zeros((1, self.config.obs_len, 2)), jnp.ones(1, bool)
@@ -177,7 +182,7 @@ def neighbours(scene: Scene, radius: float, period: float) -> np.ndarray:
     from scipy.spatial import KDTree  # It takes a third of a second to import.
 
     valid = np.flatnonzero(scene.valid)
-    last = repair_tracks(np.asarray(scene.observed)[valid], period)[0][:, -1]
+    last = repair_tracks(np.asarray(scene.observed)[valid], period).tracks[:, -1]
     pairs = valid[KDTree(last).query_pairs(radius, output_type="ndarray")]
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     agent, other = pairs[np.argsort(pairs[:, 0], kind="stable")].T

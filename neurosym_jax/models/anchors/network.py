@@ -28,7 +28,12 @@ from jax import Array
 from neurosym_jax.configuration import Positive, Rule, Size
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.tracking_errors import limit_displacement, repair_tracks
+from neurosym_jax.forecasting.tracking_errors import (
+    expansion_of,
+    limit_displacement,
+    repair_tracks,
+    settle,
+)
 from neurosym_jax.models.anchors.frames import (
     SLOW,
     attend,
@@ -93,7 +98,9 @@ class AnchorTable(nn.Module):
         `AnchorNetwork`.
         """
         config = self.config
-        observed, offset = repair_tracks(observed, config.period)
+        repair = repair_tracks(observed, config.period)
+        observed = repair.tracks
+        expansion = expansion_of(jnp.diff(observed, axis=1), config.period)
         mix = self.param("mix", nn.initializers.constant(0.8), ())
         mean = (observed[:, -1] - observed[:, -4]) / 3
         velocity = mix * (observed[:, -1] - observed[:, -2]) + (1 - mix) * mean
@@ -109,8 +116,9 @@ class AnchorTable(nn.Module):
         residual = turned(moving * scale[None] + still_anchor, heading[None], 1)
         likely = jnp.full(config.samples, -np.log(config.samples), observed.dtype)
         forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
-        forecast = limit_displacement(forecast, observed[:, -1], config.period)
-        forecast = forecast + offset[None, :, None]
+        last = observed[:, -1]
+        forecast = limit_displacement(forecast, last, config.period, expansion)
+        forecast = settle(forecast, repair, config.period)
         return AnchorForecast(forecast, likely, forecast[:0])
 
 
@@ -184,8 +192,13 @@ class AnchorNetwork(nn.Module):
         training, counted and unseen.
         """
         config = self.config
-        observed, offset = repair_tracks(observed, config.period)
+        repair = repair_tracks(observed, config.period)
+        observed = repair.tracks
         hertz, steps = 1 / config.period, jnp.diff(observed, axis=1)
+        # A network that learned from people who walk sees a cyclist's motion scaled
+        # down to theirs, and what it says of it is scaled up again.
+        expansion = expansion_of(steps, config.period)
+        steps = steps / expansion[:, None, None]
         velocity, roughness = self.velocity(steps)
         speed, heading = length(velocity), heading_of(velocity, SLOW * config.period)
         walking = jnp.square(heading).sum(-1)
@@ -199,6 +212,7 @@ class AnchorNetwork(nn.Module):
         ]
         state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
         if config.interacts:
+            # Not the true velocity: of whom a network never saw, others would go astray.
             pairs, gate, crowd = config.pair_features(
                 observed, velocity, heading, valid, near
             )
@@ -220,16 +234,21 @@ class AnchorNetwork(nn.Module):
             hidden = nn.relu(_dense(POINT_DIM, "point_hidden")(state))
             points = curves(hidden, config.points, "point_")
             residual = jnp.concatenate([residual, points])
+        velocity = velocity * expansion[:, None]
+        residual = residual * expansion[None, :, None, None]
         forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
-        forecast = limit_displacement(forecast, observed[:, -1], config.period)
-        forecast = forecast + offset[None, :, None]
+        last = observed[:, -1]
+        forecast = limit_displacement(forecast, last, config.period, expansion)
+        samples, points = (
+            settle(part, repair, config.period)
+            for part in (forecast[: config.samples], forecast[config.samples :])
+        )
 
         score = jnp.where(
             valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0
         )
         score = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
         score = self.param("prior", nn.initializers.zeros, (config.samples,)) + score
-        samples, points = forecast[: config.samples], forecast[config.samples :]
         return AnchorForecast(samples, nn.log_softmax(score), points)
 
     def _curves(
