@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +15,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.compare import write_report
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.sgan.network import GeneratorConfig
+from neurosym_jax.runtime.files import write_json
 from tests.networks import random_model
 
 NETWORK = GeneratorConfig(
@@ -101,3 +103,34 @@ def test_a_model_is_there_whole_or_not_at_all(tmp_path):
             shutil.rmtree(folder)
 
     every_fault(lambda: save_model(folder, model), check)
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="no /proc here")
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_is_renamed_is_on_the_disk_before_and_its_folder_after(
+    tmp_path, monkeypatch, kind
+):
+    """Else a power cut leaves a name without its content."""
+    events = []
+    sync, replace = os.fsync, os.replace
+
+    def fsync(handle):
+        events.append(("sync", os.readlink(f"/proc/self/fd/{handle}")))
+        sync(handle)
+
+    def replaced(source, target):
+        events.append(("replace", str(target)))
+        inside = Path(source).rglob("*") if Path(source).is_dir() else ()
+        needed = [str(source), *map(str, inside)]
+        synced = [path for event, path in events if event == "sync"]
+        assert set(needed) <= set(synced)
+        replace(source, target)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(os, "replace", replaced)
+    target = tmp_path / "target"
+    if kind == "file":
+        write_json(target, [1])
+    else:
+        save_model(target, random_model(NETWORK))
+    assert events[-2:] == [("replace", str(target)), ("sync", str(tmp_path))]

@@ -17,6 +17,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ from neurosym_jax.forecasting.parameters import (
     shapes_of,
 )
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.files import new_file, new_folder, replaced_folder
+from neurosym_jax.runtime.files import new_folder, replaced_folder
 
 __all__ = ["load_model", "replace_card", "save_model"]
 
@@ -115,13 +116,16 @@ def save_model(
 
 
 def replace_card(folder: Path, card: str) -> None:
-    """Replace the card of the model in `folder`, whose digest follows."""
+    """Replace the card of the model in `folder`, whose digest follows.
+
+    The folder is replaced whole: a card without its digest would be a damaged model.
+    """
     _, rest = _read_config(folder)
-    with new_file(folder / CARD) as beside:
-        data = parse_json(b"{" + rest, CONFIG).get("data", {})
-        beside.write_text(_headed(card, data), encoding="utf-8")
-    with new_file(folder / CONFIG) as beside:
-        _write_config(beside, folder, rest)
+    data = parse_json(b"{" + rest, CONFIG).get("data", {})
+    with replaced_folder(folder) as beside:
+        shutil.copyfile(folder / PARAMS, beside / PARAMS)
+        (beside / CARD).write_text(_headed(card, data), encoding="utf-8")
+        _write_config(beside / CONFIG, beside, rest)
 
 
 def load_model(

@@ -9,6 +9,7 @@ import errno
 import hashlib
 import json
 import os
+import re
 import secrets
 import shutil
 import tempfile
@@ -25,6 +26,7 @@ __all__ = [
     "new_file",
     "new_folder",
     "refuse_unwritable",
+    "remove_half_written",
 ]
 __all__ += ["replaced_folder", "write_json", "write_text"]
 
@@ -99,6 +101,20 @@ def _beside(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
                 _sync(content)
             _replace(beside, path)
             _sync(path.parent)
+
+
+def remove_half_written(folder: Path, stems: str) -> None:
+    """Remove what a process that was killed has left of files and folders in `folder`.
+
+    `stems` is a pattern of their names without ending. Nobody else may write there.
+    """
+    pattern = re.compile(rf"\.({stems})\.[0-9a-f]{{8}}(\.\w+)?")
+    if not folder.is_dir():
+        return
+    for path in [path for path in folder.iterdir() if pattern.fullmatch(path.name)]:
+        shutil.rmtree(path, ignore_errors=True)
+        with contextlib.suppress(OSError):  # It was a folder.
+            path.unlink()
 
 
 def write_text(path: Path | str, text: str) -> None:

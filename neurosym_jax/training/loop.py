@@ -203,6 +203,9 @@ def train_run(
         batches, advice = make_batches(run.validation), Advice(run)
         session = _begin(run, folder, record if resume else None)
         files.begin(session.rows)
+        if session.rows and not files.finished:
+            # A run may end between a state and its model.
+            files.keep(session.best, best_row(session.rows))
 
         def validated(state: TrainState, row: Row) -> Row:
             with progress.compiling(VALIDATION):
@@ -211,15 +214,20 @@ def train_run(
         def with_row(session: _Session, state: TrainState, row: Row) -> _Session:
             """The session after a row, told and, where it was validated, saved."""
             rows, best = (*session.rows, row), session.best
-            if best_row(rows) is row:
+            is_best = best_row(rows) is row
+            if is_best:
                 best = _kept(run, state)
+            if "val_score" in row:
+                state = jax.tree.map(np.array, state)
+                saved = {**record, "rows": rows, "is_slower": session.is_slower}
+                # The state first: a run that ends here goes on from it. A model without
+                # a state could only be thrown away.
+                save_state(folder / "checkpoints", row["step"], (state, best), saved)
+            if is_best:
                 files.keep(best, row)
             files.add(row)
             on_row(row)
             if "val_score" in row:
-                state = jax.tree.map(np.array, state)
-                saved = {**record, "rows": rows, "is_slower": session.is_slower}
-                save_state(folder / "checkpoints", row["step"], (state, best), saved)
                 advice(rows)
             progress.go_to(row["step"], row)
             return _Session(state, best, rows, session.is_slower)

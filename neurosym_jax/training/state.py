@@ -21,7 +21,12 @@ import optax
 from jax import Array
 
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.runtime.files import folder_digest, new_folder, refuse_unwritable
+from neurosym_jax.runtime.files import (
+    folder_digest,
+    new_folder,
+    refuse_unwritable,
+    remove_half_written,
+)
 from neurosym_jax.symbolic.soft import safe_root
 from neurosym_jax.training.batches import Groups, augment
 from neurosym_jax.training.recipe import Recipe
@@ -222,6 +227,10 @@ def variety_loss(
 # to a folder.
 
 STATE, RECORD, DIGEST = "state", "record.json", "sha256"
+CHECKPOINTS = "checkpoints"
+"""The folder of states in that of a run."""
+WRITTEN = r"step_\d+|model|recipe|metrics|curves|run"
+"""Stems of what a training writes, as a pattern."""
 SPARE = 2**20
 """Bytes beyond the arrays that a state may need on the disk."""
 
@@ -245,8 +254,6 @@ def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> N
     # In the background, Orbax waits twenty minutes for a folder that cannot be made.
     context.asynchronous.create_directories_asynchronously = False
     try:
-        for left in folder.glob(".step_*"):  # By a process that was killed.
-            shutil.rmtree(left)
         with new_folder(path) as new:
             # Asked before, because Orbax prints thirty tracebacks on a full disk.
             if (
@@ -326,6 +333,8 @@ def sole_writer(folder: Path) -> Iterator[None]:
             pass
         except BlockingIOError:
             raise InputError(f"{folder}: another process is training there") from None
+        for part in (folder, folder / CHECKPOINTS):
+            remove_half_written(part, WRITTEN)
         yield
 
 

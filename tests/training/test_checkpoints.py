@@ -17,7 +17,7 @@ import pytest
 from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.training.state import restore_state, save_state
+from neurosym_jax.training.state import restore_state, save_state, sole_writer
 
 
 def state_of(seed):
@@ -121,7 +121,6 @@ def test_the_newest_are_kept_and_training_goes_on_after_damage(
     tmp_path, two_steps, capsys
 ):
     folder = shutil.copytree(two_steps, tmp_path / "run")
-    (folder / ".step_00000003.killed").mkdir()
     save_state(folder, 3, state_of(3), {})
     assert names(folder) == ["step_00000002", "step_00000003"]  # The two newest.
     shutil.rmtree(folder)
@@ -134,6 +133,20 @@ def test_the_newest_are_kept_and_training_goes_on_after_damage(
         (folder / name / "record.json").unlink()
     assert restore_state(folder, state_of(0)) is None
     assert capsys.readouterr().err.count("warning: ") == 3
+
+
+def test_what_a_killed_process_left_half_written_goes_at_the_next_start(tmp_path):
+    """And nothing that a user may have put there."""
+    left = [".model.0123abcd", "checkpoints/.step_00000003.0123abcd"]
+    kept = [".notes.0123abcd", ".model.mine", "checkpoints/.step_notes", "model"]
+    for name in [*left, *kept]:
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / ".metrics.0123abcd.jsonl").write_text("{")
+    with sole_writer(tmp_path):
+        present = {
+            path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")
+        }
+    assert present == {*kept, ".lock", "checkpoints"}
 
 
 @pytest.mark.parametrize(
