@@ -73,6 +73,7 @@ from neurosym_jax.forecasting.model import Model  # noqa: E402
 from neurosym_jax.models.sgan.network import GeneratorConfig  # noqa: E402
 from neurosym_jax.simulation import scenarios  # noqa: E402
 from tests.networks import random_model  # noqa: E402
+from tests.registrations import restored_registrations  # noqa: E402
 
 jax.config.update("jax_debug_nans", True)
 # Commands simulate their default data, here once.
@@ -110,6 +111,20 @@ def pytest_collection_modifyitems(
         ]
         config.hook.pytest_deselected(items=left)
         items[:] = [item for item in items if item not in left]
+
+
+@pytest.fixture(autouse=True)
+def _registrations():
+    """What a test registers is gone after it."""
+    with restored_registrations():
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _registrations_of_a_module():
+    """What fixtures of a module register is gone after its last test."""
+    with restored_registrations():
+        yield
 
 
 @pytest.fixture(scope="session")

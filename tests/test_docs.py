@@ -1,10 +1,9 @@
 """Pages are few, short and linked, and what they point to and name is there."""
 
 import re
-from unittest import mock
 
 from neurosym_jax.__main__ import commands
-from neurosym_jax.data.recordings import FORMATS, read_any
+from neurosym_jax.data.recordings import read_any
 from neurosym_jax.data.tables import ReadOptions
 from tests.commands.walk import options_of
 from tests.repository import ROOT
@@ -25,10 +24,9 @@ def test_the_format_of_the_page_reads_a_file(tmp_path):
     assert code
     file = tmp_path / "a.txt"
     file.write_text("pipes\n0|7|1|2\n0.4|7|1.5|2\n")
-    with mock.patch.dict(FORMATS):
-        exec(code[1], {"__name__": "pipes"})
-        (tracks,) = read_any(file, ReadOptions(format="pipes,shift=10"))
-        assert read_any(file)[0].position.tolist() == [[1, 2], [1.5, 2]]
+    exec(code[1], {"__name__": "pipes"})
+    (tracks,) = read_any(file, ReadOptions(format="pipes,shift=10"))
+    assert read_any(file)[0].position.tolist() == [[1, 2], [1.5, 2]]
     assert tracks.position.tolist() == [[11, 2], [11.5, 2]]
 
 

@@ -1,7 +1,6 @@
 """Names are registered once, plugins imported once, and a missing plugin is named."""
 
 import dataclasses
-from unittest import mock
 
 import pytest
 
@@ -9,9 +8,10 @@ from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.plugins import Registry, load_plugin, loaded
-from neurosym_jax.symbolic.weighting import WEIGHTINGS, register_weighting
+from neurosym_jax.symbolic.weighting import register_weighting
 from neurosym_jax.training.run import make_config
 from tests.networks import random_model
+from tests.registrations import restored_registrations
 
 MISSING = "unknown weighting 'nearness'"
 
@@ -19,7 +19,7 @@ MISSING = "unknown weighting 'nearness'"
 def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeypatch):
     """Every command says it; nothing that a model's folder names is imported."""
     model = tmp_path / "model"
-    with mock.patch.dict(WEIGHTINGS):
+    with restored_registrations():
         register_weighting("nearness", log_reach=0.0)(
             lambda positions, valid, log_reach: 0
         )

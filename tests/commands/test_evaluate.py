@@ -2,17 +2,15 @@ import dataclasses
 import hashlib
 import json
 import warnings
-from unittest import mock
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from neurosym_jax import evaluation
-from neurosym_jax.commands import evaluate
 from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.evaluation.metrics import METRICS, register_metric
+from neurosym_jax.evaluation.metrics import register_metric
 from neurosym_jax.evaluation.tables import rows_frame
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
@@ -26,14 +24,14 @@ ZOO = {
 
 
 @pytest.fixture
-def options(tmp_path, monkeypatch):
-    """Options that write below `tmp_path`; no model ships."""
-    monkeypatch.setattr(evaluate, "shipped_models", list)
-    monkeypatch.setattr(evaluate, "default_models", lambda *_: [])
+def options(tmp_path):
+    """Options that write below `tmp_path`, of 8 + 7 steps, which no model has that ships."""
 
     def make(**fields):
         names = ("constant_velocity", "constant_velocity_sampled")
         usual = {"json": tmp_path / "rows.json", "figures": False, "baselines": names}
+        if "checkpoint" not in fields:
+            usual["pred_len"] = 7
         return Options(**(usual | fields))
 
     return make
@@ -143,15 +141,15 @@ def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
         assert row["joint_ade_low"] < row["joint_ade"] < row["joint_ade_high"]
         assert row["joint_ade"] >= row["marginal_ade"] - 1e-9
     assert [path.name for path in (tmp_path / "figures").iterdir()] == [
-        "cross-path_8_8.png"
+        "cross-path_8_7.png"
     ]
     out, err = capsys.readouterr()
     for text in (
-        "cross-path: 8 + 8 steps, 572 scenes, 1144 people",
+        "cross-path: 8 + 7 steps, 574 scenes, 1148 people",
         "these are the baselines",
     ):
         assert text in out
-    assert "cross-path_8_8.png" in out
+    assert "cross-path_8_7.png" in out
     assert "Next:" not in out
     assert "evaluating" not in err  # No progress bar where no terminal is.
 
@@ -226,7 +224,9 @@ def test_joint_metrics_matter_counts_these_windows(shared, options):
         "baselines": ("constant_velocity",),
         "collisions": False,
     }
-    rows = run(options(data=shared / "data/eth_ucy", **fields))
+    table = ("anchor_table_general_12",)  # The fastest that forecasts 12 steps.
+    tested = run(options(checkpoint=table, data=shared / "data/eth_ucy", **fields))
+    rows = [row for row in tested if row["checkpoint"] is None]
     assert [row["scenes"] for row in rows] == [253, 445, 947, 705, 998]
     # Its mean over scenes, and of the five: .539 / 1.152, see docs/evaluate.md.
     means = [sum(row[f"joint_{error}"] for row in rows) / 5 for error in ("ade", "fde")]
@@ -253,7 +253,6 @@ def test_every_real_sample_of_thor(shared, options):
     assert all(row["scenes"] > 200 and 0.2 < row["joint_ade"] < 0.7 for row in rows)
 
 
-@mock.patch.dict(METRICS)
 def test_a_metric_that_is_not_finite_is_named(options):
     register_metric("odd", "odd")(lambda forecast, scene: jnp.inf)
     asked_options = options(samples=3, dataset="cross-path")

@@ -1,7 +1,6 @@
 """Scores against direct loops, metrics of one's own, and errors as a user gets them."""
 
 import dataclasses
-from unittest import mock
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +12,7 @@ import neurosym_jax as nj
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import METRICS, collisions, register_metric
+from neurosym_jax.evaluation.metrics import collisions, register_metric
 from neurosym_jax.evaluation.scores import score_forecaster
 from neurosym_jax.forecasting.batched import draw_batch
 from neurosym_jax.forecasting.forecaster import Lengths
@@ -21,6 +20,7 @@ from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.baselines import ConstantVelocity, ConstantVelocitySampled
 from tests.networks import random_model
+from tests.registrations import restored_registrations
 
 
 def crowd() -> Tracks:
@@ -120,7 +120,7 @@ def test_distributions_are_scored_by_draws_of_their_own():
 
 def own(compute, windows=WINDOWS):
     """Scores of constant velocity by a metric of one's own, which is registered meanwhile."""
-    with mock.patch.dict(METRICS):
+    with restored_registrations():
         register_metric("own", "own metric")(compute)
         with pytest.raises(InputError, match="another metric 'own' already"):
             register_metric("own", "own metric")(print)

@@ -4,13 +4,11 @@ import ast
 import re
 import runpy
 from types import SimpleNamespace
-from unittest import mock
 
 import numpy as np
 import pytest
 
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic.weighting import WEIGHTINGS
 from tests.repository import ROOT, exhaustive
 
 FOLDER = ROOT / "examples"
@@ -58,7 +56,6 @@ def test_a_loop_of_ones_own(capsys, monkeypatch):
     )  # The gradient by a symbol's weight.
 
 
-@mock.patch.dict(WEIGHTINGS)
 @pytest.mark.slow
 def test_a_weighting_of_ones_own_is_trained(monkeypatch):
     # The other is trained in the same way, and is the package's.

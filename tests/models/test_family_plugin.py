@@ -3,7 +3,6 @@
 import json
 import sys
 from pathlib import Path
-from unittest import mock
 
 import jax
 import numpy as np
@@ -26,9 +25,7 @@ TRAIN = ("--dataset", "cross-path", "--set", "batch_scenes=4", "validate_every=2
 
 @pytest.fixture(scope="module", autouse=True)
 def _plugin():
-    with mock.patch.dict(FORECASTERS):
-        load_plugin(PLUGIN)
-        yield
+    load_plugin(PLUGIN)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.sgan.network import POOLINGS
-from neurosym_jax.models.sgan.pooling import CELLS
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training.run import make_config
 from tests.networks import random_model
@@ -22,9 +20,7 @@ PLUGIN = str(Path(__file__).with_name("network_plugin.py"))
 
 @pytest.fixture(scope="module", autouse=True)
 def _plugin():
-    with mock.patch.dict(POOLINGS), mock.patch.dict(CELLS):
-        load_plugin(PLUGIN)
-        yield
+    load_plugin(PLUGIN)
 
 
 def run(*command):

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from neurosym_jax.data.recordings import read_any
-from neurosym_jax.symbolic.weighting import WEIGHTINGS
 from studies.driving import CONTACT, STEPS, drive
 from studies.mistakes.__main__ import tell
 from studies.mistakes.corpus import MISTAKES
@@ -138,7 +137,6 @@ def test_a_notebook_runs_and_shows_what_is_kept_in_it(
         if cell["cell_type"] == "code"
     ]
     assert ["image"] in [outputs for _, outputs in outputs_by_code]
-    with mock.patch.dict(WEIGHTINGS):
-        for code, outputs in outputs_by_code:
-            # A last line's value is shown by a notebook alone.
-            assert shown(code, names) == list(filter(None, outputs))
+    for code, outputs in outputs_by_code:
+        # A last line's value is shown by a notebook alone.
+        assert shown(code, names) == list(filter(None, outputs))

@@ -1,7 +1,5 @@
 """A position that is not there: absent states, no weight, gradients of 0, and no other effect."""
 
-from unittest import mock
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -150,7 +148,6 @@ def test_forecasts_of_symbols_and_events_are_of_the_samples_that_have_a_state():
     assert {step["state"] for step in gone["states"]} == {None}
 
 
-@mock.patch.dict(EVENTS)
 def test_no_event_happens_without_a_state_and_a_gap_ends_what_lasts():
     walk = np.zeros((2, 25, 2))
     walk[0, :, 0], walk[1, :, 0] = 0.3 * np.arange(25), 30

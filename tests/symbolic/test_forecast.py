@@ -1,7 +1,6 @@
 """Probabilities of states, symbols and events against counts by hand."""
 
 import re
-from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.events import EVENTS, Event, register_event
+from neurosym_jax.symbolic.events import Event, register_event
 from neurosym_jax.symbolic.forecast import (
     SymbolSettings,
     forecast_rows,
@@ -225,7 +224,6 @@ def test_times_are_the_quartiles_over_the_samples_in_which_it_happens():
     )
 
 
-@mock.patch.dict(EVENTS)
 def test_a_registered_event_is_forecast_like_the_others():
     name, standing = "stands_near", both(((0, 0), (0, 0)), ((0.5, 0), (0, 0)))
     register_event(

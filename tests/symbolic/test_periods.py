@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +15,6 @@ from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import symbolic_events
 from neurosym_jax.symbolic.weighting import (
-    WEIGHTINGS,
     Quantised,
     Soft,
     initial_parameters,
@@ -136,7 +134,6 @@ def test_scores_of_symbols_are_by_the_scenes_period():
         assert float(right) == pytest.approx(-math.log((1 + 1 / 81) / 2), rel=1e-5)
 
 
-@mock.patch.dict(WEIGHTINGS)
 def test_a_function_gets_the_period_if_it_asks_for_it():
     @register_weighting("pace")
     def pace(positions, valid, period):

@@ -1,7 +1,6 @@
 import dataclasses
 import functools
 import pickle
-from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -173,7 +172,6 @@ def test_learned_parameters_have_gradients(text):
         )
 
 
-@mock.patch.dict(WEIGHTINGS)
 def test_a_function_as_a_weighting():
     @register_weighting("nearness", reach=2.0)
     def nearness(positions, valid, reach):
@@ -204,7 +202,6 @@ def test_a_function_as_a_weighting():
     assert initial_parameters(from_text("nearness")) == {}
 
 
-@mock.patch.dict(WEIGHTINGS)
 def test_a_class_as_a_weighting_has_options():
     @register_weighting("constant")
     @dataclasses.dataclass(frozen=True)

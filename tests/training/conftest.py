@@ -13,6 +13,8 @@ from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.models.sgan.training import GeneratorRecipe
 from neurosym_jax.training.batches import SceneStream
 from neurosym_jax.training.run import Run
+from tests.training.scripted import RECIPE as SCRIPTED_RECIPE
+from tests.training.scripted import ScriptedConfig, register, standing, write_script
 
 OBS, PRED = 4, 3
 GENERATOR = GeneratorConfig(
@@ -44,13 +46,12 @@ def random_walks(sizes, seed=0) -> Windows:
     start = rng.uniform(-3, 3, (agents, 1, 2))
     bounds = np.concatenate([[0], np.cumsum(sizes)])
     steps[bounds[:-1:2]] = 0
+    identity = np.stack([np.full(len(sizes), seed), np.arange(len(sizes))], axis=1)
     return Windows(
         position=(start + np.cumsum(steps, axis=1)).round(4),
         agent=np.arange(agents),
         bounds=bounds,
-        identity=np.stack([np.full(len(sizes), seed), np.arange(len(sizes))], 1).astype(
-            np.uint32
-        ),
+        identity=identity.astype(np.uint32),
         obs_len=OBS,
     )
 
@@ -97,29 +98,19 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data")
     rng = np.random.default_rng(0)
     for name, frames in (("walk", 60), ("check", 30)):
-        position = rng.uniform(-3, 3, (5, 1, 2)) + rng.normal(
-            0.1, 0.2, (5, frames, 2)
-        ).cumsum(1)
-        (folder / f"{name}.txt").write_text(
-            "".join(
-                f"{10 * frame}\t{person}\t{x:.3f}\t{y:.3f}\n"
-                for frame in range(frames)
-                for person, (x, y) in enumerate(position[:, frame])
-            )
-        )
+        start = rng.uniform(-3, 3, (5, 1, 2))
+        position = start + rng.normal(0.1, 0.2, (5, frames, 2)).cumsum(1)
+        lines = []
+        for frame in range(frames):
+            for person, (x, y) in enumerate(position[:, frame]):
+                lines.append(f"{10 * frame}\t{person}\t{x:.3f}\t{y:.3f}\n")
+        (folder / f"{name}.txt").write_text("".join(lines))
     return folder
 
 
-@pytest.fixture
-def with_recipe(run):
+def with_recipe(run, **changes) -> Run:
     """The run with changes to its recipe."""
-
-    def changed(**changes) -> Run:
-        return dataclasses.replace(
-            run, recipe=dataclasses.replace(run.recipe, **changes)
-        )
-
-    return changed
+    return dataclasses.replace(run, recipe=dataclasses.replace(run.recipe, **changes))
 
 
 @pytest.fixture(scope="session")
@@ -136,17 +127,26 @@ def final():
 
 
 @pytest.fixture(scope="session")
-def stop_at():
-    """`stop_at(patch, stream, method, step)`: the stream's batches from `step` on are a Ctrl-C."""
+def interrupt_at():
+    """`interrupt_at(step)`: a function of a run's rows that is a Ctrl-C at this step."""
 
-    def change(patch, stream, method, step):
-        batches = getattr(stream, method)
-
-        def until(self, first, *count):
-            if first >= step:
+    def make(step):
+        def interrupt(row):
+            if row["step"] == step:
                 raise KeyboardInterrupt
-            return batches(self, first, *count)
 
-        patch.setattr(stream, method, until)
+        return interrupt
 
-    return change
+    return make
+
+
+@pytest.fixture
+def scripted(run):
+    """A run of the family that follows a script, of people who stand."""
+    register()
+    write_script()
+    windows = {
+        name: standing(getattr(run, name)) for name in ("training", "validation")
+    }
+    config = ScriptedConfig(OBS, PRED)
+    return Run(config, SCRIPTED_RECIPE, **windows, dataset="zara1", data=("walks",))

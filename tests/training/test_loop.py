@@ -8,30 +8,26 @@ import jax
 import numpy as np
 import pytest
 
+from neurosym_jax.data.windows import make_batches
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
-from neurosym_jax.training import loop
-from neurosym_jax.training.batches import SceneStream
 from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.run import Run, model_card
+from neurosym_jax.training.run import (
+    model_card,
+    record_of,
+    refuse_other_run,
+    validate,
+)
 from neurosym_jax.training.state import sole_writer
+from tests.networks import random_model
 from tests.rows import result_row
-
-
-@pytest.fixture
-def learns_nothing(monkeypatch):
-    """Rounds take no time; the first leaf of the parameters counts the steps."""
-
-    def advance(state, done, count):
-        leaves, structure = jax.tree.flatten(state.params)
-        params = jax.tree.unflatten(
-            structure, [leaves[0] * 0 + done + count, *leaves[1:]]
-        )
-        return state._replace(step=state.step + count, params=params), {
-            "g_loss": np.ones(count)
-        }
-
-    monkeypatch.setattr(Run, "rounds", lambda run: advance)
+from tests.training.conftest import with_recipe
+from tests.training.scripted import (
+    DrawnConfig,
+    Scripted,
+    ScriptedConfig,
+    write_script,
+)
 
 
 def rows_of(folder):
@@ -81,141 +77,148 @@ def test_files_and_card_of_a_run(run, done, tmp_path):
     assert "| zara1 | constant velocity | 20 | 0.500 |" in text
 
 
-def test_resumed_runs_end_with_the_same_bits(
-    run, done, tmp_path, monkeypatch, stop_at, final
-):
-    with monkeypatch.context() as patched:
-        stop_at(patched, SceneStream, "steps", 50)
-        with pytest.raises(KeyboardInterrupt):
-            train_run(run, tmp_path)
+def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, interrupt_at, final):
+    with pytest.raises(KeyboardInterrupt):
+        train_run(run, tmp_path, on_row=interrupt_at(75))
     assert not (tmp_path / "run.json").exists()
     # What a kill may leave: rows beyond the saved state, half a line.
+    assert [row["step"] for row in rows_of(tmp_path)] == [25, 50, 75]
     with (tmp_path / "metrics.jsonl").open("a") as file:
-        file.write('{"step": 75, "g_loss": 1.0}\n{"step": 10')
+        file.write('{"step": 10')
     train_run(run, tmp_path, resume=True)
     assert final(tmp_path) == final(done)
 
 
-def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path, final):
-    shutil.copytree(done, tmp_path / "run")
+def test_a_kill_between_the_last_files_is_mended(scripted, tmp_path, final):
+    write_script([1.0, 2.0])
+    train_run(scripted, tmp_path / "alone")
+    shutil.copytree(tmp_path / "alone", tmp_path / "run")
     for lost in ("run.json",), ("run.json", "curves.png", "model"):
         for name in lost:
             if name == "model":
                 shutil.rmtree(tmp_path / "run" / name)
                 continue
             (tmp_path / "run" / name).unlink()
-        train_run(run, tmp_path / "run", resume=True)
-        assert final(tmp_path / "run") == final(done)
+        train_run(scripted, tmp_path / "run", resume=True)
+        assert final(tmp_path / "run") == final(tmp_path / "alone")
 
 
-def test_runs_that_cannot_be_resumed_or_written_are_refused(
-    run, with_recipe, done, tmp_path
-):
-    before = (done / "metrics.jsonl").read_bytes()
-    other = dataclasses.replace(run, config=dataclasses.replace(run.config, mlp_dim=4))
+def test_another_run_is_not_resumed(scripted, tmp_path):
+    train_run(scripted, tmp_path)
+    before = (tmp_path / "metrics.jsonl").read_bytes()
+    shorter = dataclasses.replace(scripted.config, period=0.2)
     for changed, resume, message in (
-        (run, False, "holds a run at step 75; resume=True continues it"),
-        (with_recipe(seed=5), True, r"holds another run: training.seed 0 \(now 5\)$"),
+        (scripted, False, "holds a run at step 4; resume=True continues it"),
         (
-            with_recipe(steps=50),
+            with_recipe(scripted, seed=5),
             True,
-            r"another run: training.steps 50, and 75 are done",
+            r"holds another run: training.seed 0 \(now 5\)$",
         ),
-        (other, True, r"another run: config.mlp_dim 8 \(now 4\)$"),
         (
-            dataclasses.replace(run, validation=run.training),
+            with_recipe(scripted, steps=2),
+            True,
+            r"another run: training.steps 2, and 4 are done",
+        ),
+        (
+            dataclasses.replace(scripted, config=shorter),
+            True,
+            r"another run: config.period 0.4 \(now 0.2\)$",
+        ),
+        (
+            dataclasses.replace(scripted, validation=scripted.training),
             True,
             "run: data.validation ",
         ),
     ):
         with pytest.raises(InputError, match=message):
-            train_run(changed, done, resume=resume)
-    assert (done / "metrics.jsonl").read_bytes() == before
+            train_run(changed, tmp_path, resume=resume)
+    assert (tmp_path / "metrics.jsonl").read_bytes() == before
+
+
+def test_where_nothing_can_be_resumed_or_written_is_refused(scripted, tmp_path):
     (tmp_path / "model").mkdir()
     with pytest.raises(InputError, match="holds a model and no state to go on from"):
-        train_run(run, tmp_path, resume=True)
+        train_run(scripted, tmp_path, resume=True)
     (tmp_path / "file").touch()
     for folder in ("file", "file/run", "n" * 300):
         with pytest.raises(InputError, match="cannot be written"):
-            train_run(run, tmp_path / folder)
+            train_run(scripted, tmp_path / folder)
     with (
         sole_writer(tmp_path),
         pytest.raises(InputError, match="another process is training"),
     ):
-        train_run(run, tmp_path)
+        train_run(scripted, tmp_path)
     with sole_writer(tmp_path):
         pass
 
 
-def test_another_environment_is_told(run, done, capsys, monkeypatch):
-    record = loop.record_of(run)
-    before = record["environment"]["threads"]
-    record["environment"]["threads"] = 77
-    monkeypatch.setattr(loop, "record_of", lambda run: record)
-    train_run(run, done, resume=True)
-    assert (
-        f"the run goes on with threads {before} (now 77): other bits"
-        in capsys.readouterr().err
-    )
+def test_another_environment_is_told(run, tmp_path, capsys):
+    before, now = json.loads(json.dumps(record_of(run))), record_of(run)
+    threads = before["environment"]["threads"]
+    now["environment"]["threads"] = 77
+    refuse_other_run(before, now, 75, tmp_path)
+    told = f"the run goes on with threads {threads} (now 77): other bits"
+    assert told in capsys.readouterr().err
 
 
-def test_a_loss_that_is_not_finite_stops_the_run(
-    run, done, tmp_path, monkeypatch, final
+def test_losses_that_are_not_finite_stop_a_run_that_can_go_on(
+    scripted, tmp_path, capsys
 ):
-    steps = SceneStream.steps
-
-    def poisoned(self, first, count):
-        bad = np.nan if first >= 25 else 0.0
-        groups = steps(self, first, count)
-        return tuple(scene.replace(future=scene.future + bad) for scene in groups)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(SceneStream, "steps", poisoned)
-        with jax.debug_nans(False), pytest.raises(TrainingError) as caught:
-            train_run(run, tmp_path)
+    write_script([3.0, 2.0], stable_rate=0, stable_steps=2)
+    with pytest.raises(TrainingError) as caught:
+        train_run(scripted, tmp_path)
     message = str(caught.value)
     assert "\n" not in message
-    assert "after step 25 numbers are not finite" in message
-    assert "g_loss nan" in message
-    assert [path.name for path in (tmp_path / "checkpoints").glob("step_*")] == [
-        "step_00000025"
-    ]
-    train_run(run, tmp_path, resume=True)
-    assert final(tmp_path) == final(done)
+    assert "after step 2 numbers are not finite: loss nan" in message
+    states = [path.name for path in (tmp_path / "checkpoints").glob("step_*")]
+    assert states == ["step_00000002"]
+    write_script([3.0, 2.0])
+    train_run(scripted, tmp_path, resume=True)
+    assert [row["step"] for row in rows_of(tmp_path)] == [2, 4]
 
 
-def test_validations_come_when_due_and_the_best_state_is_kept(
-    learns_nothing, with_recipe, tmp_path, monkeypatch
-):
-    scores, rows = iter([3.0, 1.0, 2.0]), []
-    errors = {"val_ade": 1.0, "val_fde": 1.0}
-    monkeypatch.setattr(
-        loop, "validate", lambda *_: errors | {"val_score": next(scores)}
-    )
-    run = with_recipe(steps=65, validate_every=30, ema=0.0)
+def test_validations_come_when_due_and_the_best_state_is_kept(scripted, tmp_path):
+    write_script([3.0, 1.0], every=30)
+    run, rows = with_recipe(scripted, steps=65, validate_every=30), []
+    Scripted.errors[65] = 2.0
     model = train_run(run, tmp_path, on_row=rows.append)
-    steps = [(row["step"], "val_ade" in row) for row in rows]
-    assert steps == [(25, False), (30, True), (55, False), (60, True), (65, True)]
-    assert (np.asarray(jax.tree.leaves(model.params)[0]) == 60).all()
+    errors = {row["step"]: row["val_ade"] for row in rows if "val_ade" in row}
+    assert [row["step"] for row in rows] == [25, 30, 55, 60, 65]
+    assert errors == pytest.approx({30: 3.0, 60: 1.0, 65: 2.0})
+    assert model.params["step"] == 60
     assert json.loads((tmp_path / "run.json").read_text())["validation"]["step"] == 60
 
 
-def test_a_dead_pooling_is_warned_of(
-    learns_nothing, with_recipe, tmp_path, monkeypatch, capsys
+@pytest.mark.parametrize(
+    ("config", "by_default"),
+    [(ScriptedConfig(4, 3), "ade_fde"), (DrawnConfig(4, 3), "energy")],
+)
+def test_the_best_state_is_chosen_by_what_the_network_is_for(
+    scripted, run, config, by_default
 ):
-    init_state = Run.init_state
+    batches = make_batches(run.validation)
+    for select_by in (None, "ade", "ade_fde", "energy"):
+        recipe = dataclasses.replace(scripted.recipe, select_by=select_by)
+        selected = dataclasses.replace(scripted, config=config, recipe=recipe)
+        row = validate(selected, selected.init_state().params, batches)
+        scores = {
+            "ade": row["val_ade"],
+            "ade_fde": row["val_ade"] + row["val_fde"],
+            "energy": row["val_energy_score"],
+        }
+        assert len(set(scores.values())) == 3
+        assert row["val_score"] == scores[select_by or by_default]
 
-    def dead(run):
-        state = init_state(run)
-        layer = state.params["params"]["pooling"]["mlp"]["layer_1"]
-        layer["bias"] = layer["bias"] - 100
-        return state
 
-    monkeypatch.setattr(Run, "init_state", dead)
-    train_run(with_recipe(steps=25, ema=0.0), tmp_path)
+def test_a_dead_pooling_is_warned_of(run, tmp_path, capsys):
+    """Of a model that is begun from: no step is needed to see it."""
+    dead = random_model(run.config)
+    layer = dead.params["params"]["pooling"]["mlp"]["layer_1"]
+    layer["bias"] = layer["bias"] - 100
+    train_run(with_recipe(dataclasses.replace(run, init=dead), steps=0), tmp_path)
     row = json.loads((tmp_path / "run.json").read_text())["validation"]
     assert row["val_neighbour_share"] == row["val_neighbour_move"] == 0
-    warning = "advice: dead pooling at step 25: 0% of people are changed by their neighbours; try"
+    warning = "advice: dead pooling at step 0: 0% of people are changed by their neighbours; try"
     assert capsys.readouterr().err.count(warning) == 1
     card = (tmp_path / "model" / "README.md").read_text()
     assert "people whom their neighbours change | 0.0 %" in card

@@ -1,11 +1,12 @@
 """`neurosym train`: its data, and the real `train.py` in processes, killed and resumed."""
 
+import dataclasses
+import json
 import os
 import struct
 import subprocess
 import sys
 import time
-import types
 
 import numpy as np
 import pytest
@@ -18,12 +19,6 @@ from neurosym_jax.forecasting.model_folder import load_model
 from tests.repository import ROOT
 
 LENGTHS = {"obs_len": 4, "pred_len": 4}
-
-
-@pytest.fixture(autouse=True)
-def _no_plugins(monkeypatch):
-    """Those that other tests of this process have loaded stand in the commands that are printed."""
-    monkeypatch.setattr("neurosym_jax.plugins._loaded", {})
 
 
 def begin(files, out, *options):
@@ -103,27 +98,23 @@ def events(folder):
     return scalars
 
 
+SMALL = {"model": "anchor_table", "steps": 2, "set": ("batch_scenes=4", "validate_every=1")}
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_tensorboard_has_the_rows(files, tmp_path, monkeypatch):
+def test_tensorboard_has_the_rows(files, tmp_path):
     pytest.importorskip("tensorboardX", reason="tensorboardX is not installed")
-    rows = [{"step": 25, "g_loss": 2.0}, {"step": 50, "g_loss": 1.0, "val_ade": 0.5}]
-    options = train.Options(
-        data=files,
-        train_on=("walk",),
-        validate_on=("check",),
-        out=tmp_path,
-        log="tensorboard",
-    )
-    monkeypatch.setattr(train, "_print_errors", lambda *_: None)
-    model = types.SimpleNamespace(step=50)
-    monkeypatch.setattr(
-        train, "train_run", lambda *_, on_row, **__: [*map(on_row, rows)] and model
-    )
-    train.run(options)
-    expected = [
-        (row["step"], name, row[name]) for row in rows for name in row if name != "step"
-    ]
-    assert events(tmp_path) == expected
+    split = {"train_on": ("walk",), "validate_on": ("check",)}
+    options = Options(data=files, **split, **LENGTHS, **SMALL, out=tmp_path)
+    train.run(dataclasses.replace(options, log="tensorboard"))
+    expected = []
+    for line in (tmp_path / "metrics.jsonl").read_text().splitlines():
+        row = json.loads(line)
+        step = row.pop("step")
+        expected += [(step, name, row[name]) for name in sorted(row)]
+    assert {step for step, *_ in expected} == {1, 2}
+    for scalar, (step, name, value) in zip(events(tmp_path), expected, strict=True):
+        assert scalar == (step, name, pytest.approx(value, rel=1e-6))
 
 
 def test_a_change_of_the_network_may_be_its_period():
@@ -240,15 +231,9 @@ def test_folders_of_ones_own(files, tmp_path):
         make_run(Options(data=tmp_path, **LENGTHS))
 
 
-def test_a_single_recording_needs_no_name_and_is_named(
-    files, capsys, monkeypatch, tmp_path
-):
+def test_a_single_recording_needs_no_name_and_is_named(files, capsys, tmp_path):
     """Point 6, and the first lines of point 5."""
-    monkeypatch.setattr(train, "_print_errors", lambda *_: None)
-    monkeypatch.setattr(
-        train, "train_run", lambda *_, **__: types.SimpleNamespace(step=3)
-    )
-    train.run(Options(data=files / "walk.txt", out=tmp_path, **LENGTHS))
+    train.run(Options(data=files / "walk.txt", out=tmp_path, **LENGTHS, **SMALL))
     output = capsys.readouterr().out
     assert "windows to learn from / to validate on:\n  walk: 27 / 11\n" in output
     assert "nothing is left to test on" in output

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -16,50 +17,49 @@ from neurosym_jax.commands._running import load_plugins
 from neurosym_jax.commands.sweep import plan_runs, run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import forecaster_of
-from neurosym_jax.training.sweep import compare_sweep, unfinished
+from neurosym_jax.plugins import load_plugin, loaded
+from neurosym_jax.training.sweep import compare_sweep, run_sweep, unfinished
+from tests.registrations import restored_registrations
 from tests.rows import write_sweep
 
 CHOSEN = sweep.Options(weighting=("cnd", "ones"), dataset=("cross-path",), seed=(0, 1))
 
 
-def test_a_run_is_what_its_file_trains(monkeypatch, tmp_path):
+def test_a_run_is_what_its_file_trains(tmp_path):
     """Its process is told of everything that makes the run, plugins included."""
-    plugins = []
-    monkeypatch.setattr("neurosym_jax.commands._options.loaded", lambda: ["mine.py"])
-    monkeypatch.setattr("neurosym_jax.commands._running.load_plugin", plugins.append)
-    changes = {"set": ("batch_scenes=4", "rotate=0"), "network": ("encoder_h_dim=16",)}
-    changes |= {
+    plugin = str(tmp_path / "mine.py")
+    Path(plugin).write_text("")
+    changes = {
+        "set": ("batch_scenes=4", "rotate=0"),
+        "network": ("encoder_h_dim=16",),
         "pooling": ("none", "social", "neurosym_ros"),
         "steps": 10,
         "period": 0.2,
+        "pred_len": (8, 12),
+        "out": tmp_path,
     }
-    changes |= {"pred_len": (8, 12), "out": tmp_path}
-    source, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
+    with restored_registrations():
+        load_plugin(plugin)
+        source, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
     assert source.period == 0.2  # They are tested in the steps that they learn.
     assert len({run.folder for run in runs}) == len(runs) == 2 * (2 + 2) * 2
     assert unfinished(runs) == runs
     for sweep_run in runs:
         command, *arguments = sweep_run.command
-        read = load_plugins(with_file(train.Options, arguments))
-        options = tyro.cli(train.Options, args=read)
-        assert (command, options.out, options.resume) == (
-            "train",
-            sweep_run.folder,
-            True,
-        )
+        with restored_registrations():
+            read = load_plugins(with_file(train.Options, arguments))
+            assert plugin in loaded()
+            options = tyro.cli(train.Options, args=read)
+            repeated = dataclasses.replace(options, resume=False)
+            assert options_text(repeated) == sweep_run.options
+        asked = (command, options.out, options.resume)
+        assert asked == ("train", sweep_run.folder, True)
         network, recipe, _ = train.configured(options)
         place = f"{options.dataset}_8_{network.pred_len}_seed{recipe.seed}"
         assert sweep_run.folder.name == f"{forecaster_of(network).variant}_{place}"
-        assert (network.period, network.encoder_h_dim, recipe.batch_scenes) == (
-            0.2,
-            16,
-            4,
-        )
-        assert (
-            options_text(dataclasses.replace(options, resume=False))
-            == sweep_run.options
-        )
-    assert plugins == ["mine.py"] * len(runs)
+        sizes = (network.period, network.encoder_h_dim, recipe.batch_scenes)
+        assert sizes == (0.2, 16, 4)
+    assert plugin not in loaded()
 
 
 def test_lists_of_values_are_a_run_each(tmp_path):
@@ -82,56 +82,56 @@ def test_lists_of_values_are_a_run_each(tmp_path):
     assert len(seen) == len(runs) == 4
 
 
+@pytest.fixture
+def small_sweep(files, tmp_path):
+    """Options of two trainings of a second each, of SGAN without pooling."""
+    return dataclasses.replace(
+        CHOSEN,
+        model=("sgan",),
+        pooling=("none",),
+        weighting=(),
+        set=("batch_scenes=4", "best_k=2", "max_agents=4"),
+        steps=25,
+        obs_len=4,
+        pred_len=(4,),
+        data=files,
+        dataset=("check",),
+        out=tmp_path / "sweep",
+        jobs=1,
+    )
+
+
 @pytest.mark.slow
 def test_a_sweep_is_finished_once_and_reports_what_failed(
-    files, tmp_path, monkeypatch, capsys
+    small_sweep, tmp_path, capsys
 ):
-    settings = {
-        "set": ("batch_scenes=4", "best_k=2", "max_agents=4"),
-        "steps": 25,
-        "obs_len": 4,
-    }
-    settings |= {
-        "model": ("sgan",),
-        "pooling": ("none",),
-        "weighting": (),
-        "pred_len": (4,),
-    }
-    settings |= {"data": files, "dataset": ("check",), "out": tmp_path / "sweep"}
-    monkeypatch.setattr(
-        "neurosym_jax.commands._options.loaded", list
-    )  # Other tests' plugins.
-    chosen = dataclasses.replace(CHOSEN, jobs=1, **settings)
-    with monkeypatch.context() as patched:
-        patched.setattr("neurosym_jax.training.sweep._train", lambda run: "no memory")
-        with pytest.raises(InputError, match="no run was finished"):
-            run(chosen)
-    assert capsys.readouterr().err.count("_seed1: no memory\n") == 1
-
-    source, (first, second) = plan_runs(chosen)
+    source, (first, second) = plan_runs(small_sweep)
     (deadly := tmp_path / "deadly.py").write_text("import os\nos.kill(os.getpid(), 9)")
     killed = first._replace(options=f"{first.options}plugin: {deadly}\n")
-    with monkeypatch.context() as patched:
-        patched.setattr(sweep, "plan_runs", lambda _: (source, [killed, second]))
-        assert run(chosen) == 1
+    to_be_tested = (source, small_sweep.out, options_text(small_sweep), 1)
+    with pytest.raises(InputError, match="no run was finished"):
+        run_sweep([killed], *to_be_tested)
     assert capsys.readouterr().err.count("_seed0: status -9") == 1
-    assert (chosen.out / "sweep.yaml").read_text() == options_text(chosen)
-    rows = json.loads((chosen.out / "sweep.json").read_text())["rows"]
+    assert run_sweep([killed, second], *to_be_tested) == 1
+    assert capsys.readouterr().err.count("_seed0: status -9") == 1
+
+    assert (small_sweep.out / "sweep.yaml").read_text() == options_text(small_sweep)
+    rows = json.loads((small_sweep.out / "sweep.json").read_text())["rows"]
     assert [(row["model"], row["training_seed"]) for row in rows] == [
         ("constant velocity", None),
         ("constant velocity, sampled", None),
         ("SGAN, no pooling", 1),
     ]
-    assert "SGAN, no pooling | 20 |" in (chosen.out / "sweep.md").read_text()
+    assert "SGAN, no pooling | 20 |" in (small_sweep.out / "sweep.md").read_text()
     card = (second.folder / "model" / "README.md").read_text()
     assert "| check | SGAN, no pooling | 20 |" in card
     assert "threads | 1" in card
 
     # The finished run is not trained again.
-    again = []
-    monkeypatch.setattr("neurosym_jax.training.sweep._train", again.append)
-    only = dataclasses.replace(chosen, seed=(1,))
-    assert (run(only), again) == (0, [])
+    log = (second.folder / "train.log").stat()
+    only = dataclasses.replace(small_sweep, seed=(1,))
+    assert run(only) == 0
+    assert (second.folder / "train.log").stat() == log
     assert "1 runs, 1 of them finished before" in capsys.readouterr().out
     run(dataclasses.replace(only, dry_run=True, seed=(1, 2)))
     lines = capsys.readouterr().out.splitlines()
@@ -140,9 +140,8 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(
         ({"steps": 50}, r"steps 25 \(now 50\)"),
         ({"period": 0.5}, "period "),
     ):
-        with pytest.raises(
-            InputError, match=f"had other options: {message}.*: choose another out"
-        ):
+        refusal = f"had other options: {message}.*: choose another out"
+        with pytest.raises(InputError, match=refusal):
             run(dataclasses.replace(only, **changes))
     run(dataclasses.replace(only, log="tensorboard", quiet=True, dry_run=True))
 

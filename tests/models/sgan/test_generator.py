@@ -1,7 +1,5 @@
 """Networks against the same networks step by step, with nothing folded and nothing shared."""
 
-from unittest import mock
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,13 +11,11 @@ from neurosym_jax.models.anchors.network import AnchorConfig, AnchorNetwork
 from neurosym_jax.models.sgan import pooling
 from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
 from neurosym_jax.models.sgan.network import (
-    POOLINGS,
     DiscriminatorConfig,
     GeneratorConfig,
     pooling_network,
 )
 from neurosym_jax.models.sgan.pooling import (
-    CELLS,
     LSTM,
     Affine,
     Encoder,
@@ -30,8 +26,9 @@ from neurosym_jax.models.sgan.pooling import (
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting
 from tests.networks import random_params
+from tests.registrations import restored_registrations
 
-with mock.patch.dict(POOLINGS), mock.patch.dict(CELLS):
+with restored_registrations():
     from tests.models.network_plugin import RNN  # Registered in these tests alone.
 
 CONFIGS = {

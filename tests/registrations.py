@@ -1,0 +1,40 @@
+"""Components and plugins that a test adds are gone after it, so tests need not follow another."""
+
+import contextlib
+import re
+import sys
+from collections.abc import Iterator
+
+from neurosym_jax import plugins
+from neurosym_jax.data.recordings import FORMATS
+from neurosym_jax.evaluation.metrics import METRICS
+from neurosym_jax.forecasting.forecaster import FORECASTERS
+from neurosym_jax.models.sgan.network import POOLINGS
+from neurosym_jax.models.sgan.pooling import CELLS
+from neurosym_jax.symbolic.events import EVENTS
+from neurosym_jax.symbolic.weighting import WEIGHTINGS
+
+TABLES = (FORMATS, METRICS, FORECASTERS, POOLINGS, CELLS, EVENTS, WEIGHTINGS)
+
+
+@contextlib.contextmanager
+def restored_registrations() -> Iterator[None]:
+    """Afterwards the tables of components and the plugins that are loaded are as before."""
+    before = [dict.copy(table) for table in TABLES]
+    loaded, modules = dict(plugins._loaded), set(sys.modules)
+    try:
+        yield
+    finally:
+        for table, content in zip(TABLES, before):
+            table.clear()
+            table.update(content)
+        plugins._loaded.clear()
+        plugins._loaded.update(loaded)
+        forget_plugins(set(sys.modules) - modules)
+
+
+def forget_plugins(modules: set[str]) -> None:
+    """Let those of `modules` that are files of plugins be imported again when asked for."""
+    for name in modules:
+        if re.search(r"_[0-9a-f]{8}$", name):
+            del sys.modules[name]
