@@ -98,7 +98,11 @@ def events(folder):
     return scalars
 
 
-SMALL = {"model": "anchor_table", "steps": 2, "set": ("batch_scenes=4", "validate_every=1")}
+SMALL = {
+    "model": "anchor_table",
+    "steps": 2,
+    "set": ("batch_scenes=4", "validate_every=1"),
+}
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
