@@ -25,6 +25,7 @@ from neurosym_jax.errors import InputError, InputWarning, brief, option
 
 __all__ = [
     "Registry",
+    "additions",
     "entry_points",
     "load_entry_points",
     "load_plugin",
@@ -35,6 +36,7 @@ __all__ = [
 T = TypeVar("T")
 
 _loaded: dict[str, None] = {}
+_additions: list[tuple[str, str, Any]] = []
 
 
 class _Later(typing.NamedTuple):
@@ -107,8 +109,13 @@ class Registry(dict[str, T]):
         if isinstance(value, _Later):
             module, _, attribute = value.place.partition(":")
             value = getattr(importlib.import_module(module), attribute)
-            self[name] = value
+            super().__setitem__(name, value)
         return value
+
+    def __setitem__(self, name: str, value: T) -> None:
+        """Add or replace a component."""
+        super().__setitem__(name, value)
+        _additions.append((self.kind, name, value))
 
     def values(self) -> list[T]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """All components, imported."""
@@ -170,6 +177,11 @@ def load_plugin(plugin: str) -> None:
 def loaded() -> list[str]:
     """The arguments of `load_plugin` so far, so that another process can load the same."""
     return list(_loaded)
+
+
+def additions() -> list[tuple[str, str, Any]]:
+    """Kind, name and value of each component that was added to a table, in order."""
+    return _additions
 
 
 def names(plugins: Iterable[str]) -> tuple[str, ...]:

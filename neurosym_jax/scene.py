@@ -10,6 +10,8 @@ kilometres has the same numbers, and ties (a neighbour on a grid line, a person
 standing) stay ties.
 """
 
+import dataclasses
+import functools
 import zlib
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -18,7 +20,6 @@ from typing import Any, Self, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
-from flax import struct
 from jax.core import Tracer
 from jax.typing import ArrayLike
 
@@ -44,7 +45,23 @@ AnyArray: TypeAlias = jax.Array | np.ndarray
 """numpy on the host, jax inside a model."""
 
 
-class Scene(struct.PyTreeNode):
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=(
+        "observed",
+        "displacement",
+        "valid",
+        "identity",
+        "origin",
+        "future",
+        "near",
+        "alpha",
+        "extras",
+    ),
+    meta_fields=("period",),
+)
+@dataclasses.dataclass(frozen=True)
+class Scene:
     """One moment of N agents. Every array may carry leading axes: a batch is a Scene too."""
 
     observed: AnyArray
@@ -62,12 +79,16 @@ class Scene(struct.PyTreeNode):
     near: AnyArray | None = None
     """[N, C] slots of the neighbours that a forecaster sees, and an agent's own in what is left;
     None for all. See `Forecaster.prepared`."""
-    period: float = struct.field(pytree_node=False, default=0.4)
+    period: float = 0.4
     """Seconds between steps; static, so programs are compiled for one period."""
     alpha: AnyArray | None = None
     """[N, N, obs_len] weights of j for i in place of a model's own; None for its own."""
-    extras: Mapping[str, AnyArray] = struct.field(default_factory=dict)
+    extras: Mapping[str, AnyArray] = dataclasses.field(default_factory=dict)
     """name: [N, ...] further numbers of each agent, zero in padding; for metrics, not models."""
+
+    def replace(self, **changes: Any) -> Self:
+        """The scene with other values in some fields."""
+        return dataclasses.replace(self, **changes)
 
     @property
     def known_future(self) -> AnyArray:

@@ -13,7 +13,7 @@ PACKAGE = ROOT / "neurosym_jax"
 LIBRARIES = {
     # library: what may import it, by the beginning of the path in the package
     "distributed": ("runtime/",),
-    "flax": ("models/", "scene.py"),
+    "flax": ("models/",),
     "matplotlib": ("plotting/",),
     "rclpy": (),
     "rosbags": (),

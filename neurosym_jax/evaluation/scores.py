@@ -23,6 +23,7 @@ from neurosym_jax.forecasting.batched import (
 )
 from neurosym_jax.forecasting.forecaster import Forecaster, refuse_many
 from neurosym_jax.runtime.process import cpu_cores
+from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import (
     Scene,
     make_scene,
@@ -300,7 +301,7 @@ def score_scenes(
     }
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@program((0,))
 def _traced(
     metrics: Metrics, samples: Any, moves: Any, scenes: Scene, probability: Any
 ) -> Any:

@@ -6,7 +6,6 @@ padding, and one compiled program serves scenes of every size. Single scenes are
 `model`'s.
 """
 
-import functools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -27,8 +26,9 @@ from neurosym_jax.forecasting.model import (
     refuse_other_length,
     warn_of_tracking_errors,
 )
-from neurosym_jax.forecasting.noise import draw_noise
+from neurosym_jax.forecasting.noise import draw_noise, key_numbers, key_of
 from neurosym_jax.forecasting.tracking_errors import repair_tracks, settle
+from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
 __all__ = [
@@ -167,7 +167,7 @@ def draw_batch(
     """Draws of a batch of B scenes, [n, B, N, pred_len, 2]; see `Forecaster.distribution`."""
     refuse(Seed, {"seed": seed})
     return np.asarray(
-        _draws(forecaster, params, scenes.bare(), jax.random.key(seed), count)
+        _draws(forecaster, params, scenes.bare(), key_numbers(seed), count)
     )
 
 
@@ -208,25 +208,25 @@ def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return places
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@program((0,))
 def _forecast(forecaster, params, scenes, noise):
     return jax.vmap(forecaster.representatives, in_axes=(None, 0, 1), out_axes=1)(
         params, scenes, noise
     )
 
 
-@functools.partial(jax.jit, static_argnums=(0, 4))
+@program((0, 4))
 def _draws(forecaster, params, scenes, key, count):
     return jax.vmap(forecaster.distribution, in_axes=(None, 0, None, None), out_axes=1)(
-        params, scenes, key, count
+        params, scenes, key_of(key), count
     )
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@program((0,))
 def _encode(encoder, params, scenes):
     return jax.vmap(encoder.encode, in_axes=(None, 0))(params, scenes)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@program((0,))
 def _decode(forecaster, params, context, agents, noise):
     return forecaster.decode(params, context, agents, noise)

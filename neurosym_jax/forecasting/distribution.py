@@ -1,9 +1,7 @@
 """Equally probable futures of single scenes, drawn from a model's distribution."""
 
-import functools
 from typing import Any
 
-import jax
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
@@ -12,6 +10,8 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.forecasting.forecaster import Forecaster, refuse_many
 from neurosym_jax.forecasting.model import Model, SceneForecaster, checked_scene
+from neurosym_jax.forecasting.noise import key_of
+from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import Scene, pad_scene, to_world
 
 __all__ = ["draw_futures", "predict_distribution"]
@@ -72,7 +72,7 @@ def draw_futures(forecaster: SceneForecaster, scene: Scene, count: int) -> np.nd
     return to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 4, 5))
+@program((0, 4, 5))
 def _draw(
     forecaster: Forecaster,
     params: Any,
@@ -82,5 +82,5 @@ def _draw(
     repair: bool,
 ) -> Array:
     if repair:
-        return forecaster.repaired_distribution(params, scene, key, count)
-    return forecaster.distribution(params, scene, key, count)
+        return forecaster.repaired_distribution(params, scene, key_of(key), count)
+    return forecaster.distribution(params, scene, key_of(key), count)

@@ -20,9 +20,11 @@ from jax import Array
 from neurosym_jax.configuration import Checked, Rule, Size, differences
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.noise import NoiseSpec, scene_noise
+from neurosym_jax.forecasting.parameters import leaves_by_path, nested_parameters
 from neurosym_jax.forecasting.tracking_errors import repair_scene, settle
 from neurosym_jax.plugins import Registry
 from neurosym_jax.runtime.process import refuse_beyond_memory, refuse_forked
+from neurosym_jax.runtime.programs import kept_json
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
@@ -128,8 +130,24 @@ class Forecaster(abc.ABC):
 
     @functools.cache  # noqa: B019 (it holds configurations alone)
     def shapes(self) -> Any:
-        """The parameters that `init` makes, as shapes without values."""
-        return jax.eval_shape(lambda: self.init(jax.random.key(0)))
+        """The parameters that `init` makes, nested dictionaries of shapes without values."""
+        fields = kept_json("shapes", self, self._shape_fields)
+        if fields is None:
+            return None
+        return nested_parameters(
+            {
+                name: jax.ShapeDtypeStruct(tuple(shape), dtype)
+                for name, (shape, dtype) in fields.items()
+            }
+        )
+
+    def _shape_fields(self) -> dict[str, tuple[list[int], str]] | None:
+        """Shape and type of each parameter by its path."""
+        shapes = jax.eval_shape(lambda: self.init(jax.random.key(0)))
+        if shapes is None:
+            return None
+        leaves = leaves_by_path(shapes)
+        return {name: (list(leaf.shape), str(leaf.dtype)) for name, leaf in leaves}
 
     @abc.abstractmethod
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:

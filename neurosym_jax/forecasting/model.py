@@ -1,7 +1,6 @@
 """A trained model, and its forecasts of single scenes, in the world's frame."""
 
 import dataclasses
-import functools
 import hashlib
 import json
 import reprlib
@@ -26,9 +25,10 @@ from neurosym_jax.forecasting.forecaster import (
     forecaster_of,
     refuse_many,
 )
-from neurosym_jax.forecasting.noise import scene_noise
+from neurosym_jax.forecasting.noise import key_numbers, key_of, scene_noise
 from neurosym_jax.forecasting.tracking_errors import repair_tracks, was_repaired
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
+from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
 from neurosym_jax.symbolic.weighting import Weighting
 
@@ -150,7 +150,7 @@ class SceneForecaster:
         refuse_many(forecaster, self.samples, 1)
         self.repair = repair
         self.params = jax.device_put(params)
-        self.key = jax.random.key(seed)
+        self.key = key_numbers(seed)
 
     def __call__(self, scene: Scene) -> np.ndarray:
         """Futures [k, N, pred_len, 2], float64 metres in the world's frame."""
@@ -184,7 +184,7 @@ class SceneForecaster:
         )
 
 
-@functools.partial(jax.jit, static_argnums=(0, 4))
+@program((0, 4))
 def forecast_scene(
     forecaster: Forecaster,
     params: Any,
@@ -203,9 +203,9 @@ def forecast_scene(
 
 # Apart from the forecast, because threefry is slow to compile and this serves every
 # bucket.
-_noise = jax.jit(
-    scene_noise, static_argnums=(0, 3, 4), compiler_options=COMPILED_QUICKLY
-)
+@program((0, 3, 4), compiler_options=COMPILED_QUICKLY)
+def _noise(spec, key, identity, samples, agents):
+    return scene_noise(spec, key_of(key), identity, samples, agents)
 
 
 def predict(

@@ -18,8 +18,9 @@ from jax import Array
 
 from neurosym_jax.configuration import Seed, refuse
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
+from neurosym_jax.runtime.programs import program
 
-__all__ = ["NoiseSpec", "draw_noise", "scene_noise"]
+__all__ = ["NoiseSpec", "draw_noise", "key_numbers", "key_of", "scene_noise"]
 
 CHUNK = 1024
 """Streams drawn in one call, so that one compiled program serves any number of scenes."""
@@ -70,13 +71,23 @@ def draw_noise(
     per_scene = slots[0] if slots else 1
     slot = np.tile(np.arange(per_scene, dtype=np.uint32), len(identity))
     streams = np.column_stack([np.repeat(identity, per_scene, axis=0), slot])
-    key, parts = jax.random.key(seed), []
+    key, parts = key_numbers(seed), []
     for chunk in np.split(streams, range(CHUNK, len(streams), CHUNK)):
         filled = np.pad(chunk, [(0, CHUNK - len(chunk)), (0, 0)])
         parts.append(
             np.asarray(_streams(spec, key, filled[:, :2], filled[:, 2], samples))
         )
     return np.concatenate(parts, axis=1)[:, : len(slot)].reshape(shape)
+
+
+def key_numbers(seed: int) -> np.ndarray:
+    """[2] uint32: the numbers of `jax.random.key(seed)`, on the host."""
+    return np.array([0, seed], np.uint32)
+
+
+def key_of(numbers: Array) -> Array:
+    """The key of `key_numbers`, made within a program: outside, it would be one of its own."""
+    return jax.random.wrap_key_data(numbers, impl="threefry2x32")
 
 
 def _stream(
@@ -89,7 +100,7 @@ def _stream(
     return spec.draw(key, (samples, spec.dim), jnp.float32)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 4), compiler_options=COMPILED_QUICKLY)
+@program((0, 4), compiler_options=COMPILED_QUICKLY)
 def _streams(spec, key, identity, slot, samples):
-    draw = functools.partial(_stream, spec, key, samples=samples)
+    draw = functools.partial(_stream, spec, key_of(key), samples=samples)
     return jax.vmap(draw, out_axes=1)(identity, slot)

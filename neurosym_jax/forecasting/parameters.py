@@ -8,7 +8,8 @@ import numpy as np
 
 from neurosym_jax.errors import InputError, brief
 
-__all__ = ["flat_parameters", "nested_parameters", "refuse_misfit", "shapes_of"]
+__all__ = ["flat_parameters", "leaves_by_path", "nested_parameters"]
+__all__ += ["refuse_misfit", "shapes_of"]
 
 DEPTH = 32
 """Parts of a path; jax's trees overflow the stack at some ten thousand."""
@@ -21,7 +22,7 @@ def flat_parameters(params: Any) -> dict[str, np.ndarray]:
         InputError: for a tree that would not come back: not dictionaries, empty ones,
             names with a `/`, leaves that are not arrays of numbers.
     """
-    flat = {name: np.asarray(leaf, order="C") for name, leaf in _leaves(params)}
+    flat = {name: np.asarray(leaf, order="C") for name, leaf in leaves_by_path(params)}
     if jax.tree.structure(nested_parameters(flat)) != jax.tree.structure(params):
         raise InputError(
             "parameters must be nested dictionaries of arrays, by names without a '/'"
@@ -61,7 +62,7 @@ def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
 
 def shapes_of(params: Any) -> dict[str, tuple[int, ...]]:
     """Shapes of the arrays [...] of nested dictionaries by path."""
-    return {name: leaf.shape for name, leaf in _leaves(params)}
+    return {name: leaf.shape for name, leaf in leaves_by_path(params)}
 
 
 def refuse_misfit(
@@ -88,7 +89,8 @@ def refuse_misfit(
         raise InputError(f"{message}: {', '.join(misfits[:6])}{rest}")
 
 
-def _leaves(params: Any) -> list[tuple[str, Any]]:
+def leaves_by_path(params: Any) -> list[tuple[str, Any]]:
+    """Path and leaf of each array of nested dictionaries."""
     leaves = jax.tree_util.tree_leaves_with_path(params)
     return [
         (jax.tree_util.keystr(path, simple=True, separator="/"), leaf)

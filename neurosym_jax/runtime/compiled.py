@@ -9,7 +9,10 @@ import contextlib
 import hashlib
 import os
 import secrets
+import stat
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -18,11 +21,21 @@ from jax._src.compilation_cache_interface import CacheInterface
 
 from neurosym_jax.errors import printable
 
-__all__ = ["LIMIT", "SealedCache", "keep_programs"]
+__all__ = [
+    "LIMIT",
+    "SealedCache",
+    "apart_from_cache",
+    "keep_programs",
+    "private_folder",
+]
 
 LIMIT = 1_000_000_000
 """Bytes that the folder may have; one model's programs take about 10 MB."""
 SEAL = hashlib.sha256().digest_size
+OTHERS = stat.S_IWGRP | stat.S_IWOTH
+"""Permissions by which others than the owner may write."""
+
+_thread = threading.local()
 
 
 class SealedCache(CacheInterface):
@@ -87,6 +100,53 @@ class SealedCache(CacheInterface):
             excess -= sizes[path].st_size
 
 
+class _JaxCache(CacheInterface):
+    """The `SealedCache` that JAX asks; empty within `apart_from_cache`."""
+
+    def __init__(self, folder: Path):
+        self._path, self._cache = folder, SealedCache(folder)
+
+    def get(self, key: str) -> bytes | None:
+        """See `SealedCache.get`."""
+        if getattr(_thread, "apart", False):
+            return None
+        return self._cache.get(key)
+
+    def put(self, key: str, value: bytes) -> None:
+        """See `SealedCache.put`."""
+        if not getattr(_thread, "apart", False):
+            self._cache.put(key, value)
+
+
+@contextlib.contextmanager
+def apart_from_cache() -> Iterator[None]:
+    """Compile in this thread without JAX's cache: a program from there cannot be serialised."""
+    _thread.apart = True
+    try:
+        yield
+    finally:
+        _thread.apart = False
+
+
+def private_folder(folder: Path) -> bool:
+    """Whether `folder`, which is made if it is missing, is the user's and only theirs to write.
+
+    Others could let this process run their code, so their permission is withdrawn.
+    """
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = folder.lstat()
+        if not stat.S_ISDIR(status.st_mode):
+            return False
+        if hasattr(os, "getuid") and status.st_uid != os.getuid():
+            return False
+        if status.st_mode & OTHERS:
+            folder.chmod(stat.S_IMODE(status.st_mode) & ~OTHERS)
+    except OSError:
+        return False
+    return True
+
+
 def keep_programs(folder: Path) -> None:
     """Let JAX keep the programs it compiles from now on in `folder`.
 
@@ -94,7 +154,7 @@ def keep_programs(folder: Path) -> None:
     """
     if not hasattr(compilation_cache, "get_file_cache"):
         return
-    compilation_cache.get_file_cache = lambda path: (SealedCache(Path(path)), path)
+    compilation_cache.get_file_cache = lambda path: (_JaxCache(Path(path)), path)
     compilation_cache.reset_cache()
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

@@ -23,7 +23,8 @@ import jax
 from jax._src import xla_bridge
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.runtime.compiled import keep_programs
+from neurosym_jax.runtime.compiled import keep_programs, private_folder
+from neurosym_jax.runtime.programs import keep_whole
 
 __all__ = [
     "COMPILED_QUICKLY",
@@ -77,13 +78,16 @@ def cache_folder() -> Path | None:
 def enable_compilation_cache() -> None:
     """Keep compiled programs between processes, unless `NEUROSYM_NO_CACHE` is set.
 
-    A damaged program is compiled again. The folder must be the user's own: whoever can
-    write there can run code.
+    A damaged or stale program is compiled again. The folder must be the user's own:
+    whoever can write there can run code. What others own is not used.
     """
     if os.environ.get("NEUROSYM_NO_CACHE") or (folder := cache_folder()) is None:
         return
     # JAX's key does not know the number of threads, which changes what is compiled.
-    keep_programs(folder / f"xla-threads-{os.environ.get('NPROC', 'all')}")
+    programs_of_jax = folder / f"xla-threads-{os.environ.get('NPROC', 'all')}"
+    if private_folder(programs_of_jax):
+        keep_programs(programs_of_jax)
+    keep_whole(folder / "programs")
 
 
 def tune() -> None:

@@ -15,7 +15,6 @@ where there is none the probabilities are 0.
 """
 
 import dataclasses
-import functools
 import itertools
 from typing import Any, NamedTuple
 
@@ -27,6 +26,7 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import refuse_masked
 from neurosym_jax.symbolic.events import EVENTS, PairFuture
 from neurosym_jax.symbolic.qtc import (
@@ -205,7 +205,7 @@ def _ends(paths: Array, pairs: Array | None) -> tuple[Array, Array, Array]:
     return paths[:, k], paths[:, l], k != l
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@program((0,))
 def _forecast(settings: SymbolSettings, paths: Array, pairs: Array | None) -> Array:
     k, l, others = _ends(paths, pairs)
     rows = state_steps(settings, k, l)
@@ -228,7 +228,7 @@ def _smoothed(counts: Array, samples: Array, classes: int, smoothing: float) -> 
     return jnp.where(samples > 0, shares, 0)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
+@program((0, 1))
 def _events(
     settings: SymbolSettings, names: tuple[str, ...], paths: Array, pairs: Array | None
 ) -> EventForecast:

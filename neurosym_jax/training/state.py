@@ -5,7 +5,6 @@ disk.
 import contextlib
 import dataclasses
 import errno
-import functools
 import json
 import os
 import shutil
@@ -27,6 +26,7 @@ from neurosym_jax.runtime.files import (
     refuse_unwritable,
     remove_half_written,
 )
+from neurosym_jax.runtime.programs import program
 from neurosym_jax.symbolic.soft import safe_root
 from neurosym_jax.training.batches import Groups, augment
 from neurosym_jax.training.recipe import Recipe
@@ -176,7 +176,7 @@ def gradient_rounds(
     return advance
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
+@program((0, 1), donate_argnums=3)
 def gradient_step(
     forecaster: Any, recipe: Any, key: Array, state: TrainState, batch: Any
 ) -> tuple[TrainState, dict[str, Array]]:

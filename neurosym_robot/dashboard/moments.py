@@ -25,7 +25,6 @@ The last line has the final `score` alone.
 
 import base64
 import collections
-import functools
 import io
 import itertools
 import json
@@ -40,6 +39,7 @@ import numpy as np
 from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.weighting import Cnd, Parameters, Weighting
@@ -57,7 +57,7 @@ LARGEST = 4096  # pixels along a side; larger maps are shown coarser
 UNKNOWN = 48  # opacity of cells of which nothing is known, of 255
 
 
-@functools.partial(jax.jit, static_argnums=(0, 4))
+@program((0, 4))
 def newest_symbols(
     weighting: Weighting,
     parameters: Parameters,

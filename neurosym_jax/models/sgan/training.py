@@ -24,6 +24,7 @@ from neurosym_jax.models.sgan.network import (
     init_generator,
     interact_scene,
 )
+from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.symbolic.soft import safe_root
 from neurosym_jax.training.batches import Groups, SceneStream, augment, merge, split
@@ -466,7 +467,7 @@ def generator_rounds(
     return advance
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
+@program((0, 1), donate_argnums=3)
 def train_steps(
     generator_config: GeneratorConfig,
     recipe: GeneratorRecipe,

@@ -1,0 +1,365 @@
+"""Programs kept whole between processes: a warm process traces, lowers and compiles nothing.
+
+JAX's own cache is asked with the lowered program, so each process traces and lowers
+every program before it finds it. A `Program` is asked for by all that it follows from:
+its function, static arguments, shapes, the source of this project, versions, settings
+and the processor. What is not known to be the same is not used.
+
+Only one CPU device is served, and only while every registered component is this
+project's own: the source of a plugin, and of what it imports, is not known.
+"""
+
+import contextlib
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import io
+import json
+import os
+import pickle
+import platform
+import sys
+import threading
+import time
+import types
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jax._src import config as jax_config
+from jax.core import Tracer
+from jax.experimental import serialize_executable
+
+from neurosym_jax.plugins import additions
+from neurosym_jax.runtime.compiled import SealedCache, apart_from_cache, private_folder
+from neurosym_jax.scene import Scene
+
+__all__ = ["Program", "keep_whole", "kept_json", "program"]
+
+ROOT = Path(__file__).resolve().parents[2]
+"""The folder of this project's packages."""
+PACKAGES = "neurosym_"
+"""How their names begin; their source is a part of every key."""
+JAX_MODULES = (
+    "jax._src.core",
+    "jax._src.interpreters.pxla",
+    "jax._src.layout",
+    "jax._src.linear_util",
+    "jax._src.mesh",
+    "jax._src.named_sharding",
+    "jax._src.partition_spec",
+    "jax._src.prng",
+    "jax._src.random",
+    "jax._src.sharding_impls",
+    "jax._src.stages",
+    "jax._src.tree_util",
+    "jaxlib._jax",
+)
+"""Modules of JAX whose classes a kept program may name."""
+NODES = (PACKAGES, "optax.")
+"""Modules with nodes of trees, which a kept program may name too."""
+VERSIONED = ("jax", "jaxlib", "numpy", "flax", "optax")
+"""Packages of which the version is."""
+VARIABLES = ("XLA_FLAGS", "NPROC", "PJRT_NPROC", "JAX_PLATFORMS")
+"""Variables of the environment that change what is compiled."""
+UNPICKLERS = ("_unpickle_named_sharding", "_unpickle_single_device_sharding")
+"""Functions of JAX that a kept program may call while it is read."""
+RANDOM = ("threefry_seed", "threefry_split", "threefry_random_bits", "threefry_fold_in")
+"""Functions of JAX that the type of a random key names."""
+REGISTRIES = ("default_registry", "tracing_registry")
+"""Objects of `jax._src.tree_util` that it may name."""
+
+SOURCES = (".py", ".tsv")
+"""Endings of files that programs follow from."""
+
+_IMPORTED = time.time()
+_cache: SealedCache | None = None
+
+
+class Unnamed(Exception):
+    """A value that has no name by which another process would know it."""
+
+
+def keep_whole(folder: Path) -> None:
+    """Keep programs from now on in `folder`, if it is, or can be made, the user's alone."""
+    global _cache
+    if hasattr(serialize_executable, "_JaxPjrtUnpickler") and private_folder(folder):
+        _cache = SealedCache(folder)
+
+
+def program(static: tuple[int, ...] = (), **options: Any) -> Callable[..., "Program"]:
+    """Make a function a `Program`; `static` are positions, `options` those of `jax.jit`."""
+    return lambda function: Program(function, static, **options)
+
+
+class Program:
+    """`jax.jit` of a function of positional arguments, whose executables are kept.
+
+    Within a trace, or where nothing is kept, it is `jax.jit`.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], static: tuple[int, ...], **options: Any
+    ):
+        self.static = static
+        self.jitted = jax.jit(function, static_argnums=static, **options)
+        self.name = f"{function.__module__}.{function.__qualname__} {options}"
+        self._executables: dict[Any, Callable[..., Any]] = {}
+        self._locks: dict[Any, threading.Lock] = {}
+        functools.update_wrapper(self, function)
+
+    def lower(self, *arguments: Any) -> Any:
+        """See `jax.jit(...).lower`."""
+        return self.jitted.lower(*arguments)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function's result."""
+        if _cache is None:
+            return self.jitted(*arguments)
+        traced = [value for at, value in enumerate(arguments) if at not in self.static]
+        leaves, tree = jax.tree.flatten(traced)
+        if not all(map(_is_array, leaves)):
+            return self.jitted(*arguments)
+        # One with a default may be missing.
+        fixed = tuple(arguments[at] for at in self.static if at < len(arguments))
+        shapes = tuple(map(_shape_of, leaves))
+        # Settings are those of this thread, and of now.
+        key = fixed, tree, shapes, jax_config.trace_context(), len(additions())
+        executable = self._executables.get(key)
+        if executable is None:
+            with self._locks.setdefault(key, threading.Lock()):
+                executable = self._executables.get(key)
+                if executable is None:
+                    executable = self._executable(arguments, fixed, tree, shapes)
+                    self._executables[key] = executable
+        if executable is self.jitted:
+            return self.jitted(*arguments)
+        return executable(*traced)
+
+    def _executable(
+        self, arguments: Any, fixed: Any, tree: Any, shapes: Any
+    ) -> Callable[..., Any]:
+        """The kept executable; else a new one, which is kept; else `jitted`."""
+        assert _cache is not None
+        try:
+            key = _key(self.name, fixed, tree, shapes)
+        except Unnamed:
+            return self.jitted
+        content = _cache.get(key)
+        if content is not None:
+            # Of another build of XLA, perhaps.
+            with contextlib.suppress(Exception):
+                return _deserialized(content, tree)
+        with apart_from_cache():
+            compiled = self.jitted.lower(*arguments).compile()
+        # Some programs cannot be kept, such as those that call back.
+        with contextlib.suppress(Exception):
+            _cache.put(key, _serialized(compiled))
+        return compiled
+
+
+def kept_json(name: str, fixed: Any, compute: Callable[[], Any]) -> Any:
+    """`compute()`, which follows from `fixed` alone and is data for JSON; kept as programs are."""
+    if _cache is None:
+        return compute()
+    try:
+        key = _key(name, fixed)
+    except Unnamed:
+        return compute()
+    content = _cache.get(key)
+    if content is not None:
+        return json.loads(content)
+    value = compute()
+    _cache.put(key, json.dumps(value).encode())
+    return value
+
+
+def _is_array(leaf: Any) -> bool:
+    """Whether a leaf has a shape and a type of numbers, and is no trace."""
+    return isinstance(leaf, np.ndarray | np.generic) or (
+        isinstance(leaf, jax.Array) and not isinstance(leaf, Tracer)
+    )
+
+
+def _shape_of(leaf: Any) -> tuple[Any, ...]:
+    return leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)
+
+
+def _key(name: str, fixed: Any, tree: Any = None, shapes: Any = ()) -> str:
+    """Digest of all that a program follows from.
+
+    Raises:
+        Unnamed: where a part has no name that tells it from others.
+    """
+    # A component of a plugin has no name.
+    parts = (name, spelled(fixed), spelled(additions()), str(tree), str(shapes))
+    return hashlib.sha256(
+        repr((parts, _settings(), _surroundings())).encode()
+    ).hexdigest()
+
+
+def _settings() -> tuple[str, ...]:
+    """JAX's settings, of this thread and of the process, and those of XLA."""
+    context = []
+    for setting in jax_config.trace_context():
+        # Of names of axes JAX's text is an address.
+        context.append(getattr(setting, "axis_sizes", setting))
+    values = sorted(jax.config.values.items())
+    variables = [(name, os.environ.get(name)) for name in VARIABLES]
+    return repr(context), repr(values), repr(variables)
+
+
+@functools.cache
+def _surroundings() -> tuple[str, ...]:
+    """The source, versions and processor.
+
+    Raises:
+        Unnamed: for another device than one CPU, and where the source has changed since
+            this process began.
+    """
+    devices = jax.devices()
+    if len(devices) != 1 or devices[0].platform != "cpu":
+        raise Unnamed
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in VERSIONED]
+    return (
+        _source_digest(),
+        repr(versions),
+        platform.python_version(),
+        devices[0].client.platform_version,
+        processor(),
+        str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 0),
+    )
+
+
+def _source_digest() -> str:
+    """Digest of this project's source as it was imported."""
+    digest, began = hashlib.sha256(), _process_began()
+    for file in sorted(ROOT.glob(f"{PACKAGES}*/**/*")):
+        if file.suffix not in SOURCES:
+            continue
+        if file.stat().st_mtime > began:
+            raise Unnamed
+        content = file.read_bytes()
+        digest.update(f"{file.relative_to(ROOT)} {len(content)} ".encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def _process_began() -> float:
+    """When this process began, in seconds as `time.time`; on Linux alone not too late."""
+    try:
+        fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+        since_boot = int(fields[19]) / os.sysconf("SC_CLK_TCK")
+        age = time.clock_gettime(time.CLOCK_BOOTTIME) - since_boot
+    except (OSError, AttributeError, IndexError, ValueError):
+        return _IMPORTED
+    return time.time() - age
+
+
+def processor() -> str:
+    """The processor and its instructions, as far as the system tells them."""
+    words = [platform.machine(), platform.processor()]
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        names = ("model name", "flags", "Features")
+        lines = info.read_text().splitlines()
+        words += dict.fromkeys(line for line in lines if line.startswith(names))
+    return " ".join(words)
+
+
+def spelled(value: Any) -> str:
+    """A value in words that tell it from others, the same in every process.
+
+    Raises:
+        Unnamed: for what has no such words, such as a function of a plugin.
+    """
+    if value is None or isinstance(value, bool | int | float | str):
+        return repr(value)
+    if isinstance(value, tuple | list):
+        return f"({','.join(map(spelled, value))})"
+    if isinstance(value, frozenset):
+        return f"{{{','.join(sorted(map(spelled, value)))}}}"
+    if isinstance(value, Mapping):
+        return spelled([*value.items()])
+    if isinstance(value, functools.partial):
+        return f"partial{spelled((value.func, value.args, value.keywords))}"
+    if isinstance(value, types.FunctionType | type | Program):
+        return _qualified(value)
+    if dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+        fields = [(name, getattr(value, name)) for name in names]
+        return spelled(type(value)) + spelled(fields)
+    raise Unnamed
+
+
+def _qualified(value: Any) -> str:
+    """Module and name of one of this project's functions or classes."""
+    package = value.__module__.split(".")[0]
+    file = getattr(sys.modules.get(package), "__file__", None)
+    if not package.startswith(PACKAGES) or file is None or "<" in value.__qualname__:
+        raise Unnamed
+    if Path(file).resolve().parents[1] != ROOT:
+        raise Unnamed  # The package of somebody else, whose source is not in the key.
+    return f"{value.__module__}.{value.__qualname__}"
+
+
+def _serialized(compiled: Any) -> bytes:
+    executable, _, out_tree = serialize_executable.serialize(compiled)
+    return pickle.dumps((executable, out_tree))
+
+
+def _deserialized(content: bytes, tree: Any) -> Callable[..., Any]:
+    """The executable of arguments `tree`.
+
+    As `serialize_executable.deserialize_and_load`, but it reads data only.
+    """
+    backend = jax.devices()[0].client
+    executable, out_tree = _Data(io.BytesIO(content)).load()
+    unloaded, arguments, no_kwargs = _Executable(io.BytesIO(executable), backend).load()
+    # The arguments as `jax.jit` has them: positional ones, and none by name.
+    in_tree = jax.tree.structure((tuple(jax.tree.unflatten(tree, arguments)), {}))
+    information = jax.tree.unflatten(in_tree, arguments)
+    return jax.stages.Compiled(
+        unloaded.load(), [], information, out_tree, no_kwargs=no_kwargs
+    )
+
+
+class _OnlyData:
+    """Reads names of JAX's classes and of nodes of trees; calls nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """What a pickle may name.
+
+        Raises:
+            UnpicklingError: for everything else.
+        """
+        of_jax = module == "jax" or module.startswith(JAX_MODULES)
+        if not (of_jax or module.startswith(NODES) or module == "numpy"):
+            raise pickle.UnpicklingError(f"{module}.{name}")
+        value = super().find_class(module, name)  # pyright: ignore[reportAttributeAccessIssue]
+        if of_jax and name in (*UNPICKLERS, *RANDOM, *REGISTRIES):
+            return value
+        # What a module has imported from elsewhere is not its own.
+        owner = getattr(value, "__module__", "").split(".")[0]
+        allowed = isinstance(value, type) and owner == module.split(".")[0]
+        if module == "numpy":
+            allowed = value is np.dtype
+        elif not of_jax:
+            # A node of a tree is made of its leaves, and does nothing.
+            allowed = allowed and issubclass(value, tuple | Scene)
+        if not allowed:
+            raise pickle.UnpicklingError(f"{module}.{name}")
+        return value
+
+
+class _Data(_OnlyData, pickle.Unpickler):
+    pass
+
+
+if hasattr(serialize_executable, "_JaxPjrtUnpickler"):
+
+    class _Executable(_OnlyData, serialize_executable._JaxPjrtUnpickler):
+        pass

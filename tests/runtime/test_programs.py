@@ -1,0 +1,374 @@
+"""Programs kept whole: the same numbers, and what is damaged or stale is computed again."""
+
+import dataclasses
+import functools
+import importlib
+import io
+import os
+import pickle
+import shutil
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neurosym_jax import plugins
+from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.models.baselines import ConstantVelocity
+from neurosym_jax.runtime import programs
+from neurosym_jax.runtime.compiled import private_folder
+from neurosym_jax.runtime.programs import Unnamed, program, spelled
+from neurosym_jax.scene import make_scene
+from tests.repository import SMALL, run_python
+
+FORECAST = """
+import os, sys
+import jax
+import numpy as np
+import neurosym_jax as nj
+from neurosym_jax.errors import InputError
+from neurosym_jax.plugins import load_plugin
+if os.environ.get("SWITCH"):
+    jax.config.update(os.environ["SWITCH"], True)
+traced = []
+listen = lambda event, seconds, **of: traced.append((event, of.get("fun_name")))
+jax.monitoring.register_event_duration_secs_listener(listen)
+nj.runtime.enable_compilation_cache()
+for plugin in sys.argv[2:]:
+    load_plugin(plugin)
+steps = np.arange(8.0)[:, None] * [0.4, 0.1]
+observed = np.stack([steps, 4 - steps])
+forecast = nj.predict(nj.load_model(sys.argv[1]), observed, samples=2)
+names = {name for event, name in traced if event.endswith("jaxpr_trace_duration")}
+print(forecast.tobytes().hex(), *sorted(names))
+"""
+PLUGIN = """
+import dataclasses
+from neurosym_jax.models.sgan.network import register_pooling
+from neurosym_jax.models.sgan.pooling import PoolNet
+
+@register_pooling("mine")
+@dataclasses.dataclass(frozen=True)
+class Mine(PoolNet):
+    pass
+"""
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """A folder of programs, in use for one test."""
+    monkeypatch.setattr(programs, "_cache", None)
+    # Of tests that registered something before.
+    monkeypatch.setattr(plugins, "_additions", [])
+    programs.keep_whole(tmp_path / "programs")
+    # Else JAX would take programs from its own cache, which cannot be kept again.
+    before = jax.config.jax_enable_compilation_cache
+    jax.config.update("jax_enable_compilation_cache", False)
+    jax.experimental.compilation_cache.compilation_cache.reset_cache()
+    yield tmp_path / "programs"
+    jax.config.update("jax_enable_compilation_cache", before)
+    jax.experimental.compilation_cache.compilation_cache.reset_cache()
+
+
+def scaled(factor, scene, key, state):
+    """A function of a static number, a scene, a key and a state that is a tree."""
+    noise = jax.random.normal(key, scene.observed.shape)
+    total = factor * jnp.tanh(scene.observed) + noise
+    return total, {"state": state["a"] + total.sum(), "none": None}
+
+
+scaled.__module__ = "neurosym_jax.tests"
+ARGUMENTS = (
+    make_scene(np.random.default_rng(0).normal(size=(3, 8, 2))),
+    jax.random.key(7),
+    {"a": np.ones(4, np.float32)},
+)
+
+
+def newly(function=scaled, static=(0,), **options):
+    """The program as another process has it: with nothing in memory."""
+    return program(static, **options)(function)
+
+
+def numbers(result):
+    return [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(result)]
+
+
+def counted(function):
+    """`function` and the list of its traces."""
+    traces = []
+
+    @functools.wraps(function)
+    def traced(*arguments):
+        traces.append(arguments)
+        return function(*arguments)
+
+    return traced, traces
+
+
+def test_a_kept_program_has_the_same_bits_and_is_not_traced(kept):
+    expected = jax.jit(scaled, static_argnums=0)(2.0, *ARGUMENTS)
+    function, traces = counted(scaled)
+    first = newly(function)(2.0, *ARGUMENTS)
+    assert len(traces) == 1
+    assert len(list(kept.iterdir())) == 1
+    again = newly(function)
+    second, third = again(2.0, *ARGUMENTS), again(2.0, *ARGUMENTS)
+    assert len(traces) == 1
+    assert jax.tree.structure(second) == jax.tree.structure(expected)
+    assert numbers(first) == numbers(second) == numbers(third) == numbers(expected)
+
+
+def test_donated_buffers_are_reused_by_a_kept_program_too(kept):
+    def step(state):
+        return state + 1.0
+
+    step.__module__, step.__qualname__ = "neurosym_jax.tests", "step"
+    for _ in range(2):
+        state = jnp.arange(4.0)
+        # With checks of NaN JAX keeps the buffers.
+        with jax.debug_nans(False):
+            moved = newly(step, (), donate_argnums=0)(state)
+        np.testing.assert_array_equal(moved, np.arange(4.0) + 1)
+        assert state.is_deleted()
+
+
+def test_what_differs_in_any_argument_is_another_program(kept):
+    scene, key, state = ARGUMENTS
+    longer = make_scene(np.zeros((4, 8, 2)))
+    variants = [
+        (2.0, scene, key, state),
+        (3.0, scene, key, state),
+        (2, scene, key, state),
+        (2.0, longer, key, state),
+        (2.0, scene.replace(period=0.5), key, state),
+        (2.0, scene.replace(origin=None), key, state),
+        (2.0, scene, key, {"a": np.ones(4, np.float16)}),
+        (2.0, scene, key, {"a": np.ones(5, np.float32)}),
+    ]
+    for count, arguments in enumerate(variants, 1):
+        expected = jax.jit(scaled, static_argnums=0)(*arguments)
+        assert numbers(newly()(*arguments)) == numbers(expected)
+        assert len(list(kept.iterdir())) == count
+
+
+def test_within_a_trace_it_is_a_part_of_the_traced_program(kept):
+    scene, key, state = ARGUMENTS
+    outer = jax.jit(lambda scene, key: newly()(2.0, scene, key, state)[0])
+    np.testing.assert_allclose(
+        outer(scene, key), newly()(2.0, *ARGUMENTS)[0], atol=1e-6
+    )
+    gradient = jax.grad(
+        lambda x: newly()(x, scene, key, state)[0].sum(), allow_int=True
+    )
+    with pytest.raises(TypeError):
+        gradient(jnp.ones(()))  # A static argument: as of `jax.jit`.
+
+
+def test_500_flipped_bits_and_torn_files_are_never_used(kept, capsys):
+    expected = numbers(newly()(2.0, *ARGUMENTS))
+    (file,) = kept.iterdir()
+    content, rng = file.read_bytes(), np.random.default_rng(0)
+    used = programs._cache
+    for bit in rng.choice(8 * len(content), 500, replace=False):
+        flipped = bytearray(content)
+        flipped[bit // 8] ^= 1 << bit % 8
+        file.write_bytes(flipped)
+        assert used.get(file.stem) is None
+        assert not file.exists()
+    for length in (0, 31, 32, 100, len(content) - 1):
+        file.write_bytes(content[:length])
+        assert used.get(file.stem) is None
+    file.write_bytes(flipped)
+    function, traces = counted(scaled)
+    assert numbers(newly(function)(2.0, *ARGUMENTS)) == expected
+    assert len(traces) == 1
+    assert "damaged programs are compiled again" in capsys.readouterr().err
+    function, traces = counted(scaled)
+    assert numbers(newly(function)(2.0, *ARGUMENTS)) == expected
+    assert not traces, "what was damaged was not replaced"
+
+
+@pytest.mark.parametrize(
+    "named",
+    [os.system, shutil.rmtree, pickle.loads, ConstantVelocity, jax.jit, np.load, eval],
+)
+def test_a_sealed_file_that_would_run_code_is_not_read(kept, named):
+    newly()(2.0, *ARGUMENTS)
+    (file,) = kept.iterdir()
+    programs._cache.put(file.stem, pickle.dumps((b"", named)))
+    expected = jax.jit(scaled, static_argnums=0)(2.0, *ARGUMENTS)
+    function, traces = counted(scaled)
+    assert numbers(newly(function)(2.0, *ARGUMENTS)) == numbers(expected)
+    assert len(traces) == 1
+    with pytest.raises(pickle.UnpicklingError):
+        programs._Data(io.BytesIO(pickle.dumps(named))).load()
+
+
+def test_names_that_a_module_of_jax_imported_are_not_read():
+    for module, name in (
+        ("jax._src.core", "threading.Thread"),
+        ("jax._src.core", "Callable"),
+        ("jax._src.compilation_cache", "os.system"),
+        ("neurosym_jax.plugins", "Registry"),
+        ("neurosym_jax.scene", "np.load"),
+    ):
+        with pytest.raises((pickle.UnpicklingError, AttributeError)):
+            programs._Data(io.BytesIO(b"")).find_class(module, name)
+
+
+def test_a_stale_key_of_each_kind_is_another_key(kept, monkeypatch):
+    def key():
+        programs._surroundings.cache_clear()
+        return programs._key("name", (1,), "tree", "shapes")
+
+    keys = [key()]
+    assert key() == keys[0]
+    for replaced, value in (
+        ("_source_digest", lambda: "another source"),
+        ("processor", lambda: "another processor"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(programs, replaced, value)
+            keys.append(key())
+    for variable in programs.VARIABLES:
+        with monkeypatch.context() as patch:
+            patch.setenv(variable, "--xla_cpu_prefer_vector_width=128")
+            keys.append(key())
+    with jax.numpy_rank_promotion("warn"):
+        keys.append(key())
+    with jax.default_matmul_precision("bfloat16"):
+        keys.append(key())
+    with jax.enable_x64(True):
+        keys.append(key())
+    version = programs.importlib.metadata.version
+    for package in programs.VERSIONED:
+        with monkeypatch.context() as patch:
+            changed = functools.partial(
+                lambda of, name: "0" if name == of else version(name), package
+            )
+            patch.setattr(programs.importlib.metadata, "version", changed)
+            keys.append(key())
+    programs._surroundings.cache_clear()
+    assert len(set(keys)) == len(keys)
+    assert key() == keys[0]
+
+
+def test_settings_of_a_thread_have_programs_of_their_own(kept):
+    once = newly()
+    usual = once(2.0, *ARGUMENTS)[0]
+    with jax.enable_x64(True):
+        scene, key, state = ARGUMENTS
+        wide = scene.replace(observed=scene.observed.astype(np.float64))
+        assert once(2.0, wide, key, state)[0].dtype == jnp.float64
+    assert once(2.0, *ARGUMENTS)[0].dtype == usual.dtype == jnp.float32
+
+
+def test_the_source_is_a_part_of_the_key_and_its_change_while_running_keeps_nothing(
+    tmp_path, monkeypatch
+):
+    file = tmp_path / "neurosym_other/runtime/programs.py"
+    file.parent.mkdir(parents=True)
+    file.write_text("a = 1\n")
+    os.utime(file, (1, 1))
+    monkeypatch.setattr(programs, "ROOT", tmp_path)
+    first = programs._source_digest()
+    assert programs._source_digest() == first
+    file.write_text("a = 2\n")
+    with pytest.raises(Unnamed):
+        programs._source_digest()
+    os.utime(file, (1, 1))
+    second = programs._source_digest()
+    file.rename(file.with_name("other.py"))
+    assert len({first, second, programs._source_digest()}) == 3
+    assert time.time() - 3600 * 24 < programs._process_began() < time.time()
+
+
+def test_what_a_plugin_adds_is_not_known_so_nothing_is_kept(kept):
+    registry = plugins.Registry("part", {"ours": ConstantVelocity})
+    assert newly()(2.0, *ARGUMENTS)
+    registry["again"] = ConstantVelocity
+    newly()(2.0, *ARGUMENTS)
+    assert len(list(kept.iterdir())) == 2, "another table is another key"
+
+    @registry.register("theirs")
+    @dataclasses.dataclass(frozen=True)
+    class Theirs(ConstantVelocity):
+        pass
+
+    for _ in range(2):
+        function, traces = counted(scaled)
+        newly(function)(3.0, *ARGUMENTS)
+        assert len(traces) == 1
+    assert len(list(kept.iterdir())) == 2
+
+
+def test_only_what_another_process_would_name_so_is_spelled():
+    ours = [NoiseSpec(3), NoiseSpec(3, True), ConstantVelocity, ("a", 1), {"a": 1.5}]
+    ours += [
+        functools.partial(spelled, 2),
+        functools.partial(spelled, 3),
+        None,
+        True,
+        1,
+    ]
+    texts = [spelled(value) for value in ours]
+    assert len(set(texts)) == len(texts)
+    assert spelled(NoiseSpec(3)) == texts[0]
+    for value in (lambda: 0, counted, np.zeros(3), object(), jnp.tanh, {1: print}):
+        with pytest.raises(Unnamed):
+            spelled(value)
+
+
+def test_a_package_of_somebody_else_with_a_name_like_ours_has_no_name(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "neurosym_else.py").write_text("def function(): pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("neurosym_else")
+    with pytest.raises(Unnamed):
+        spelled(module.function)
+
+
+def test_a_folder_that_others_own_or_could_write_is_not_trusted(tmp_path):
+    ours = tmp_path / "ours"
+    assert private_folder(ours)
+    assert ours.stat().st_mode & 0o777 == 0o700
+    ours.chmod(0o777)
+    assert private_folder(ours)
+    assert ours.stat().st_mode & 0o022 == 0
+    (tmp_path / "link").symlink_to(ours)
+    assert not private_folder(tmp_path / "link")
+    (tmp_path / "file").touch()
+    assert not private_folder(tmp_path / "file")
+    if os.getuid() == 0:
+        os.chown(ours, 12345, -1)
+        assert not private_folder(ours)
+        assert (ours.stat().st_uid, ours.stat().st_mode & 0o777) == (12345, 0o755)
+
+
+@pytest.mark.slow
+def test_a_warm_process_traces_nothing_and_a_plugin_is_never_served_from_the_store(
+    tmp_path,
+):
+    plugin = tmp_path / "mine.py"
+    plugin.write_text(PLUGIN)
+
+    def forecast(*arguments, **environment):
+        words = ("-c", FORECAST, SMALL, *arguments)
+        cache = {"XDG_CACHE_HOME": str(tmp_path), "JAX_COMPILATION_CACHE_DIR": ""}
+        bits, *traced = run_python(*words, **cache, **environment).stdout.split()
+        return bits, traced
+
+    cold, warm = forecast(), forecast()
+    assert warm[0] == cold[0]
+    assert "forecast_scene" in cold[1]
+    assert not warm[1]
+    files = set(tmp_path.rglob("programs/*.program"))
+    assert files
+    beside = forecast(plugin)
+    assert beside[0] == cold[0]
+    assert "forecast_scene" in beside[1]
+    assert set(tmp_path.rglob("programs/*.program")) == files
