@@ -102,9 +102,10 @@ def run(options: BenchmarkOptions) -> None:
         "trainings": ("data",),
     }
     for name in names:
-        if absent := [
+        absent = [
             need for need in needs.get(name, ()) if getattr(options, need) is None
-        ]:
+        ]
+        if absent:
             raise InputError(f"--{absent[0]} is needed for {name}")
     for name in names:
         result = importlib.import_module(f"benchmarks.{name}").measure(options)

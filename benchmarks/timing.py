@@ -29,7 +29,8 @@ def peak_mb(process: int | str = "self") -> float:
     if process == "self":
         import jax
 
-        if statistics := jax.devices()[0].memory_stats():  # None on a CPU.
+        statistics = jax.devices()[0].memory_stats()
+        if statistics:  # None on a CPU.
             return statistics["peak_bytes_in_use"] / 1e6
     status = Path(f"/proc/{process}/status").read_text()
     return (
@@ -169,7 +170,8 @@ def text(result: Mapping[str, Any]) -> str:
         lines.append(
             f"  {entry['case']:32} {entry['who']:14} {middle:>9} {unit} ({low} to {high}){details}"
         )
-    if light := result.get("light"):
+    light = result.get("light")
+    if light:
         lines.append(
             f"  speed of light {light['seconds']:.4g} s: {light['flops'] / 1e9:.3g} GFLOP and "
             f"{light['transcendentals'] / 1e9:.3g} G of tanh and sigmoid; reached "

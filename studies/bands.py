@@ -11,6 +11,7 @@ and is named.
 """
 
 import dataclasses
+import itertools
 import sys
 import warnings
 from collections.abc import Iterable, Iterator
@@ -85,7 +86,9 @@ def main(places: list[str]) -> None:
     )
     print("|---|---:|---|---|---|---|")
     everything = []
-    for folder in (Path(place) / name for place in places for name in FORMATS):
+    for folder in (
+        Path(place) / name for place, name in itertools.product(places, FORMATS)
+    ):
         recordings = list(recordings_of(folder))
         if not recordings:
             continue

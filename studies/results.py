@@ -18,6 +18,7 @@ python -m studies.results docs/results.json docs/results_joint_metrics.json docs
 
 import csv
 import io
+import itertools
 import json
 import sys
 from collections import defaultdict
@@ -221,7 +222,8 @@ def _not_best(rows: Sequence[dict[str, Any]]) -> str:
                 scores[row["model"], trained].append(row["energy_score"])
         means = {key: sum(values) / len(values) for key, values in scores.items()}
         (name, _), own = min(means, key=lambda key: means[key]), means["anchors", None]
-        if (best := min(means.values())) < own:
+        best = min(means.values())
+        if best < own:
             scenes.append(f"on {scene} ({name} {best:.2f} m, its own {own:.2f} m)")
     where = " and ".join(scenes) or "nowhere"
     return f"At 8 + 12, others have a better energy score {where}."
@@ -258,13 +260,14 @@ def _means(rows: Sequence[dict[str, Any]]) -> str:
             )
             if steps in means
             else "-"
-            for steps in (8, 12)
-            for kind in ERRORS
+            for steps, kind in itertools.product((8, 12), ERRORS)
         ]
         scores = (means.get(12, {}).get(score, {}).get("mean") for score in SCORES)
         cells += ["-" if score is None else f"{score:.2f}" for score in scores]
         lines += [[name, *cells]] if means else []
-    head = [f"8 + {steps}, {kind}" for steps in (8, 12) for kind in ERRORS]
+    head = [
+        f"8 + {steps}, {kind}" for steps, kind in itertools.product((8, 12), ERRORS)
+    ]
     heads = (f"8 + 12, {words}" for words in SCORES.values())
     return markdown_table(["model", *head, *heads], lines, right=6)
 

@@ -133,7 +133,8 @@ def run_block(example: Example) -> None:
     if file:
         Path(file[1].lower().removesuffix(".py") + ".py").write_text(code)
         restore(tables)
-    if shown := SHOWN.match(example.document.text, example.end):
+    shown = SHOWN.match(example.document.text, example.end)
+    if shown:
         compare(shown[1], printed.getvalue())
     example.namespace["done"].append(code)
 
@@ -144,15 +145,16 @@ def compare(shown: str, printed: str) -> None:
     texts = [NUMBER.sub("#", line) for line in lines]
     for line in filter(None, (" ".join(line.split()) for line in shown.splitlines())):
         assert NUMBER.sub("#", line) in texts, f"not printed: {line}\n{printed}"
-        values = [
-            [float(number) for number in NUMBER.findall(other)]
-            for other, text in zip(lines, texts)
-            if text == NUMBER.sub("#", line)
-        ]
-        expected = [float(number) for number in NUMBER.findall(line)]
-        assert any(np.allclose(numbers, expected, rtol=0.1) for numbers in values), (
-            printed
-        )
+        alike = [n for n, text in enumerate(texts) if text == NUMBER.sub("#", line)]
+        expected = numbers_in(line)
+        values = [numbers_in(lines[n]) for n in alike]
+        close = [np.allclose(numbers, expected, rtol=0.1) for numbers in values]
+        assert any(close), printed
+
+
+def numbers_in(line: str) -> list[float]:
+    """Those with a point."""
+    return [float(number) for number in NUMBER.findall(line)]
 
 
 def restore(contents: list[dict[str, Any]]) -> None:

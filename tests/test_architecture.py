@@ -48,16 +48,13 @@ LATER = {
 def imports(path: Path) -> list[tuple[str, bool]]:
     """Modules that a file imports, and whether at once or when a function is called."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    later = {
-        id(node)
-        for function in ast.walk(tree)
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
-        or (
-            isinstance(function, ast.If)
-            and "TYPE_CHECKING" in ast.unparse(function.test)
-        )
-        for node in ast.walk(function)
-    }
+    later = set()
+    for part in ast.walk(tree):
+        on_demand = isinstance(part, ast.FunctionDef | ast.AsyncFunctionDef)
+        if isinstance(part, ast.If):
+            on_demand = "TYPE_CHECKING" in ast.unparse(part.test)
+        if on_demand:
+            later |= {id(node) for node in ast.walk(part)}
     names = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -67,10 +64,11 @@ def imports(path: Path) -> list[tuple[str, bool]]:
     return names
 
 
-FILES = {
-    path.relative_to(PACKAGE).as_posix(): imports(path)
-    for path in PACKAGE.rglob("*.py")
-}
+IMPORTS: list[tuple[str, str, bool]] = []
+"""(file, what it imports, whether at once) of the package."""
+for path in PACKAGE.rglob("*.py"):
+    file = path.relative_to(PACKAGE).as_posix()
+    IMPORTS += [(file, *imported) for imported in imports(path)]
 
 
 def ours(name: str) -> str:
@@ -81,23 +79,17 @@ def ours(name: str) -> str:
 
 @pytest.mark.parametrize("library", LIBRARIES)
 def test_a_library_is_imported_in_its_packages(library):
-    users = {
-        file
-        for file, names in FILES.items()
-        for name, _ in names
-        if name.split(".")[0] == library
-    }
+    users = {file for file, name, _ in IMPORTS if name.split(".")[0] == library}
     assert {file for file in users if not file.startswith(LIBRARIES[library])} == set()
     assert users or not LIBRARIES[library], "a rule about nothing"
 
 
 def test_heavy_and_optional_libraries_are_imported_on_demand():
-    at_once = {
-        (file, name)
-        for file, names in FILES.items()
-        for name, now in names
-        if now and (name.split(".")[0] in ON_DEMAND or ours(name) == "plotting")
-    }
+    at_once = set()
+    for file, name, now in IMPORTS:
+        heavy = name.split(".")[0] in ON_DEMAND or ours(name) == "plotting"
+        if now and heavy:
+            at_once.add((file, name))
     packages = ("plotting/", "commands/")
     assert {
         (file, name) for file, name in at_once if not file.startswith(packages)
@@ -108,34 +100,28 @@ def test_packages_import_what_is_left_of_them():
     later = {
         package: PACKAGES[place + 1 :] for place, package in enumerate(PACKAGES)
     } | {"runtime": PACKAGES}
-    wrong = {
-        (file, ours(name))
-        for file, names in FILES.items()
-        for name, _ in names
-        if ours(name) in later.get(file.split("/")[0], ())
-    }
+    wrong = set()
+    for file, name, _ in IMPORTS:
+        if ours(name) in later.get(file.split("/")[0], ()):
+            wrong.add((file, ours(name)))
     assert wrong == LATER
 
 
 def test_no_two_files_import_each_other():
-    graph = {
-        ".".join(path.relative_to(ROOT).with_suffix("").parts): {
-            name for name, _ in imports(path)
-        }
-        for path in ROOT.glob("neurosym_*/**/*.py")
-    }
+    graph = {}
+    for path in ROOT.glob("neurosym_*/**/*.py"):
+        module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        graph[module] = {name for name, _ in imports(path)}
     graphlib.TopologicalSorter(graph).prepare()
 
 
 def test_the_core_uses_no_command_study_test_or_robot():
     outside = {"studies", "tests", "benchmarks", "examples"}
-    users = {
-        file
-        for file, names in FILES.items()
-        for name, _ in names
-        if name.split(".")[0] in outside
-        or (ours(name) == "commands" and not file.startswith("commands/"))
-    }
+    users = set()
+    for file, name, _ in IMPORTS:
+        command = ours(name) == "commands" and not file.startswith("commands/")
+        if command or name.split(".")[0] in outside:
+            users.add(file)
     assert users <= {"__main__.py"}
     paths = [path for path in PACKAGE.rglob("*") if path.suffix in (".py", ".pyi")]
     naming = {

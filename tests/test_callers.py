@@ -140,14 +140,10 @@ def test_additional_recordings_have_the_steps_of_the_run(tmp_path):
 
 def sweep(folder, differences, frames=160):
     """A sweep of two models whose errors differ by `differences [seeds, frames]`."""
-    runs = [
-        (model, "eth", seed, {"joint_ade": values})
-        for seed, difference in enumerate(differences)
-        for model, values in (
-            ("SGAN", np.full(frames, 1.0)),
-            ("NeuroSyM", 1.0 + difference),
-        )
-    ]
+    runs = []
+    for seed, difference in enumerate(differences):
+        runs.append(("SGAN", "eth", seed, {"joint_ade": np.full(frames, 1.0)}))
+        runs.append(("NeuroSyM", "eth", seed, {"joint_ade": 1.0 + difference}))
     write_sweep(folder, runs)
     compare_sweep(folder, "SGAN")
     return (

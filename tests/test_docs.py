@@ -41,17 +41,12 @@ def test_targets_of_the_readme_exist():
 
 def test_every_page_is_in_the_navigation_and_linked_from_another():
     navigation = (ROOT / "mkdocs.yml").read_text()
-    files = [
-        file for kind in ("md", "ipynb") for file in ROOT.glob(f"docs/**/*.{kind}")
-    ]
+    files = [*ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/**/*.ipynb")]
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in files}
     assert {page for page in pages if f": {page}\n" not in navigation} == set()
-    links = {
-        target
-        for name, text in PAGES.items()
-        for target in re.findall(r"\]\(([\w/]+\.md)", text)
-        if target != name
-    }
+    links = set()
+    for name, text in PAGES.items():
+        links |= set(re.findall(r"\]\(([\w/]+\.md)", text)) - {name}
     assert PAGES.keys() - links == {"index.md"}
 
 

@@ -1,5 +1,6 @@
 """How many files of the package run for an evaluation, and for a pair's weight in pooling."""
 
+import itertools
 import json
 
 import numpy as np
@@ -30,7 +31,10 @@ print(json.dumps([sorted(files), sorted(sys.modules)]))
 
 @pytest.mark.slow
 def test_an_evaluation_runs_code_of_few_files(tmp_path):
-    rows = [f"{10 * t} {who} {0.4 * t} {who}" for t in range(20) for who in (0, 1)]
+    rows = [
+        f"{10 * t} {who} {0.4 * t} {who}"
+        for t, who in itertools.product(range(20), (0, 1))
+    ]
     (tmp_path / "walk.txt").write_text("\n".join(rows))
     done = run_python("-c", EVALUATION, cwd=tmp_path, PYTHONPATH=str(ROOT))
     files, modules = json.loads(done.stdout.splitlines()[-1])

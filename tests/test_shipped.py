@@ -74,9 +74,9 @@ def batches_of(dataset, obs_len, pred_len, stride, folder=None):
     """Every so many windows of a data set's test; those of all simulations without a folder."""
     source = open_source(folder)
     scenes = [dataset] if folder else source.scenes
-    recordings = [
-        tracks for scene in scenes for tracks in source.recordings(scene, "test")
-    ]
+    recordings = []
+    for scene in scenes:
+        recordings += source.recordings(scene, "test")
     windows = cut_windows(recordings, obs_len, pred_len)
     return make_batches(windows.take(slice(None, None, stride)))
 

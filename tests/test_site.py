@@ -62,7 +62,8 @@ def test_pages_fit(site, browser):
             page.set_viewport_size(size)
             look = page.evaluate(LOOK)
             look["entity"] = re.findall(r"&(?:#\d+|amp|lt|gt);", look.pop("text"))
-            if wrong := {name: fault for name, fault in look.items() if fault}:
+            wrong = {name: fault for name, fault in look.items() if fault}
+            if wrong:
                 faults[f"{path.parent.relative_to(site)} at {size['width']}"] = wrong
     page.close()
     assert not faults

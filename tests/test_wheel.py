@@ -1,5 +1,6 @@
 """The package as a wheel, installed in a place of its own and used in an empty folder."""
 
+import itertools
 import os
 import re
 import shutil
@@ -35,8 +36,7 @@ TRAIN = (
 TRAIN += ("batch_scenes=4", "best_k=2", "max_agents=4")
 WALK = [
     f"{0.4 * t:.1f},{who},{0.3 * t + who},{2 * who}"
-    for t in range(20)
-    for who in (0, 1)
+    for t, who in itertools.product(range(20), (0, 1))
 ]
 
 

@@ -176,7 +176,7 @@ class Forecaster(abc.ABC):
     def repaired_representatives(
         self, params: Any, scene: Scene, noise: Array
     ) -> Representatives:
-        """`representatives` given plausible tracks in place of tracking errors.
+        """`representatives` [k, N, pred_len, 2], given plausible tracks in place of errors.
 
         See `repair_tracks`: forecasts begin at the reported positions all the same. A
         family that `repairs` tracks itself sees them as they are.

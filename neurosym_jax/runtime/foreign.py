@@ -91,7 +91,9 @@ def _words(error: BaseException) -> str:
 def read_bytes(path: Path | str, limit: float = SMALL) -> bytes:
     """The content of a file, which may have `limit` bytes.
 
-    Raises: InputError: naming the file: it cannot be read, or is larger.
+    Raises:
+
+        InputError: naming the file: it cannot be read, or is larger.
     """
     with reading(path), open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size
@@ -107,7 +109,9 @@ def read_bytes(path: Path | str, limit: float = SMALL) -> bytes:
 def read_json(path: Path | str, what: str = "JSON", limit: float = SMALL) -> Any:
     """The value of a file in JSON, without keys that stand twice.
 
-    Raises: InputError: naming the file: as `read_bytes`, and for other text.
+    Raises:
+
+        InputError: naming the file: as `read_bytes`, and for other text.
     """
     with reading(path, what):
         return parse_json(read_bytes(path, limit), printable(str(path)))
@@ -116,7 +120,9 @@ def read_json(path: Path | str, what: str = "JSON", limit: float = SMALL) -> Any
 def read_yaml(path: Path | str, what: str = "YAML", limit: float = SMALL / 64) -> Any:
     """The value of a file in YAML, without aliases, of which a few lines make gigabytes.
 
-    Raises: InputError: naming the file: as `read_bytes`, and for other text.
+    Raises:
+
+        InputError: naming the file: as `read_bytes`, and for other text.
     """
     import yaml
 
@@ -133,7 +139,9 @@ def read_arrays(path: Path | str, what: str = "arrays of numpy") -> dict[str, An
     Sizes are compared with the archive's and with what is free before anything is
     unpacked, and a header with the bytes that follow it.
 
-    Raises: InputError: naming the file, and the array where one is wrong.
+    Raises:
+
+        InputError: naming the file, and the array where one is wrong.
     """
     with reading(path, what), open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size

@@ -1,5 +1,6 @@
 import dataclasses
 import hashlib
+import itertools
 import json
 import warnings
 
@@ -44,16 +45,15 @@ def test_the_first_minute(tmp_path, capsys):
     )
     models = ("constant velocity", "SGAN", "NeuroSyM, cnd")
     assert [(row["dataset"], row["model"]) for row in rows] == [
-        (scene, model) for scene in ("all-forward", "cross-path") for model in models
+        (scene, model)
+        for scene, model in itertools.product(("all-forward", "cross-path"), models)
     ]
     assert [path.name for path in (tmp_path / "figures").iterdir()] == ["overview.png"]
     out, err = capsys.readouterr()
     lines = [line.rstrip() for line in out.splitlines() if str(tmp_path) not in line]
     assert max(map(len, lines)) <= 80
-    assert (
-        sum(line.startswith(tuple(f"{model}  " for model in models)) for line in lines)
-        == 6
-    )
+    begins = tuple(f"{model}  " for model in models)
+    assert sum(line.startswith(begins) for line in lines) == 6
     assert "the networks make 3," in out
     assert (
         lines[-1]
@@ -126,9 +126,10 @@ def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
     ]
     assert report == {"format": 2, "protocol": "sgan", "rows": rows}
     log = (tmp_path / "rows.jsonl").read_text()
+    # The log has no p-values: they need all rows.
     tested = {f"{name}_p" for name in rows[0]} & set(rows[0])
-    untested = [{name: row[name] for name in row if name not in tested} for row in rows]
-    assert [json.loads(line) for line in log.splitlines()] == untested
+    for line, row in zip(log.splitlines(), rows, strict=True):
+        assert json.loads(line) == {name: row[name] for name in row.keys() - tested}
     assert {row["joint_ade_p"] is None for row in rows} == {True, False}
     assert [(row["model"], row["samples"]) for row in rows] == [
         ("constant velocity", 1),
@@ -175,9 +176,8 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
 
 
 def test_one_step_and_one_agent(options, tmp_path):
-    (data := tmp_path / "walk.csv").write_text(
-        "\n".join(f"{frame},1,{0.1 * frame:.1f},0" for frame in range(9))
-    )
+    data = tmp_path / "walk.csv"
+    data.write_text("\n".join(f"{frame},1,{0.1 * frame:.1f},0" for frame in range(9)))
     row, _ = run(options(data=data, pred_len=1, min_agents=1, samples=2))
     assert (row["scenes"], row["agents"], row["dataset"]) == (1, 1, "walk")
     assert row["joint_ade"] == pytest.approx(0, abs=1e-6)
@@ -229,8 +229,9 @@ def test_joint_metrics_matter_counts_these_windows(shared, options):
     rows = [row for row in tested if row["checkpoint"] is None]
     assert [row["scenes"] for row in rows] == [253, 445, 947, 705, 998]
     # Its mean over scenes, and of the five: .539 / 1.152, see docs/evaluate.md.
-    means = [sum(row[f"joint_{error}"] for row in rows) / 5 for error in ("ade", "fde")]
-    assert means == pytest.approx([0.539, 1.152], abs=0.001)
+    for error, mean in (("joint_ade", 0.539), ("joint_fde", 1.152)):
+        values = [row[error] for row in rows]
+        assert np.mean(values) == pytest.approx(mean, abs=0.001)
 
 
 @pytest.mark.slow

@@ -376,7 +376,8 @@ def test_what_cannot_be_done_is_refused_in_a_line(line, data, tmp_path, capsys):
 
 
 def test_a_file_is_a_command_line_that_options_override(data, inner, tmp_path, capsys):
-    (file := tmp_path / "recipe.yaml").write_text(
+    file = tmp_path / "recipe.yaml"
+    file.write_text(
         f"""
         train_on: [{data}/a/tables/odd.csv]
         validate-on: {data}/b/tables/odd.csv

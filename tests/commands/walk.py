@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import hashlib
 import importlib
+import itertools
 import os
 import re
 import shlex
@@ -58,8 +59,7 @@ def write_data(folder: Path) -> Path:
         track = rng.uniform(-3, 3, (5, 1, 2)) + moves.cumsum(1)
         rows = [
             (t, i, *track[i, t])
-            for t in range(100)
-            for i in range(5)
+            for t, i in itertools.product(range(100), range(5))
             if t > 25 or not i
         ]
 
@@ -175,7 +175,8 @@ def assert_it_matters(
         argv = [command, *shlex.split(line.replace("{d}", str(data)))]
         return done(argv, inner, folder / at, capsys)
 
-    if (key := (command, first)) not in DONE:
+    key = (command, first)
+    if key not in DONE:
         DONE[key] = run(first, "without")
         assert run(first, "again") == DONE[key]
     with_it, error = run(second, "with")

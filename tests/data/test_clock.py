@@ -3,6 +3,7 @@
 How a track is interpolated on one grid is tested in `test_tracks`.
 """
 
+import itertools
 from collections import Counter
 
 import numpy as np
@@ -38,11 +39,11 @@ def exact_windows(rows, length=8):
     for start in {int(frame) for frame in rows[:, 0]}:
         steps = range(start, start + STRIDE * length, STRIDE)
         ids = {agent for _, agent in seen}
-        ways = [
-            tuple(seen[step, agent] for step in steps)
-            for agent in ids
-            if all((step, agent) in seen for step in steps)
-        ]
+        ways = []
+        for agent in ids:
+            way = tuple(seen.get((step, agent)) for step in steps)
+            if None not in way:
+                ways.append(way)
         if len(ways) >= 2:
             scenes[frozenset(ways)] += 1
     return scenes
@@ -52,10 +53,10 @@ def scenes_of(rows, length=8, max_gap=0.4, sign=1):
     """The same, cut by the package: without gaps filled, so that every point is an annotation."""
     tracks = make_tracks("r", sign * rows[:, 0] * 0.04, rows[:, 1], rows[:, 2:])
     windows = cut_windows([on_grid(tracks, max_gap=max_gap)], 4, length - 4)
-    return Counter(
-        frozenset(tuple(map(tuple, way)) for way in scene)
-        for scene in np.split(windows.position, windows.bounds[1:-1])
-    ), windows
+    counts = Counter()
+    for scene in np.split(windows.position, windows.bounds[1:-1]):
+        counts[frozenset(tuple(map(tuple, way)) for way in scene)] += 1
+    return counts, windows
 
 
 @settings(max_examples=30, deadline=None)
@@ -115,8 +116,7 @@ def test_a_minority_is_interpolated_and_counted(tmp_path):
     """Two people on the grid, one 5 frames late: his points, and no others, are no annotations."""
     rows = [
         (10 * step + 5 * (agent == 2), agent, 0.5 * step, 2 * agent)
-        for step in range(20)
-        for agent in range(3)
+        for step, agent in itertools.product(range(20), range(3))
     ]
     (tmp_path / "late.txt").write_text(
         "\n".join("{} {} {} {}".format(*row) for row in rows)
@@ -132,8 +132,7 @@ def test_who_is_seen_first_does_not_set_the_phase():
     early = [(10 * step + 5, 2, 0.4 * step, 7.0) for step in range(20)]
     pair = [
         (40 + 10 * step, agent, 0.5 * step, 2.0 * agent)
-        for step in range(20)
-        for agent in (0, 1)
+        for step, agent in itertools.product(range(20), (0, 1))
     ]
     for rows in (early + pair, pair + early):
         table = np.array(rows)

@@ -1,5 +1,6 @@
 """What may be done to a file without changing what it says, and what must not pass unnoticed."""
 
+import itertools
 import os
 from collections import Counter
 from typing import Any
@@ -79,12 +80,14 @@ def written_qtm(rows, first, start):
         (int(row[0]), int(row[1])): (1000 * row[2], 1000 * row[3], 1700.0)
         for row in rows
     }
-    header = [f"Helmet_{person} {axis}" for person in people for axis in "XYZ"]
+    header = [
+        f"Helmet_{person} {axis}" for person, axis in itertools.product(people, "XYZ")
+    ]
     lines = []
     for step in sorted({int(row[0]) for row in rows}):
         fields = [at.get((step, person), (0.0, 0.0, 0.0)) for person in people]
         time = repr(round(start + 0.4 * step, 6))
-        values = [repr(float(value)) for field in fields for value in field]
+        values = [repr(float(value)) for value in itertools.chain(*fields)]
         lines.append("\t".join([str(first + step), time, *values]))
     return ["FREQUENCY\t100", "\t".join(["Frame", "Time", *header])], lines
 
@@ -108,7 +111,10 @@ def read(tmp_path_factory):
 def ways(windows):
     """How often each set of ways is gone together, whatever the ids, clock and order."""
     windows = np.split(windows.position.round(6) + 0.0, windows.bounds[1:-1])
-    return Counter(frozenset(way.tobytes() for way in together) for together in windows)
+    scenes = Counter()
+    for together in windows:
+        scenes[frozenset(way.tobytes() for way in together)] += 1
+    return scenes
 
 
 CLOCKS = (
@@ -159,9 +165,10 @@ def test_velocities_are_no_speed_and_heading(read):
     """`frame id x y vx vy` and `... z vx vy vz` have as many numbers as other formats."""
     for seed in range(5):
         rows = walk(seed).tolist()
-        plain, swapped, six, timed, eight = (
-            "\n".join(form.format(*row, 0.4 * row[0]) for row in rows) for form in FORMS
-        )
+        texts = []
+        for form in FORMS:
+            texts.append("\n".join(form.format(*row, 0.4 * row[0]) for row in rows))
+        plain, swapped, six, timed, eight = texts
         for text in (six, timed, eight):
             with pytest.raises(InputError, match="columns="):
                 read(text)

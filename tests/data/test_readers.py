@@ -1,5 +1,6 @@
 """Tables with named columns, text files of ETH/UCY, and the forms of THÖR."""
 
+import itertools
 import time
 
 import numpy as np
@@ -69,7 +70,11 @@ BODIES = [
 ]
 SEEN = ([2, 2, 10, 10], [0, 0.04, 0, 0.02], [[1, 2], [1.2, 0], [4, -0.5], [4.1, -0.5]])
 PARTS = ("Helmet_7 - 1 ", "Helmet_7 Centroid_", "DARKO_Robot Centroid_")
-MARKERS = ["Frame", "Time", *[part + axis for part in PARTS for axis in "XYZ"]]
+MARKERS = [
+    "Frame",
+    "Time",
+    *[part + axis for part, axis in itertools.product(PARTS, "XYZ")],
+]
 FILES = {
     # text, options, and what is read
     "named": (
@@ -175,7 +180,7 @@ def test_dates_texts_and_extras(tmp_path):
 
 
 def test_splits_leave_one_out(tmp_path):
-    names = [name for scene in SCENES.values() for name in scene]
+    names = list(itertools.chain(*SCENES.values()))
     for part, ending in {"all": "", "train": "_train", "val": "_val"}.items():
         (tmp_path / part).mkdir()
         for name in [*names, *(["crowds_zara03", "uni_examples"] if ending else [])]:
@@ -202,11 +207,13 @@ def test_a_whole_run_is_read_in_time(tmp_path):
     header = [
         "Frame",
         "Time",
-        *[name for k in range(1, 14) for name in body(f"Helmet_{k}")],
+        *itertools.chain(*(body(f"Helmet_{k}") for k in range(1, 14))),
     ]
-    row = "\t".join("\t".join(["1234.567"] * 16) + "\t" for _ in range(13))
+    person = "\t".join(["1234.567"] * 16) + "\t"
+    row = "\t".join([person] * 13)
     rows = [(frame, frame / 100, row) for frame in range(25_000)]
-    (path := tmp_path / "long_6D.tsv").write_text(qtm(header, *rows))
+    path = tmp_path / "long_6D.tsv"
+    path.write_text(qtm(header, *rows))
     start = time.process_time()
     (tracks,) = Qtm().read(path, ReadOptions(), 0.4)
     assert time.process_time() - start < 2

@@ -2,6 +2,7 @@
 and says where everybody is. What is right is the crowd that the table was written from."""
 
 import gzip
+import itertools
 import json
 import re
 import shlex
@@ -39,13 +40,11 @@ def commas(text):
     return text.replace(".", ",")
 
 
-PEOPLE = {
-    int(person): {
-        name: getattr(CROWD, name)[CROWD.id == person].tolist()
-        for name in ("t", "x", "y")
-    }
-    for person in np.unique(CROWD.id)
-}
+PEOPLE: dict[int, dict[str, list[float]]] = {}
+for person in np.unique(CROWD.id).tolist():
+    own = CROWD.id == person
+    way = {name: getattr(CROWD, name)[own].tolist() for name in ("t", "x", "y")}
+    PEOPLE[person] = way
 PIXELS = {"u": CROWD.x / BOXES, "v": 700 - CROWD.y / BOXES}
 TABLES = {
     # name: content; "pasted" where one printed command is needed
@@ -73,7 +72,7 @@ TABLES = {
     ),
     "a list of people with points": json.dumps(
         [
-            {"person": who, "points": [list(row) for row in zip(*way.values())]}
+            {"person": who, "points": list(zip(*way.values()))}
             for who, way in PEOPLE.items()
         ]
     ),
@@ -177,7 +176,8 @@ FOLLOWED = {
 @pytest.mark.parametrize("name", FOLLOWED)
 def test_what_a_refusal_proposes_reads_the_file(tmp_path, name):
     content, hints = FOLLOWED[name]
-    (path := tmp_path / "mine.csv").write_text(content, encoding="utf-8")
+    path = tmp_path / "mine.csv"
+    path.write_text(content, encoding="utf-8")
     np.savetxt(tmp_path / "h.txt", np.diag([SCALE, -SCALE, 1]))
     words = []
     for hint in hints:
@@ -201,18 +201,20 @@ def test_nothing_is_proposed_for_what_are_no_tracks(tmp_path):
     """Boxes of one moment in seven cameras; XML; rows of unlike lengths."""
     rng = np.random.default_rng(0)
     box = {"xmin": 0, "ymin": 0, "xmax": 1, "ymax": 1}
-    people = [
-        {"personID": person, "views": [
-            {"viewNum": view, **{name: int(rng.integers(2000)) for name in box}}
-            for view in range(7)]}
-        for person in range(20)
-    ]  # fmt: skip
+    people = []
+    for person in range(20):
+        views = []
+        for view in range(7):
+            corners = dict(zip(box, rng.integers(2000, size=4).tolist()))
+            views.append({"viewNum": view, **corners})
+        people.append({"personID": person, "views": views})
     for content, says in (
         (json.dumps(people), "which column is time or frame.*time=NAME"),
         ("<result>\n<frame number='1'>\n</result>\n", "XML is not read"),
         ("591\n116 2\n0 1 2 3\n4 5 6 7 8\n", "this is no table"),
     ):
-        (path := tmp_path / "mine.json").write_text(content)
+        path = tmp_path / "mine.json"
+        path.write_text(content)
         with pytest.raises(InputError, match=says):
             read_any(path)
 
@@ -225,7 +227,8 @@ def test_question_marks_are_people_who_are_not_seen(tmp_path):
         row if seen else " ".join([*row.split()[:2], "? ?"])
         for row, seen in zip(text, part)
     ]
-    (path := tmp_path / "mine.txt").write_text("\n".join(text))
+    path = tmp_path / "mine.txt"
+    path.write_text("\n".join(text))
     (tracks,) = read_any(path)
     truth = where(*(values[part] for values in (CROWD.t, CROWD.x, CROWD.y)))
     np.testing.assert_allclose(
@@ -316,8 +319,7 @@ def drone(path, speed, **metadata):
     """Two dozen on straight ways at 25 frames a second, their velocities, and files beside."""
     rows = [
         f"0,{who},{step},{speed * step / 25 + who},{3 * who},{speed},0.0"
-        for who in range(24)
-        for step in range(150)
+        for who, step in itertools.product(range(24), range(150))
     ]
     head = "recordingId,trackId,frame,xCenter,yCenter,xVelocity,yVelocity"
     path.write_text("\n".join([head, *rows]))
@@ -363,8 +365,7 @@ def test_a_number_is_no_kind_where_a_text_is(tmp_path):
     """Argoverse's object_category is a number beside object_type."""
     rows = [
         f"{who},{['pedestrian', 'vehicle'][who % 2]},{who % 4},{step},{0.13 * step},{3 * who}"
-        for who in range(8)
-        for step in range(110)
+        for who, step in itertools.product(range(8), range(110))
     ]
     path = tmp_path / "a.csv"
     path.write_text(
@@ -425,21 +426,24 @@ def test_files_that_are_no_text(tmp_path, kind):
 
 
 def test_a_whole_table_is_one_person(tmp_path):
-    (path := tmp_path / "a.csv").write_text("t,x,y\n0,1,2\n0.4,1.5,2\n0.8,2,2\n")
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y\n0,1,2\n0.4,1.5,2\n0.8,2,2\n")
     (tracks,) = read_any(path, ReadOptions(columns=("id=none",)))
     assert tracks.id.tolist() == [0, 0, 0]
 
 
 def test_rows_in_an_object_with_other_fields(tmp_path):
     rows = [{"t": 0.4 * step, "id": 1, "x": step, "y": 2} for step in range(3)]
-    people = [
-        {"id": 1, **{name: [row[name] for row in rows] for name in ("t", "x", "y")}}
-    ]
+    person: dict[str, object] = {"id": 1}
+    for name in ("t", "x", "y"):
+        person[name] = [row[name] for row in rows]
+    people = [person]
     for content in (
         {"place": "hall", "rows": rows},
         {"place": "hall", "people": people},
     ):
-        (path := tmp_path / "a.json").write_text(json.dumps(content))
+        path = tmp_path / "a.json"
+        path.write_text(json.dumps(content))
         (tracks,) = read_any(path)
         assert tracks.position.tolist() == [[0, 2], [1, 2], [2, 2]]
 
@@ -481,9 +485,8 @@ def test_a_name_that_stands_twice_in_an_object_keeps_its_part(tmp_path):
 )
 def test_commas_are_decimal_between_digits_alone(tmp_path, text, commas):
     """Positions are whole numbers, and a column that nobody asked for has commas."""
-    (path := tmp_path / "a.csv").write_text(
-        f"t;id;x;y;note\n0;1;2;3;{text}\n1;1;3;3;{text}\n"
-    )
+    path = tmp_path / "a.csv"
+    path.write_text(f"t;id;x;y;note\n0;1;2;3;{text}\n1;1;3;3;{text}\n")
     (tracks,) = read_any(path)
     assert ("decimal commas" in tracks.reading.notes) == commas
 
@@ -491,7 +494,8 @@ def test_commas_are_decimal_between_digits_alone(tmp_path, text, commas):
 @pytest.mark.parametrize("rate", [29.97, 23.976, 59.94, 12.5])
 def test_rates_of_videos_that_only_velocities_tell(tmp_path, rate):
     rows = [f"{step},{step / rate * 1.2},1,1.2,0" for step in range(200)]
-    (path := tmp_path / "a.csv").write_text("\n".join(["frame,x,y,vx,vy", *rows]))
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["frame,x,y,vx,vy", *rows]))
     (tracks,) = read_any(path, ReadOptions(columns=("id=none",)))
     assert tracks.reading.notes[0].startswith(
         f"{rate:g} frames a second (columns vx, vy alone"

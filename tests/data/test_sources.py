@@ -38,8 +38,7 @@ def test_leave_one_recording_out(tmp_path):
     for name, first in (("a", 0), ("b", 100), ("c", 200)):
         rows = [
             f"{first + n} {who} {first + n / 2} {who}"
-            for n in range(10)
-            for who in (1, 2)
+            for n, who in itertools.product(range(10), (1, 2))
         ]
         (tmp_path / f"{name}.txt").write_text("\n".join(rows))
     (tmp_path / "d.txt").write_text("0 1 2 3\n")
@@ -48,13 +47,11 @@ def test_leave_one_recording_out(tmp_path):
     ):
         open_source(tmp_path / "a.txt").recordings("a", "train")
     source = open_source(str(tmp_path))
-    positions = {
-        split: {
-            tracks.recording: tracks.position[tracks.id == 1, 0].tolist()
-            for tracks in source.recordings("b", split)
-        }
-        for split in ("train", "val", "test")
-    }
+    positions = {"train": {}, "val": {}, "test": {}}
+    for split, by_recording in positions.items():
+        for tracks in source.recordings("b", split):
+            first = tracks.position[tracks.id == 1]
+            by_recording[tracks.recording] = first[:, 0].tolist()
     assert positions == {
         "train": {
             "a": [n / 2 for n in range(10)],

@@ -1,6 +1,7 @@
 """Every example, as a module, with fewer steps."""
 
 import ast
+import itertools
 import re
 import runpy
 from types import SimpleNamespace
@@ -72,8 +73,7 @@ def tracks(tmp_path_factory):
             (-1) ** person * (0.4 * step - 8),
             0.7 * person + 0.01 * step,
         )
-        for step in range(40)
-        for person in range(4)
+        for step, person in itertools.product(range(40), range(4))
     ]
     path = tmp_path_factory.mktemp("tracks") / "walk.txt"
     np.savetxt(path, rows, fmt=["%d", "%d", "%.4f", "%.4f"])
@@ -107,17 +107,14 @@ def test_a_script_of_ten_lines(
 ):
     path, places = FOLDER / f"{name}.py", {"TRACKS": tracks, "OUT": tmp_path / "run"}
     body = ast.parse(path.read_text()).body[1:]
-    lines = {
-        node.lineno
-        for part in body
-        for node in ast.walk(part)
-        if hasattr(node, "lineno")
-    }
+    nodes = itertools.chain(*map(ast.walk, body))
+    lines = {node.lineno for node in nodes if hasattr(node, "lineno")}
     assert len(lines) <= 14, "imports and ten lines"
     words = [str(places.get(argument, argument)) for argument in arguments]
     monkeypatch.setattr("sys.argv", [str(path), *words])
     runpy.run_path(str(path), run_name="__main__")
-    match = re.search(prints, text := capsys.readouterr().out)
+    text = capsys.readouterr().out
+    match = re.search(prints, text)
     assert match, text
     if name == "evaluate_tracks":
         assert 0 < float(match[1]) < float(match[2]) < 3

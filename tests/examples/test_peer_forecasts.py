@@ -1,5 +1,6 @@
 """Saved formats of peers, written by hand as their code writes them, are read row by row."""
 
+import itertools
 import runpy
 from types import SimpleNamespace
 
@@ -18,8 +19,7 @@ def walk(tmp_path):
     """Two people for 18 steps, frames 10 apart from 100; and straight on, by frame and person."""
     xy = {
         (100 + 10 * step, person): (0.4 * step, 2.0 * person)
-        for step in range(18)
-        for person in (3, 4)
+        for step, person in itertools.product(range(18), (3, 4))
     }
     path = tmp_path / "walk.txt"
     path.write_text(
@@ -40,14 +40,14 @@ FRAMES = (170, 180, 190)
 
 def test_agentformer(walk, tmp_path):
     for frame in FRAMES:
-        (folder := tmp_path / f"samples/frame_{frame // 10:06d}").mkdir(parents=True)
+        folder = tmp_path / f"samples/frame_{frame // 10:06d}"
+        folder.mkdir(parents=True)
         for number, offset in enumerate((0.0, 3.0)):
-            rows = [
-                f"{frame / 10 + step:.1f} {person:.1f} {x + offset:.4f} {y:.4f}"
-                for person in (3, 4)
-                for step in range(1, 9)
-                for x, y in [walk[1][frame + 10 * step, person]]
-            ]
+            rows = []
+            for person, step in itertools.product((3, 4), range(1, 9)):
+                x, y = walk[1][frame + 10 * step, person]
+                start = f"{frame / 10 + step:.1f} {person:.1f}"
+                rows.append(f"{start} {x + offset:.4f} {y:.4f}")
             (folder / f"sample_{number:03d}.txt").write_text("\n".join(rows))
     arrays = peers.agentformer(tmp_path / "samples", stride=10)
     assert arrays["samples"].shape == (2, 6, 8, 2)
@@ -61,22 +61,19 @@ def futures(walk, frame, person, shift=0.0):
 
 
 def test_trajectron(walk, tmp_path):
-    predictions = {
-        (frame - 100) // 10: {
-            f"PEDESTRIAN/{person}": futures(walk, frame, person, -5.0)[None]
-            for person in (3, 4)
-        }
-        for frame in FRAMES
-    }
+    predictions = {(frame - 100) // 10: {} for frame in FRAMES}
+    for frame, person in itertools.product(FRAMES, (3, 4)):
+        samples = futures(walk, frame, person, -5.0)[None]
+        predictions[(frame - 100) // 10][f"PEDESTRIAN/{person}"] = samples
     arrays = peers.trajectron(predictions, (5.0, 5.0), first=100)
     assert scored(arrays, walk, tmp_path) == (pytest.approx(0, abs=1e-5), 6)
 
 
 def test_loaders_like_sgans(walk, tmp_path):
-    scenes = [
-        np.stack([futures(walk, frame, person)[0] for person in (3, 4)])[None]
-        for frame in FRAMES
-    ]
+    scenes = []
+    for frame in FRAMES:
+        people = [futures(walk, frame, person)[0] for person in (3, 4)]
+        scenes.append(np.stack(people)[None])
     arrays = peers.in_loader_order(scenes, walk[0])
     assert arrays["frames"].tolist() == [170, 170, 180, 180, 190, 190]
     assert scored(arrays, walk, tmp_path) == (pytest.approx(0, abs=1e-5), 6)

@@ -33,7 +33,8 @@ def labelled(axes, label):
     paths = []
     for line in axes.lines:
         if line.get_label() == label:
-            gap = np.isnan(points := line.get_xydata()).all(axis=1)
+            points = line.get_xydata()
+            gap = np.isnan(points).all(axis=1)
             ends = np.flatnonzero(gap) - np.arange(gap.sum())
             paths += [path for path in np.split(points[~gap], ends) if len(path)]
     return paths

@@ -86,10 +86,9 @@ def test_data_kept_back_and_test_data_are_not_trained_on(tmp_path):
     for name in (*LEARNED, *TESTED, "boa-300-050-070"):
         np.savetxt(opentraj / HERMES / f"{name}.txt", walk)
     write(opentraj, out)
-    files = {
-        folder.name: {path.stem for path in folder.iterdir()}
-        for folder in out.iterdir()
-    }
+    files = {}
+    for folder in out.iterdir():
+        files[folder.name] = {path.stem for path in folder.iterdir()}
     tests, kept = {*TESTED, *STANFORD_TESTED}, set(KEPT_BACK)
     learned = {"stanford": {"gates_0"}, "hermes": set(LEARNED)}
     assert files == learned | {"tests": tests, "kept_back": kept}
@@ -120,7 +119,8 @@ def test_a_notebook_runs_and_shows_what_is_kept_in_it(
     name, request, tmp_path, monkeypatch
 ):
     """Run it in this process, where most of its programs are compiled already."""
-    if collection := DOWNLOADED.get(name):
+    collection = DOWNLOADED.get(name)
+    if collection:
         data = request.getfixturevalue("shared") / "data" / collection.replace("-", "_")
         (tmp_path / collection).symlink_to(data)
         monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path))
@@ -128,14 +128,11 @@ def test_a_notebook_runs_and_shows_what_is_kept_in_it(
     plt.switch_backend("Agg")
     cells = json.loads((FOLDER / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     kinds, names = {"stream": "text", "display_data": "image"}, {"__name__": "__main__"}
-    outputs_by_code = [
-        (
-            "".join(cell["source"]),
-            [kinds.get(output["output_type"]) for output in cell["outputs"]],
-        )
-        for cell in cells
-        if cell["cell_type"] == "code"
-    ]
+    outputs_by_code = []
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            outputs = [kinds.get(output["output_type"]) for output in cell["outputs"]]
+            outputs_by_code.append(("".join(cell["source"]), outputs))
     assert ["image"] in [outputs for _, outputs in outputs_by_code]
     for code, outputs in outputs_by_code:
         # A last line's value is shown by a notebook alone.

@@ -27,7 +27,8 @@ def grid_walks(pairs, steps=7, unit=0.125, seed=0):
             )
         return [[x * unit, y * unit] for x, y in at]
 
-    return tuple([walk() for _ in range(pairs)] for _ in "kl")
+    first = [walk() for _ in range(pairs)]
+    return first, [walk() for _ in range(pairs)]
 
 
 def unit_steps():
@@ -68,8 +69,8 @@ def margins(k, l, convention="distance"):
     rows = []
     for (k0, k1), (l0, l1) in zip(itertools.pairwise(k), itertools.pairwise(l)):
         ways = (k0, k1, l0), (l0, l1, k0)
-        k_margins, l_margins = (away_and_aside(*way, convention) for way in ways)
-        rows.append([value for pair in zip(k_margins, l_margins) for value in pair])
+        margins = zip(*(away_and_aside(*way, convention) for way in ways))
+        rows.append(list(itertools.chain(*margins)))
     return rows
 
 

@@ -113,10 +113,9 @@ def test_an_event_happens_when_it_should_and_not_in_the_mirror(name):
     np.testing.assert_allclose(forecast.seconds[0, 0, 1], seconds, atol=1e-5)
     if name in ("follows", "overtakes"):  # Not the other way round.
         assert float(forecast.probability[0, 1, 0]) == 0
-    mirrored = [tuple((x, -y) for x, y in way) for way in ways]
-    other = {"passes_left": "passes_right", "passes_right": "passes_left"}.get(
-        name, name
-    )
+    mirrored = np.array(ways) * [1, -1]
+    sides = {"passes_left": "passes_right", "passes_right": "passes_left"}
+    other = sides.get(name, name)
     again = symbolic_events(*both(*mirrored), events=(other,), smoothing=0.0)
     np.testing.assert_allclose(again.seconds[0, 0, 1], seconds, atol=1e-5)
 
@@ -162,12 +161,11 @@ def test_ways_cross_at_30_to_150_degrees(degrees, crosses):
 def test_tables_of_pairs(crowd):
     people = np.array([7, 3, 9, 5])
     rows = forecast_rows(*crowd, people, SymbolSettings())
-    shares = [
-        [event["probability"] for event in row["events"].values()] for row in rows
-    ]
-    assert [max(row_shares) for row_shares in shares] == sorted(
-        map(max, shares), reverse=True
-    )
+    shares = []
+    for row in rows:
+        shares.append([event["probability"] for event in row["events"].values()])
+    largest = [max(row_shares) for row_shares in shares]
+    assert largest == sorted(largest, reverse=True)
     pair_shares = {
         (row["k"], row["l"]): row_shares for row, row_shares in zip(rows, shares)
     }

@@ -57,8 +57,10 @@ def test_every_symbol_is_that_of_the_definition(convention, thresholds, x64):
     factor, side = thresholds
     factors = {"quantisation_factor": factor, "side_quantisation_factor": side}
     # One shape, to be compiled once: after their step kings stand.
-    kings = [[path + path[-1:] * 6 for path in side] for side in literal.unit_steps()]
-    walks = [king + walk for king, walk in zip(kings, literal.grid_walks(200))]
+    walks = []
+    for steps, walk in zip(literal.unit_steps(), literal.grid_walks(200)):
+        kings = [path + path[-1:] * 6 for path in steps]
+        walks.append(kings + walk)
     expected = [
         literal.symbols(*pair, convention, factor, side) for pair in zip(*walks)
     ]
@@ -115,7 +117,8 @@ def test_qsrlibs_argument_distance_and_moving_or_stationary():
             states = observe(
                 k, l, "mos", quantisation_factor=case["quantisation_factor"]
             )
-            texts = ["".join("sm"[symbol] for symbol in state) for state in states]
+            letters = np.array(["s", "m"])[np.asarray(states)]
+            texts = ["".join(row) for row in letters]
         else:
             # Its first state is that of the first positions, before any step.
             k, l = (np.concatenate([path[:1], path]) for path in (k, l))
@@ -175,7 +178,8 @@ def test_symmetries(convention, pair, turns, shift, angle):
 def test_mirrored_distances_tie_even_where_a_compiler_fuses_a_product_and_a_sum():
     """3 4 and 4 3 are as long; a fused x * x + y * y rounds them differently."""
     draw = np.random.default_rng(0)
-    steps = np.stack([start := draw.normal(size=(2000, 2)), start[:, ::-1]], axis=1)
+    start = draw.normal(size=(2000, 2))
+    steps = np.stack([start, start[:, ::-1]], axis=1)
     assert not np.asarray(b1(steps, np.zeros((2000, 2, 2))))[..., 0].any()
 
 

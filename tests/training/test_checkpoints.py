@@ -216,7 +216,8 @@ def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
             state, step = restored[0], restored[1]["at"]
             assert_same(state, {"w": np.full((64, 8), step, np.float32)})
             # The number itself is not written whole or not at all.
-            if saved.exists() and (acknowledged := saved.read_text()):
+            acknowledged = saved.read_text() if saved.exists() else ""
+            if acknowledged:
                 assert step >= int(acknowledged)
         process.stdin.close()
     assert step > 0

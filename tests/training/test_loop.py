@@ -50,7 +50,8 @@ def test_files_and_card_of_a_run(run, done, tmp_path):
     assert (done / "curves.png").stat().st_size > 1000
     assert [row["step"] for row in rows] == [25, 50, 75]
     assert all(np.isfinite(list(row.values())).all() for row in rows)
-    assert facts["validation"] == (best := min(rows, key=lambda row: row["val_score"]))
+    best = min(rows, key=lambda row: row["val_score"])
+    assert facts["validation"] == best
     assert facts["counts"]["training"] == {"scenes": 13, "agents": run.training.agents}
     model = load_model(done / "model")
     assert (model.config, model.dataset) == (run.config, "zara1")

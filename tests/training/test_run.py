@@ -138,7 +138,8 @@ def test_one_recording_of_thor_left_out(shared):
 
 def test_further_recordings_are_learned_and_test_sets_never(files, tmp_path):
     """Whatever its file is called."""
-    (folder := tmp_path / "more").mkdir()
+    folder = tmp_path / "more"
+    folder.mkdir()
     rows = np.loadtxt(files / "walk.txt")
     np.savetxt(folder / "other.txt", rows[:, [0, 1, 3, 2]], fmt="%g")
     alone, _ = make_run(Options(data=files, dataset="check", **LENGTHS))
@@ -153,7 +154,8 @@ def test_further_recordings_are_learned_and_test_sets_never(files, tmp_path):
     general, _ = make_run(Options(data=files, dataset="general", **LENGTHS))
     assert general.dataset == "general"
     assert general.training.scenes > alone.training.scenes
-    (renamed := tmp_path / "part.txt").write_text(
+    renamed = tmp_path / "part.txt"
+    renamed.write_text(
         "".join((files / "check.txt").read_text().splitlines(keepends=True)[:40])
     )
     leaked = r"shapes of windows in check, .* tested on"

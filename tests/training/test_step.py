@@ -183,9 +183,10 @@ def test_padding_and_empty_scenes_change_no_gradient(run, groups):
         return np.where(scene.valid[..., None, None], getattr(scene, name), 50.0)
 
     names = ("observed", "displacement", "future")
-    wild = tuple(
-        scene.replace(**{name: far(scene, name) for name in names}) for scene in groups
-    )
+    wild = []
+    for scene in groups:
+        wild.append(scene.replace(**{name: far(scene, name) for name in names}))
+    wild = tuple(wild)
     params = state.params, state.extra.params
 
     @jax.jit
@@ -292,15 +293,11 @@ def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
 
     def trained(number=None):
         """The discriminator's parameters after a step, the scenes of one batch stretched."""
-        moved = [
-            scene.replace(
-                observed=factor * scene.observed, future=factor * scene.known_future
-            )
-            for scene in batches
-            for factor in [
-                np.where(np.arange(3) == number, 1.5, 1.0)[:, None, None, None, None]
-            ]
-        ]
+        factor = np.where(np.arange(3) == number, 1.5, 1.0)[:, None, None, None, None]
+        moved = []
+        for scene in batches:
+            observed, future = factor * scene.observed, factor * scene.known_future
+            moved.append(scene.replace(observed=observed, future=future))
         return step(tuple(moved))
 
     usual = trained()

@@ -106,7 +106,8 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(
     small_sweep, tmp_path, capsys
 ):
     source, (first, second) = plan_runs(small_sweep)
-    (deadly := tmp_path / "deadly.py").write_text("import os\nos.kill(os.getpid(), 9)")
+    deadly = tmp_path / "deadly.py"
+    deadly.write_text("import os\nos.kill(os.getpid(), 9)")
     killed = first._replace(options=f"{first.options}plugin: {deadly}\n")
     to_be_tested = (source, small_sweep.out, options_text(small_sweep), 1)
     with pytest.raises(InputError, match="no run was finished"):
