@@ -86,7 +86,7 @@ def key_numbers(seed: int) -> np.ndarray:
 
 
 def key_of(numbers: Array) -> Array:
-    """The key of `key_numbers`, made within a program: outside, it would be one of its own."""
+    """The key of `key_numbers [2]`, made within a program: outside, it would be one of its own."""
     return jax.random.wrap_key_data(numbers, impl="threefry2x32")
 
 

@@ -54,6 +54,9 @@ def reading(path: Path | str, what: str = "") -> Iterator[None]:
     `what` says what the file should be, such as "a report". An InputError goes on, with
     the name in front unless it begins with it. The error of a library is the cause of
     ours, so that Python shows both.
+
+    Raises:
+        InputError: in place of what is raised, a wish of the user's to stop excepted.
     """
     name = printable(str(path))
     try:
