@@ -18,10 +18,10 @@ from .ros.messages import forecast_message as forecast_message
 from .ros.messages import make_people as make_people
 from .ros.messages import truth_message as truth_message
 from .tracking.following import Frame as Frame
-from .tracking.following import NearestIds as NearestIds
 from .tracking.following import frames_of_tracks as frames_of_tracks
 from .tracking.following import tracks_of_frames as tracks_of_frames
-from .tracking.stitching import LinkOptions as LinkOptions
+from .tracking.kalman import KalmanFilter as KalmanFilter
+from .tracking.kalman import LinkOptions as LinkOptions
 from .tracking.stitching import OnlineStitcher as OnlineStitcher
 from .tracking.stitching import Stitched as Stitched
 from .tracking.stitching import stitch as stitch

@@ -65,6 +65,9 @@ class LiveOptions:
     """Random seed of the noise."""
     hold: float = 1.0
     """Seconds for which a person out of sight is extrapolated at constant velocity and forecast."""
+    min_seen: float = 0.0
+    """Seconds for which a person must have been seen, and twice at least; what is missing of the
+    observed window is a line through what was seen. 2.8 asks for all of a window of 2.8 s."""
     stitch: bool = False
     """Join tracks that occlusions broke."""
     links: LinkOptions = LinkOptions()  # noqa: RUF009 (frozen)
@@ -133,6 +136,7 @@ class LiveOptions:
             self.samples,
             self.seed,
             hold=self.hold,
+            min_seen=self.min_seen,
             compile=compile,
             report=say,
             max_gap=max_gap,

@@ -152,16 +152,25 @@ class FoxgloveView(View):
     def _lines(
         self, forecast: Forecast, model: str, colour: tuple[float, ...]
     ) -> Iterator[list]:
-        """Lines of each person: the samples, and last the most probable path."""
+        """Lines of each person: the last 90 % region, the samples, the most probable path."""
         kinds, result = self._kinds, forecast.models[model]
         looks = [(sample, FAINT, 0.02) for sample in result.samples]
         looks.append((result.samples[result.central], 1.0, 0.06))
+        rings = result.regions.outlines(-1)
         for n, start in enumerate(forecast.observed[:, -1:]):
-            yield [
-                kinds.LinePrimitive(
-                    points=[kinds.Point3(x=x, y=y) for x, y in [*start, *sample[n]]],
+            region = kinds.LinePrimitive(
+                type=kinds.LinePrimitiveLineType.LineLoop,
+                points=[kinds.Point3(x=x, y=y) for x, y in rings[-1, n].tolist()],
+                color=kinds.Color(**dict(zip("rgb", colour)), a=FAINT),
+                thickness=0.03,
+            )
+            lines = [region]
+            for sample, opacity, thickness in looks:
+                way = [*start, *sample[n]]
+                line = kinds.LinePrimitive(
+                    points=[kinds.Point3(x=x, y=y) for x, y in way],
                     color=kinds.Color(**dict(zip("rgb", colour)), a=opacity),
                     thickness=thickness,
                 )
-                for sample, opacity, thickness in looks
-            ]
+                lines.append(line)
+            yield lines

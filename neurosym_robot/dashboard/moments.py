@@ -14,9 +14,11 @@ metres;
 - `now`: `Status.now()` without its score;
 - `step`, once a period if there is a forecast: its `t` and the `ids` [N] of its people;
   `seen` [N][obs_len * 2] metres, and `extrapolated` [N], how many of its last steps
-  nobody saw; `models`, each with `samples` [N][k][pred_len * 2] whole centimetres from
+  nobody saw, `since` [N] seconds it was seen; `models`, each with `samples` [N][k][pred_len * 2] whole centimetres from
   the last observed position, their probabilities `weights` [k] and the index `central`
-  of the central forecast; `codes`, the states of the pairs (0, 1), (0, 2), ... (N-2,
+  of the central forecast, and `regions` [N][T] as x, y, two half axes of one standard
+  deviation [cm], the first axis' angle, and the radii of the 50 and 90 % regions in
+  standard deviations; `codes`, the states of the pairs (0, 1), (0, 2), ... (N-2,
   N-1); `alpha` [N * N] or null; `likely` events as (name, k, l, probability, seconds),
   and `score`.
 
@@ -45,6 +47,7 @@ from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.weighting import Cnd, Parameters, Weighting
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
+from neurosym_robot.online.regions import Regions
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import FAR
 
@@ -134,7 +137,8 @@ class Moments:
         missing = itertools.islice(now["missing"].items(), MAX_NAMED)
         status = {**now, "missing": {str(id): reason for id, reason in missing}}
         score, step = status.pop("score"), None
-        if forecast is not None and not 0 <= forecast.stamp - self._told < self._wait:
+        is_due = not 0 <= frame.stamp - self._told < self._wait
+        if is_due and forecast is not None and len(forecast.ids):
             self._told = forecast.stamp
             step = {**self._step(forecast), "score": score}
         return _json(
@@ -188,12 +192,14 @@ class Moments:
                 "central": central,
                 "weights": np.round(weights, 4).tolist(),
                 "samples": np.rint(100 * ways).astype(np.int64).tolist(),
+                "regions": _ellipses(result.regions, last),
             }
         return {
             "t": round(forecast.stamp - self._start, 3),
             "ids": [str(id) for id in forecast.ids.tolist()],
             "seen": np.round(forecast.observed, 3).reshape(people, -1).tolist(),
             "extrapolated": forecast.extrapolated.tolist(),
+            "since": np.round(forecast.seen, 3).tolist(),
             "models": models,
             "codes": codes[np.triu_indices(people, 1)].tolist(),
             "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
@@ -201,6 +207,18 @@ class Moments:
                 (*event[:3], *np.round(event[3:], 3).tolist()) for event in likely
             ],
         }
+
+
+def _ellipses(regions: Regions, last: np.ndarray) -> list[Any]:
+    """[N][T] ellipses: centre and half axes in centimetres, angle, and radii by level."""
+    axes, angle = regions.axes()
+    numbers = [
+        100 * (regions.mean - last),
+        100 * axes,
+        angle[..., None],
+        np.moveaxis(regions.radius, 0, -1),
+    ]
+    return np.round(np.concatenate(numbers, axis=-1), 2).tolist()
 
 
 def _json(value: Any) -> str:

@@ -222,6 +222,7 @@ class Stage {
       this.strokeWays(starts, ways);
       pen.setLineDash([]);
       this.dots(starts.map(([x, y], n) => [x + ways[n].at(-2) / 100, y + ways[n].at(-1) / 100]), 0.24 * mark);
+      this.drawRegions(full.map((n) => [last[n], step.models[name].regions[n].at(-1)]));
     }
     pen.globalAlpha = 1;
     if (!shown.has("observed")) return;
@@ -231,14 +232,32 @@ class Stage {
       const points = Array.from({ length: flat.length / 2 }, (_, t) => [flat[2 * t], flat[2 * t + 1]]);
       this.stroke(points);
       const known = points.length - step.extrapolated[n];
-      seen.push(...points.slice(0, known));
-      extrapolated.push(...points.slice(known));
+      const first = points.length - 1 - Math.floor(step.since[n] / this.recording.period + 1e-3);
+      seen.push(...points.slice(first, known));
+      extrapolated.push(...points.slice(0, first), ...points.slice(known));
     });
     pen.fillStyle = this.colour.ink;
     this.dots(seen, 0.14 * mark);
     pen.fillStyle = this.colour.floor; // What was extrapolated is hollow.
     this.dots(extrapolated, 0.14 * mark);
     pen.stroke();
+  }
+
+  // Outlines of the 50 and 90 % regions: where each person will be at the last step.
+  drawRegions(regions) {
+    const { pen, mark } = this;
+    pen.lineWidth = 0.06 * mark;
+    pen.globalAlpha = 0.6;
+    for (const [[x, y], [dx, dy, long, short, angle, ...radii]] of regions) {
+      const middle = this.toScreen([x + dx / 100, y + dy / 100]);
+      for (const radius of radii) {
+        const size = (radius * this.scale) / 100;
+        pen.beginPath();
+        pen.ellipse(...middle, long * size, short * size, -angle, 0, 7);
+        pen.stroke();
+      }
+    }
+    pen.globalAlpha = 1;
   }
 
   // An arrow that says where the robot looks.

@@ -16,7 +16,8 @@ from neurosym_jax.errors import InputError
 from neurosym_robot.input.frames import FrameCheck
 from neurosym_robot.input.kinds import UNNAMED, Kind, Seen, see
 from neurosym_robot.input.transforms import NotYet, Transforms
-from neurosym_robot.tracking.following import FAR, RESET, Frame, NearestIds
+from neurosym_robot.tracking.following import FAR, RESET, Frame
+from neurosym_robot.tracking.kalman import KalmanFilter
 
 SILENCE = 2.0  # seconds after which a silent publisher may be replaced by another
 REACH = 60.0  # metres
@@ -78,7 +79,7 @@ class PeopleSource:
         """Whether a publisher is still connected, if that is known."""
         self._publisher: str | None = None
         self._heard = -math.inf
-        self._nearest = NearestIds()
+        self._nearest = KalmanFilter()
         # whether anybody had an id, and a message a time
         self._named = self._stamped = False
         self._newest, self._behind = (

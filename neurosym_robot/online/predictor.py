@@ -21,9 +21,10 @@ from neurosym_jax.forecasting.distribution import draw_futures
 from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.tracking_errors import was_repaired
-from neurosym_jax.scene import Scene, make_scene, pad_scene
+from neurosym_jax.scene import Scene, make_scene, pad_scene, scene_identity
 from neurosym_robot.online.programs import Programs, When
-from neurosym_robot.online.window import Window, nearest_first
+from neurosym_robot.online.regions import Regions
+from neurosym_robot.online.window import Observed, Window, nearest_first
 
 # seconds waited for the end of a future, for people lost for a moment there
 GRACE = 1.0
@@ -46,6 +47,8 @@ class ModelForecast:
     """Seconds to the samples; models that run side by side share the cores."""
     draw: Callable[[], np.ndarray] | None = None
     """Returns `draws`; None for a model whose samples are equally probable."""
+    scale: np.ndarray | float = 0.0
+    """[L, T] of the regions, as `Recalibration` learned it."""
 
     @property
     def weights(self) -> np.ndarray:
@@ -64,14 +67,20 @@ class ModelForecast:
         """
         return self.samples if self.draw is None else self.draw()
 
+    @functools.cached_property
+    def regions(self) -> Regions:
+        """Where each person will be with the probabilities `LEVELS`, recalibrated."""
+        return Regions.around(self.draws, self.scale)
+
     @property
     def weighted(self) -> tuple[np.ndarray, np.ndarray, int]:
         """Futures [K, N, pred_len, 2], their probabilities [K], and which of them is central.
 
-        They are the draws, and the central sample with probability 0.
+        They are the draws, and the central sample with probability 0 if it is none of
+        them.
         """
-        if self.draw is None:
-            return self.samples, self.weights, self.central
+        if self.probability is None:
+            return self.draws, self.weights, self.central
         count = len(self.draws)
         futures = np.concatenate(
             [self.draws, self.samples[self.central : self.central + 1]]
@@ -95,6 +104,10 @@ class Forecast:
     extrapolated: np.ndarray
     """[N] int64: number of final steps in `observed` that were extrapolated at constant velocity,
     not seen."""
+    seen: np.ndarray
+    """[N] seconds of the observed window since the first sighting; what is before is a line."""
+    whereabouts: np.ndarray
+    """[M, 2] metres, where those `dropped` are in this frame, NaN if unseen."""
     future: np.ndarray | None = None
     """[N, pred_len, 2] metres, what happened, NaN if not seen; `Analytics` adds it."""
 
@@ -155,6 +168,8 @@ class Predictor:
         """Why people who are followed have no forecast of the newest frame: "short" of
         observations, "unseen" in that frame, "crowded" out by the nearest `max_people`, or
         "compiling": no program for so many people is ready yet."""
+        self.scales: dict[str, np.ndarray] = {}
+        """By model the scale of its regions, which `Analytics` learns."""
         self.waited = 0.0
         """Seconds so far that forecasts waited for programs that they needed."""
         self._forecasters = {
@@ -181,7 +196,7 @@ class Predictor:
         xy: ArrayLike,
         focus: ArrayLike | None = None,
     ) -> Forecast | None:
-        """Take in one frame; return its forecast if anybody's window is whole.
+        """Take in one frame; return its forecast, or None if the frame is refused.
 
         `window.push` and `forecast` in one: of several that wait, only the last needs
         the second. A frame is everybody seen at the `stamp` [s] of the message's
@@ -195,71 +210,136 @@ class Predictor:
         """
         return self.forecast(focus) if self.window.push(stamp, ids, xy, focus) else None
 
-    def forecast(self, focus: ArrayLike | None = None) -> Forecast | None:
-        """The forecast of the newest frame; None, and everybody is `dropped`, without a window."""
+    def forecast(self, focus: ArrayLike | None = None) -> Forecast:
+        """The forecast of the newest frame, which may be of nobody."""
         began, waited = time.perf_counter(), self.waited
-        people, observed, extrapolated = self.window.complete()
-        self.dropped = self.window.incomplete(people)
-        before = time.perf_counter()
-        slots = self.programs.fit(len(people)) if len(people) else 0
-        self.waited += time.perf_counter() - before
-        most = min(slots, self.max_people)
-        if len(people) > most:
-            order = nearest_first(observed[:, -1], focus)
-            self.dropped |= dict.fromkeys(people[order[most:]].tolist(), "compiling")
-            self.dropped |= dict.fromkeys(
-                people[order[self.max_people :]].tolist(), "crowded"
-            )
-            near = np.sort(order[:most])
-            people, observed, extrapolated = (
-                people[near],
-                observed[near],
-                extrapolated[near],
-            )
-        if not len(people):
-            return None
-        index, stamp = self.window.index, self.window.stamp
-        if self._repairs:
-            changed = was_repaired(observed, self.window.period)
+        observed = self.window.complete()
+        self.dropped = self.window.incomplete(observed.ids)
+        slots = 0
+        if len(observed.ids):
+            slots = self.programs.fit(len(observed.ids))
+            self.waited += time.perf_counter() - began
+        observed = self._nearest(observed, min(slots, self.max_people), focus)
+        if self._repairs and len(observed.ids):
+            changed = was_repaired(observed.positions, self.window.period)
             self.health["repaired"] += int(changed.sum())
-        models = self._forecast(observed, index - self.window.steps + 1, slots)
+        models = self._forecast(observed, self.window.index, slots)
+        places = self.window.resampled([*self.dropped], [self.window.stamp])
         took = time.perf_counter() - began - (self.waited - waited)
         return Forecast(
-            stamp, index, people, observed, models, self.dropped, took, extrapolated
+            stamp=self.window.stamp,
+            index=self.window.index,
+            ids=observed.ids,
+            observed=observed.positions,
+            models=models,
+            dropped=self.dropped,
+            latency=took,
+            extrapolated=observed.extrapolated,
+            seen=observed.seen,
+            whereabouts=places[:, 0],
         )
+
+    def _nearest(
+        self, observed: Observed, most: int, focus: ArrayLike | None
+    ) -> Observed:
+        """The people who are forecast; the others are `dropped`."""
+        if len(observed.ids) <= most:
+            return observed
+        order = nearest_first(observed.positions[:, -1], focus)
+        compiling = observed.ids[order[most : self.max_people]].tolist()
+        crowded = observed.ids[order[self.max_people :]].tolist()
+        self.dropped |= dict.fromkeys(compiling, "compiling")
+        self.dropped |= dict.fromkeys(crowded, "crowded")
+        return observed.take(np.sort(order[:most]))
 
     def _example(self, size: int) -> Forecast:
         """The forecast of `size` people, for whom programs are compiled."""
-        observed, seen = np.zeros((size, self.window.steps, 2)), np.zeros(size, int)
-        models = self._forecast(observed, 0, size)
-        return Forecast(0.0, 0, np.arange(size), observed, models, {}, 0.0, seen)
+        zeros = np.zeros(size)
+        positions = np.zeros((size, self.window.steps, 2))
+        observed = Observed(np.arange(size), positions, zeros.astype(int), zeros, zeros)
+        return Forecast(
+            stamp=0.0,
+            index=0,
+            ids=observed.ids,
+            observed=positions,
+            models=self._forecast(observed, 0, size),
+            dropped={},
+            latency=0.0,
+            extrapolated=observed.extrapolated,
+            seen=observed.seen,
+            whereabouts=np.zeros((0, 2)),
+        )
 
     def _forecast(
-        self, observed: np.ndarray, frame: int, slots: int
+        self, observed: Observed, index: int, slots: int
     ) -> dict[str, ModelForecast]:
-        """Forecasts by model; the window of N people, in `slots`, begins at step `frame`."""
-        scene = make_scene(observed, recording=self.recording, frame=frame)
+        """Forecasts by model of N people, in `slots`, whose window ends at step `index`."""
+        people = len(observed.ids)
+        if not people:
+            return {name: self._of_nobody(name) for name in self.models}
+        frame = index - self.window.steps + 1
+        scene = make_scene(observed.positions, recording=self.recording, frame=frame)
         padded = pad_scene(scene, slots)
-        start, models = time.perf_counter(), {}
+        start = time.perf_counter()
         # All are begun before the first is waited for.
         started = {
             name: model.start(padded) for name, model in self._forecasters.items()
         }
+        models = {}
         for name, futures in started.items():
             result = _summary(*SceneForecaster.finish(futures, scene))
             draw = None
             if result.probability is not None:
+                forecaster = self._forecasters[name]
+                # The same noise in all frames: the draws of a person do not jump.
+                identity = scene_identity(self.recording, 0)
+                steady = padded.replace(identity=identity)
+                draw = functools.partial(_draw, forecaster, steady, people)
+            if observed.doubt.any():
                 draw = functools.partial(
-                    _draw, self._forecasters[name], padded, len(observed)
+                    _widened, result, draw, observed, self.window.period
                 )
             took = time.perf_counter() - start
-            models[name] = dataclasses.replace(result, runtime=took, draw=draw)
+            models[name] = dataclasses.replace(
+                result, runtime=took, draw=draw, scale=self.scales.get(name, 0.0)
+            )
         return models
+
+    def _of_nobody(self, name: str) -> ModelForecast:
+        samples, length = (
+            self._forecasters[name].samples,
+            self.models[name].config.pred_len,
+        )
+        return ModelForecast(
+            np.zeros((samples, 0, length, 2)), np.zeros((0, length, 2)), 0
+        )
 
 
 def _draw(model: SceneForecaster, padded: Scene, people: int) -> np.ndarray:
     """[k, N, pred_len, 2] draws for N `people`, by the program of the `padded` scene's size."""
     return draw_futures(model, padded, model.samples)[:, :people]
+
+
+def _widened(
+    result: ModelForecast,
+    draw: Callable[[], np.ndarray] | None,
+    observed: Observed,
+    period: float,
+) -> np.ndarray:
+    """Draws [k, N, pred_len, 2], as uncertain as the velocities of who was hardly seen.
+
+    A person's deviations stay the same from frame to frame, and the central sample of
+    equally probable ones stays as it is.
+    """
+    futures = result.samples.copy() if draw is None else draw().copy()
+    seconds = period * np.arange(1, futures.shape[2] + 1)[:, None]
+    for row in np.flatnonzero(observed.doubt):
+        rng = np.random.default_rng(abs(int(observed.ids[row])))
+        velocity = observed.doubt[row] * rng.normal(size=(len(futures), 1, 2))
+        if draw is None:
+            velocity[result.central] = 0.0
+        futures[:, row] += velocity * seconds
+    return futures
 
 
 def _summary(samples: np.ndarray, probability: np.ndarray | None) -> ModelForecast:

@@ -1,8 +1,8 @@
 """Regions that hold what they say, whatever the place: online recalibration of a distribution.
 
-A region of a level is where a person is forecast to be at a step: the positions whose
-mean distance to the draws is below a bound. The bound that the draws give is right
-where the model is. Elsewhere it is scaled by a factor that grows when a truth lies
+A region of a level is where a person is forecast to be at a step: an ellipse around the
+mean of the draws, with their covariance. The radius that holds the level's share of the
+draws is right where the model is. Elsewhere it is scaled by a factor that grows when a truth lies
 outside and shrinks when it lies inside, so that in the long run the region holds its
 level at any place (adaptive conformal inference: Gibbs and Candès, NeurIPS 2021; as
 quantile tracking: Angelopoulos et al., NeurIPS 2023). Factors are bounded: beyond
@@ -24,7 +24,9 @@ LEVELS = (0.5, 0.9)
 WIDEST = 30.0
 """Largest factor of a region's size, and the inverse of the smallest."""
 FLOOR = 0.02
-"""Added to a region's size, metres: people are tracked no better."""
+"""Standard deviation added to the draws', metres: people are tracked no better."""
+LEAST = 0.1
+"""Least radius, in standard deviations."""
 RATE = 0.1
 """Change of a factor's logarithm for a person outside its region, and of all steps' beside it."""
 MOST = 10
@@ -35,30 +37,50 @@ SPAN = 300.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Regions:
-    """Regions of N people at T steps, by level, as the draws give them."""
+    """Ellipses around the means of N people at T steps, by level."""
 
-    draws: np.ndarray  # [n, N, T, 2] metres, equally probable
-    centre: np.ndarray  # [N, T] least mean distance of a draw to all, metres
-    size: (
-        np.ndarray
-    )  # [L, N, T] metres by which the mean distance may exceed it in a region
+    mean: np.ndarray  # [N, T, 2] metres
+    covariance: np.ndarray  # [N, T, 2, 2] square metres
+    radius: np.ndarray  # [L, N, T] where a region ends, in standard deviations
 
     @classmethod
-    def around(cls, draws: np.ndarray) -> "Regions":
-        """The regions of `draws [n, N, T, 2]`."""
-        distance = np.sort([_mean_distance(draws, draw) for draw in draws], axis=0)
+    def around(cls, draws: np.ndarray, scale: np.ndarray | float = 0.0) -> "Regions":
+        """The regions of `draws [n, N, T, 2]`; `scale [L, T]` as of `Recalibration`."""
+        mean = draws.mean(axis=0)
+        deviation = draws - mean
+        covariance = np.einsum("knti,kntj->ntij", deviation, deviation) / len(draws)
+        covariance += FLOOR**2 * np.eye(2)
+        distance = np.sort(_distance(deviation, covariance), axis=0)
         ranks = [math.ceil(level * len(draws)) - 1 for level in LEVELS]
-        return cls(draws, distance[0], distance[ranks] - distance[0] + FLOOR)
+        factor = np.exp(np.broadcast_to(scale, (len(LEVELS), draws.shape[2])))
+        radius = np.maximum(distance[ranks], LEAST) * factor[:, None]
+        return cls(mean, covariance, radius)
 
     def factors(self, step: int, truth: np.ndarray) -> np.ndarray:
         """[L, N] logarithms of the factors from which on regions of `step` hold `truth [N, 2]`."""
-        beyond = _mean_distance(self.draws[:, :, step], truth) - self.centre[:, step]
-        return np.log(np.maximum(beyond, 1e-6) / self.size[:, :, step])
+        deviation = truth - self.mean[:, step]
+        distance = _distance(deviation, self.covariance[:, step])
+        return np.log(np.maximum(distance, 1e-6) / self.radius[:, :, step])
+
+    def outlines(self, step: int, points: int = 32) -> np.ndarray:
+        """[L, N, points, 2] metres of the ellipses at a step."""
+        turn = np.linspace(0, 2 * np.pi, points, endpoint=False)
+        circle = np.stack([np.cos(turn), np.sin(turn)])
+        root = np.linalg.cholesky(self.covariance[:, step])
+        ring = np.swapaxes(root @ circle, -1, -2)
+        return self.mean[:, step, None] + self.radius[:, :, step, None, None] * ring
+
+    def axes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Half axes [N, T, 2] of the ellipses of radius 1, metres, and the first one's angle."""
+        variance, direction = np.linalg.eigh(self.covariance)
+        angle = np.arctan2(direction[..., 1, 1], direction[..., 0, 1])
+        return np.sqrt(variance[..., ::-1]), angle
 
 
-def _mean_distance(draws: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Mean distance of `place [..., 2]` to `draws [n, ..., 2]`, metres."""
-    return np.linalg.norm(draws - place, axis=-1).mean(axis=0)
+def _distance(deviation: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Length of `deviation [..., 2]` in standard deviations of `covariance [..., 2, 2]`."""
+    solved = np.linalg.inv(covariance) @ deviation[..., None]
+    return np.sqrt((deviation * solved[..., 0]).sum(axis=-1))
 
 
 class _Watch:

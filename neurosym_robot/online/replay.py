@@ -45,7 +45,7 @@ class Analytics:
         self._runtime: dict[
             str, tuple[float, int]
         ] = {}  # milliseconds and forecasts so far
-        self._window = predictor.window
+        self._window, self._scales = predictor.window, predictor.scales
         self._wait = predictor.seconds_ahead + GRACE
         self._pending: collections.deque[Forecast] = collections.deque()
         self.regions: dict[str, Recalibration] = {}
@@ -60,18 +60,20 @@ class Analytics:
         done = []
         if self._pending and self._window.stamp < self._pending[-1].stamp:
             done = self.finish()  # The clock was set back: their future never comes.
-        for regions in self.regions.values():
+        for name, regions in self.regions.items():
             regions.learn()
+            self._scales[name] = regions.scale
         while (
             self._pending and self._window.stamp >= self._pending[0].stamp + self._wait
         ):
             done.append(self._score(self._pending.popleft()))
         if forecast is not None:
+            self.dropped.update(forecast.dropped.values())
+        if forecast is not None and len(forecast.ids):
             self.forecasts += 1
             for name, result in forecast.models.items():
                 total, count = self._runtime.get(name, (0.0, 0))
                 self._runtime[name] = total + 1e3 * result.runtime, count + 1
-            self.dropped.update(forecast.dropped.values())
             newest = self._pending[-1].stamp if self._pending else -np.inf
             if forecast.stamp - newest >= self._window.period - SNAP:
                 self._pending.append(forecast)
@@ -187,7 +189,9 @@ class ReplayEvent(NamedTuple):
     """What follows from a frame."""
 
     frame: Frame  # as the predictor saw it, with mended ids if there is a stitcher
-    forecast: Forecast | None  # if anybody's window is whole
+    forecast: (
+        Forecast | None
+    )  # of nobody where nobody is; None if the frame was refused
     scored: Sequence[Forecast] = ()  # those whose future is known now
     skipped: int = 0  # older frames that were observed, but not forecast
     age: float = math.nan  # seconds from stamp to forecast, by the recording's clock

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast
+from neurosym_robot.online.regions import LEVELS
 from neurosym_robot.online.status import Status
 from neurosym_robot.ros.costmap import CELL, Costmap
 from neurosym_robot.ros.definitions import (
@@ -213,7 +214,9 @@ def samples_message(
     """The neurosym_msgs/Forecast of one model."""
     last = forecast.observed[:, -1]
     futures, weights, central = forecast.models[model].weighted
+    regions = forecast.models[model].regions
     velocity = (last - forecast.observed[:, -2:-1].mean(axis=1)) / period
+    present: Any = np.isfinite(forecast.whereabouts).all(axis=1)
     return filled(
         new(FORECAST),
         header=_header(forecast.stamp, frame_id),
@@ -226,6 +229,18 @@ def samples_message(
         ids=forecast.ids,
         extrapolated=forecast.extrapolated.astype(np.uint32),
         position=last.ravel(),
+        seen=forecast.seen.astype(np.float32),
+        other_ids=np.array([*forecast.dropped], np.int64)[present],
+        other_position=forecast.whereabouts[present].ravel(),
+        other_reason=[
+            reason for reason, here in zip(forecast.dropped.values(), present) if here
+        ],
+        levels=np.array(LEVELS, np.float32),
+        mean=(regions.mean - last[:, None]).ravel().astype(np.float32),
+        covariance=regions.covariance[..., [0, 0, 1], [0, 1, 1]]
+        .ravel()
+        .astype(np.float32),
+        radius=regions.radius.ravel().astype(np.float32),
         velocity=velocity.ravel().astype(np.float32),
         futures=(futures - last[:, None]).ravel().astype(np.float32),
     )
@@ -236,12 +251,14 @@ def markers_message(
 ) -> Any:
     """A line for each person, from the last position observed; `ns` is model and id.
 
+    The first marker deletes those of the frame before.
+
     Lines of people who are not seen at the moment are faint.
     """
     result, last = forecast.models[model], forecast.observed[:, -1:]
     paths = np.append(last, result.samples[result.central], axis=1)
     people, points = paths.shape[:2]
-    xyz = np.pad(paths, [(0, 0), (0, 0), (0, 1)]).reshape(people, -1)
+    xyz = np.pad(paths, [(0, 0), (0, 0), (0, 1)]).reshape(people, 3 * points)
     empty = new(MARKER, points)
     filled(
         empty,
@@ -249,7 +266,7 @@ def markers_message(
         type=empty.LINE_STRIP,
         scale={"x": 0.05},
         pose={"orientation": {"w": 1.0}},
-        # The line disappears by itself when forecasts end.
+        # The line disappears by itself when the node ends.
         lifetime=_time(2 * period),
     )
     colour, line = type(empty.color), type(empty.points)
@@ -268,7 +285,10 @@ def markers_message(
         )
         for id, look, path in zip(forecast.ids.tolist(), looks, xyz)
     ]
-    return filled(new(MARKERS, points), markers=markers)
+    nothing = line(points, np.zeros(3 * points))
+    clear = copy.copy(empty)
+    filled(clear, ns=model, action=empty.DELETEALL, points=nothing)
+    return filled(new(MARKERS, points), markers=[clear, *markers])
 
 
 class CostmapMaker:
@@ -284,6 +304,11 @@ class CostmapMaker:
         futures, weights, _ = forecast.models[model].weighted
         now = np.broadcast_to(forecast.observed[:, -1:], futures[:, :, :1].shape)
         ways = np.concatenate([now, futures], axis=2)
+        # Who has no forecast stands.
+        present = np.isfinite(forecast.whereabouts).all(axis=1)
+        others = forecast.whereabouts[present, None]
+        standing = np.broadcast_to(others, (len(ways), len(others), *ways.shape[2:]))
+        ways = np.concatenate([ways, standing], axis=1)
         per_cent, corner = self._costmap.update(ways, weights, period)
         x, y = corner.tolist()
         return filled(

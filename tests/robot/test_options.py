@@ -24,7 +24,7 @@ BASE = {
 BAG = f"{{d}}/a/run.bag {NODE}"
 LINKS = {
     f"--links.{name}": f"--links.{name} 0.7"
-    for name in ("max-gap", "reach", "drift", "memory")
+    for name in ("max-gap", "reach", "drift", "acceleration", "trust")
 }
 PAGE = {"--port": "--port 9", "--host": "--host there", "--map": "--map map.yaml"}
 
@@ -45,6 +45,7 @@ def live(base):
         "--samples": "--samples 3",
         "--seed": "--seed 3",
         "--hold": "--hold 0.5",
+        "--min-seen": "--min-seen 1.5",
         "--stitch": "--stitch",
         **with_more(base, "--stitch", LINKS),
         **with_more(

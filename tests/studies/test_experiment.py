@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.online.predictor import Forecast, ModelForecast
+from neurosym_robot.online.predictor import ModelForecast
 from neurosym_robot.ros.bags import read_people
 from studies.experiment import __main__ as of
 from studies.experiment.results import score
+from tests.robot.forecasts import made_forecast
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -59,7 +60,9 @@ def test_scores_by_hand():
     samples = np.stack([future + np.array([0.0, shift]) for shift in (1.0, 2.0)])
     models = {"m": ModelForecast(samples, samples.mean(axis=0), 1)}
     ids, seen = np.array([1, 2]), np.zeros(2, int)
-    forecast = Forecast(0.0, 7, ids, walk[:, :8], models, {}, 1e-3, seen, future)
+    forecast = made_forecast(
+        walk[:, :8], models, index=7, ids=ids, extrapolated=seen, future=future
+    )
     lonely = dataclasses.replace(forecast, index=8, future=np.full_like(future, np.nan))
     scores = score([forecast, lonely], "m")
     assert scores.sequences == 1

@@ -11,11 +11,12 @@ from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_robot.dashboard.dashboard import Dashboard
 from neurosym_robot.dashboard.moments import Moments
-from neurosym_robot.online.predictor import Forecast, ModelForecast
+from neurosym_robot.online.predictor import ModelForecast
 from neurosym_robot.online.replay import Analytics, ReplayEvent
 from neurosym_robot.online.status import Status
 from neurosym_robot.online.window import Window
 from neurosym_robot.tracking.following import Frame
+from tests.robot.forecasts import made_forecast
 
 MODELS = {
     "SGAN": Model(GeneratorConfig(), {}),
@@ -33,6 +34,7 @@ def predictor() -> Any:
         seconds_ahead=3.2,
         dropped={},
         health={},
+        scales={},
     )
 
 
@@ -63,9 +65,13 @@ def shown(seconds: float, people: int = 3, start: float = 1.7e9) -> Iterator[Sho
                 samples = path[:, 8:] + width * spread
                 models[name] = ModelForecast(samples, samples.mean(axis=0), 2)
             fake.dropped = {7: "short", 9: "<script>"}
-            nobody = np.zeros(people, int)
-            forecast = Forecast(
-                frame.stamp, n, ids, path[:, :8], models, fake.dropped, 1e-3, nobody
+            forecast = made_forecast(
+                path[:, :8],
+                models,
+                stamp=frame.stamp,
+                index=n,
+                ids=ids,
+                dropped=fake.dropped,
             )
             status.published(1e-3 * (n % 5 + 1))
         analytics.add(forecast)

@@ -45,7 +45,9 @@ def check(scene, event) -> None:
         stamp = body.timestamp.seconds + 1e-9 * body.timestamp.nanos
         assert stamp == pytest.approx(frame.stamp, abs=1e-6)
         for name, result in forecast.models.items():
-            lines = entities[f"{name} {id}"].lines
+            region, *lines = entities[f"{name} {id}"].lines
+            ring = [(point.x, point.y) for point in region.points]
+            assert_allclose(np.mean(ring, axis=0), result.regions.mean[n, -1])
             ways = [[(point.x, point.y) for point in line.points] for line in lines]
             expected = [*result.samples[:, n], result.samples[result.central, n]]
             assert_allclose(np.array(ways)[:, 1:], expected)

@@ -41,7 +41,8 @@ def test_frame_by_frame_equals_batches_of_windows(model):
     }
     predictor = Predictor(models, max_people=8, **options)
     pushed = [predictor.push(*frame) for frame in frames_of_tracks(tracks)]
-    forecasts = [forecast for forecast in pushed if forecast is not None]
+    assert None not in pushed
+    forecasts = [forecast for forecast in pushed if len(forecast.ids)]
     assert len(forecasts) == len(np.unique(tracks.stamp)) - 12  # One with every frame.
     windows = cut_windows([resample(tracks, 0.4)], 4, 3)
     for (name, forecast), batch in itertools.product(
@@ -72,7 +73,7 @@ def test_equals_predict_with_people_coming_and_going(model):
         forecast = predictor.push(
             n / 10, present, np.stack([present + n / 20, present * 0.5], 1)
         )
-        if forecast is None:
+        if not len(forecast.ids):
             continue
         sizes.add(len(forecast.ids))
         (result,) = forecast.models.values()
@@ -108,7 +109,7 @@ def test_the_nearest_now_are_forecast_and_those_nearest_to_the_robot(model, x, n
     events = replay(frames, one, Analytics(one), robot=lambda stamp: robot)
     pushed = [other.push(*frame, focus=robot[:2]) for frame in frames]
     for forecasts in ([event.forecast for event in events], pushed):
-        made = [forecast for forecast in forecasts if forecast is not None]
+        made = [forecast for forecast in forecasts if len(forecast.ids)]
         assert [forecast.ids.item() for forecast in made] == nearest
         for forecast in made:
             assert forecast.dropped == {3 - forecast.ids.item(): "crowded"}
@@ -166,7 +167,7 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
 
     started[4].wait(20)
     began = time.monotonic()
-    assert [push(n) for n in range(4)] == [None] * 4
+    assert [len(push(n).ids) for n in range(4)] == [0] * 4
     assert time.monotonic() - began < 2
     assert predictor.dropped == dict.fromkeys(range(10), "compiling")
     hold.set()
@@ -184,6 +185,40 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
     (result,) = forecast.models.values()
     expected = predict(model(), forecast.observed, samples=2, frame=2)
     assert_allclose(result.samples, expected, atol=1e-5)
+
+
+def test_nobody_is_a_forecast_and_who_has_none_is_said_to_be_there(model):
+    predictor = Predictor(
+        model(), samples=3, max_people=1, compile="needed", min_seen=0.0
+    )
+    first = predictor.push(0.0, [1, 2], [[0.0, 0.0], [5.0, 0.0]], focus=[0.0, 0.0])
+    assert first.ids.tolist() == []
+    assert first.dropped == {1: "short", 2: "short"}
+    assert_array_equal(first.whereabouts, [[0, 0], [5, 0]])
+    second = predictor.push(0.1, [1, 2], [[0.1, 0.0], [5.0, 0.0]], focus=[0.0, 0.0])
+    assert second.ids.tolist() == [1]
+    assert second.dropped == {2: "crowded"}
+    assert_array_equal(second.whereabouts, [[5, 0]])
+    nobody = predictor.push(1.0, [], np.zeros((0, 2)))
+    assert nobody.dropped == {1: "unseen", 2: "unseen"}
+    assert np.isnan(nobody.whereabouts).all()
+    (result,) = nobody.models.values()
+    assert result.samples.shape == result.draws.shape == (3, 0, 3, 2)
+    assert result.regions.radius.shape == (2, 0, 3)
+
+
+def test_draws_keep_their_noise_from_frame_to_frame():
+    """Who goes straight on is drawn as before, moved on: nothing but the way changes."""
+    predictor = Predictor(load_models([Path("recommended")]), compile="needed")
+    ends = []
+    for n in range(34):
+        forecast = predictor.push(n / 10, [1], [[0.1 * n, 0.0]])
+        if len(forecast.ids):
+            (result,) = forecast.models.values()
+            ends.append(result.draws[:, 0, -1] - [0.1 * n, 0.0])
+    assert len(ends) == 6
+    assert_allclose(ends, np.broadcast_to(ends[0], np.shape(ends)), atol=2e-3)
+    assert np.std(ends[0]) > 0.1
 
 
 def test_names_of_models_side_by_side():
@@ -235,7 +270,7 @@ def test_people_come_and_go_for_long(model, minutes):
             stamp, ids[present], (place + step * since[:, None])[present]
         )
         analytics.add(forecast)
-        if forecast is not None:
+        if len(forecast.ids):
             count += 1
             # Whose window begins within the trembling of its first frame may have it or
             # not.

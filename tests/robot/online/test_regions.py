@@ -57,3 +57,37 @@ def test_regions_hold_their_level_whatever_the_place(spread, growth):
         means.max(0),
     )
     assert regions.coverage()[0.9] == pytest.approx(held[:, 1].mean(), abs=0.02)
+
+
+def test_what_is_published_is_what_is_scored():
+    """The ellipse of a message holds a place exactly when its factor is below the scale's."""
+    rng = np.random.default_rng(0)
+    draws = rng.normal(0, [1.0, 0.3], (40, 3, STEPS, 2)) + rng.normal(0, 9, (3, 1, 2))
+    scale = rng.normal(0, 0.5, (len(LEVELS), STEPS))
+    plain, scaled = Regions.around(draws), Regions.around(draws, scale)
+    held = []
+    for place in rng.normal(0, 1, (200, 3, 2)) + plain.mean[:, 2]:
+        off = place - scaled.mean[:, 2]
+        inverse = np.linalg.inv(scaled.covariance[:, 2])
+        distance = np.sqrt(np.einsum("ni,nij,nj->n", off, inverse, off))
+        inside = distance <= scaled.radius[:, :, 2]
+        assert (inside == (plain.factors(2, place) <= scale[:, 2, None])).all()
+        held.append(inside)
+    assert 0.1 < np.mean(held) < 0.9
+
+
+def test_an_outline_is_where_a_region_ends():
+    rng = np.random.default_rng(1)
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    draws = rng.normal(0, [1.0, 0.1], (4000, 1, 2, 2)) @ turn.T
+    regions = Regions.around(draws)
+    ring = regions.outlines(1)[1, 0]
+    off = regions.mean[0, 1] - ring
+    inverse = np.linalg.inv(regions.covariance[0, 1])
+    radius = np.sqrt(np.einsum("pi,ij,pj->p", off, inverse, off))
+    np.testing.assert_allclose(radius, regions.radius[1, 0, 1])
+    axes, angle = regions.axes()
+    np.testing.assert_allclose(axes[0, 1], [1.0, 0.1], rtol=0.05)
+    assert np.tan(angle[0, 1]) == pytest.approx(0.75, abs=0.02)
+    # A normal distribution: 90 % lie within 2.146 standard deviations.
+    assert regions.radius[1, 0, 1] == pytest.approx(2.146, rel=0.03)

@@ -17,6 +17,7 @@ from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.online.replay import STRAIGHT, Analytics
 from neurosym_robot.online.status import ARRIVALS, Status
 from neurosym_robot.online.window import Window
+from tests.robot.forecasts import made_forecast
 
 K, OBS, PRED = 4, 3, 5
 
@@ -30,7 +31,10 @@ class Stream:
         self.window = Window(OBS, 0.4, memory=0.4 * PRED + 1.0)
         programs = SimpleNamespace(add=lambda use: None)
         fake: Any = SimpleNamespace(
-            window=self.window, seconds_ahead=0.4 * PRED, programs=programs
+            window=self.window,
+            seconds_ahead=0.4 * PRED,
+            programs=programs,
+            scales={},
         )
         self.analytics = Analytics(fake)
         self.done: list[Forecast] = []
@@ -38,7 +42,7 @@ class Stream:
     def push(self, n: int, ids, stamp: float | None = None) -> Forecast | None:
         """The forecast of frame n, in which `ids` are seen."""
         self.window.push(n / 10 if stamp is None else stamp, ids, self.path[ids, n])
-        people, observed, lost = self.window.complete()
+        people, observed, lost, *_ = self.window.complete()
         forecast = None
         if len(people):
             samples = np.random.default_rng(n).normal(size=(K, len(people), PRED, 2))
@@ -46,8 +50,14 @@ class Stream:
                 "a": ModelForecast(samples, samples.mean(axis=0), 0, runtime=0.02)
             }
             missing = self.window.incomplete(people)
-            forecast = Forecast(
-                self.window.stamp, n, people, observed, models, missing, 1e-3, lost
+            forecast = made_forecast(
+                observed,
+                models,
+                stamp=self.window.stamp,
+                index=n,
+                ids=people,
+                dropped=missing,
+                extrapolated=lost,
             )
         self.done += self.analytics.add(forecast)
         return forecast
@@ -218,17 +228,7 @@ def forecast_of(place, velocity, samples=20) -> Forecast:
     noise = np.random.default_rng(0).normal(0, 0.02, (samples, len(place), 8, 2))
     futures = way[:, 8:] + noise
     result = ModelForecast(futures, futures.mean(axis=0), 0)
-    count = len(place)
-    return Forecast(
-        0.0,
-        0,
-        np.arange(count) + 3,
-        way[:, :8],
-        {"m": result},
-        {},
-        0.0,
-        np.zeros(count, int),
-    )
+    return made_forecast(way[:, :8], {"m": result}, ids=np.arange(len(place)) + 3)
 
 
 def test_two_who_come_towards_each_other_pass():

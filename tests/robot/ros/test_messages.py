@@ -26,6 +26,7 @@ from neurosym_robot.ros.definitions import (
 )
 from neurosym_robot.ros.ros1 import Decoder
 from tests.repository import ROOT
+from tests.robot.forecasts import made_forecast
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -49,7 +50,9 @@ def forecast() -> Forecast:
     observed = 5e5 + rng.normal(size=(2, 3, 2))
     result = ModelForecast(samples, samples.mean(axis=0), 3)
     ids, lost = np.array([4, -8]), np.array([0, 1])
-    return Forecast(100.5, 9, ids, observed, {"SGAN": result}, {}, 0.0, lost)
+    return made_forecast(
+        observed, {"SGAN": result}, stamp=100.5, index=9, ids=ids, extrapolated=lost
+    )
 
 
 def received(store, message, kind=None):
@@ -154,14 +157,14 @@ def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(
 ):
     made = messages.markers_message(new, forecast, "SGAN", 0.4, "odom")
     message = received(store, made, MARKERS)
-    assert [marker.ns for marker in message.markers] == ["SGAN/4", "SGAN/-8"]
-    colours = [
-        (arrow.color.r, arrow.color.g, arrow.color.b) for arrow in message.markers
-    ]
+    clear, *lines = message.markers
+    assert clear.action == clear.DELETEALL
+    assert [marker.ns for marker in lines] == ["SGAN/4", "SGAN/-8"]
+    colours = [(line.color.r, line.color.g, line.color.b) for line in lines]
     # Blue and vermilion of Okabe and Ito.
     assert_allclose(colours, np.array([(0, 114, 178), (213, 94, 0)]) / 255, atol=1e-6)
-    assert_allclose([marker.color.a for marker in message.markers], [1.0, 0.35])
-    for marker, path in zip(message.markers, forecast.models["SGAN"].samples[3]):
+    assert_allclose([marker.color.a for marker in lines], [1.0, 0.35])
+    for marker, path in zip(lines, forecast.models["SGAN"].samples[3]):
         points = [(point.x, point.y, point.z) for point in marker.points]
         assert_array_equal(np.array(points)[1:, :2], path)
         assert (seconds_of(marker.header.stamp), marker.header.frame_id) == (

@@ -10,12 +10,8 @@ from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation.scenarios import TrackerFaults, simulate_labelled
 from neurosym_robot.commands import stitch as command
-from neurosym_robot.tracking.following import (
-    CROWD,
-    FORGET,
-    NearestIds,
-    frames_of_tracks,
-)
+from neurosym_robot.tracking.following import frames_of_tracks
+from neurosym_robot.tracking.kalman import CROWD, KalmanFilter
 from neurosym_robot.tracking.stitching import (
     FRESH,
     LinkOptions,
@@ -170,21 +166,21 @@ def test_the_command(tmp_path, capsys):
 def test_people_without_ids_keep_those_that_they_are_given():
     rng = np.random.default_rng(0)
     for scenario in ("all-forward", "cross-path"):
-        nearest, true, numbers = NearestIds(), [], []
+        nearest, true, numbers = KalmanFilter(), [], []
         for frame in frames_of_tracks(simulate_labelled(scenario, 1, 40.0, 4)[0]):
             order = rng.permutation(len(frame.ids))
             numbers.extend(nearest.push(frame.stamp, frame.xy[order]))
             true.extend(frame.ids[order])
         assert idf1(true, numbers) > 0.97
-    nearest = NearestIds()
+    nearest = KalmanFilter()
     (person,) = nearest.push(0.0, [[0.0, 0.0]])
-    assert nearest.push(FORGET, [[0.0, 0.0]]) == [person]
-    assert nearest.push(2 * FORGET + 0.1, [[0.0, 0.0]]) != [person]
+    assert nearest.push(4.0, [[0.0, 0.0]]) == [person]
+    assert nearest.push(8.1, [[0.0, 0.0]]) != [person]
     for n in range(5):
         ids = nearest.push(
-            3 + n / 10, rng.uniform(0, 1000, (3000, 2)) * [[1.0, np.nan]]
+            9 + n / 10, rng.uniform(0, 1000, (3000, 2)) * [[1.0, np.nan]]
         )
         assert len(np.unique(ids)) == 3000
-        ids = nearest.push(3.05 + n / 10, rng.uniform(0, 1000, (3000, 2)))
-    assert len(nearest._ids) <= CROWD
+        ids = nearest.push(9.05 + n / 10, rng.uniform(0, 1000, (3000, 2)))
+    assert len(nearest.numbers) <= CROWD
     assert len(nearest.push(np.nan, [[0.0, 0.0]])) == 1

@@ -1,0 +1,184 @@
+"""Who goes on as whom: a Kalman filter of constant velocity with gated, global assignment.
+
+Each person's place and velocity are predicted to the moment of a frame. Detections near
+enough are given to people so that all together are most probable; the others are new.
+The error of detections is learned from those that are given.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import linear_sum_assignment
+
+from neurosym_jax.configuration import Checked, NotNegative
+from neurosym_robot.tracking.following import FAR
+
+CROWD = 512
+"""People followed at once; of more, those that come later get a new id in every frame."""
+PACE = 1.0
+"""Standard deviation of a newcomer's velocity along an axis, m/s."""
+NOISE = 0.1
+"""Standard deviation of a detection along an axis, metres, before any was learned."""
+LEAST = 0.05
+"""Least standard deviation of a detection that is learned, metres."""
+RATE = 0.01
+"""Weight of one detection in what is learned."""
+BRIEF = 0.25
+"""Seconds between two detections of a person from which the error is learned."""
+GATE = 3.5
+"""Standard deviations between a detection and a person at most."""
+NEVER = 1e6
+"""Cost of a pair that cannot be."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LinkOptions(Checked):
+    """When two detections may be of one person."""
+
+    max_gap: NotNegative = 4.0
+    """Seconds for which a person out of sight is remembered."""
+    reach: NotNegative = 0.8
+    """Maximum distance in metres from where the person is expected, for a gap of 0 s."""
+    drift: NotNegative = 0.6
+    """Metres added to --reach for each second of the gap."""
+    acceleration: NotNegative = 0.3
+    """How fast velocities change: standard deviation after a second, m/s."""
+    trust: NotNegative = 2.0
+    """Weight of the tracker's ids: what a detection under a person's former id gains, in units of
+    the squared distance in standard deviations."""
+
+
+class _People(NamedTuple):
+    """P people when they were seen last."""
+
+    number: np.ndarray  # [P] int64
+    hint: np.ndarray  # [P] int64, the tracker's id
+    stamp: np.ndarray  # [P] seconds
+    place: np.ndarray  # [P, 2] metres
+    velocity: np.ndarray  # [P, 2] metres per second
+    covariance: np.ndarray  # [P, 2, 2] of place and velocity along either axis
+
+    def take(self, rows: np.ndarray) -> "_People":
+        return _People(*(values[rows] for values in self))
+
+    def and_others(self, others: "_People") -> "_People":
+        return _People(*(np.concatenate(pair) for pair in zip(self, others)))
+
+
+class KalmanFilter:
+    """Gives the detections of each frame the numbers of people, counted from 0."""
+
+    def __init__(self, options: LinkOptions | None = None, crowd: int = CROWD):
+        """Follow up to `crowd` people."""
+        self.options = LinkOptions() if options is None else options
+        self._crowd, self._next, self._stamp = crowd, 0, -np.inf
+        self._people = _newcomers(np.zeros((0, 2)), np.zeros(0, int), 0, 0.0, NOISE)
+        self._square = 2 * NOISE**2  # mean squared error of a detection, both axes
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a detection along an axis, metres."""
+        return max(LEAST, float(np.sqrt(self._square / 2)))
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """[P] numbers of the people who are remembered."""
+        return self._people.number
+
+    def push(
+        self, stamp: float, xy: ArrayLike, hints: ArrayLike | None = None
+    ) -> np.ndarray:
+        """[N] int64 numbers of people at `xy [N, 2]` metres; `hints [N]` are a tracker's ids.
+
+        A clock set back begins anew. Who is not followed has a new number: all of a
+        frame with the stamp of the one before, and places that are none.
+        """
+        xy = np.asarray(xy, np.float64).reshape(-1, 2)
+        numbers = np.full(len(xy), -1)
+        if np.isfinite(stamp) and stamp != self._stamp:
+            gap = stamp - self._people.stamp
+            is_recent = (gap <= self.options.max_gap + 1e-6) & (stamp > self._stamp)
+            self._people = self._people.take(is_recent)
+            self._stamp = stamp
+            near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))[: self._crowd]
+            ids = np.full(len(xy), -1) if hints is None else np.asarray(hints)
+            numbers[near] = self._follow(xy[near], ids[near], hints is not None)
+        others = numbers < 0
+        numbers[others] = self._next + np.arange(others.sum())
+        self._next += int(others.sum())
+        return numbers
+
+    def _follow(self, xy: np.ndarray, ids: np.ndarray, has_ids: bool) -> np.ndarray:
+        """[N] numbers of the people at `xy`; -1 for who finds no room."""
+        expected, cost = self._predict(xy)
+        if has_ids:
+            cost = cost - self.options.trust * (expected.hint[:, None] == ids)
+        row, column = linear_sum_assignment(cost)
+        is_pair = cost[row, column] < NEVER / 2
+        row, column = row[is_pair], column[is_pair]
+        seen = self._update(expected.take(row), xy[column], ids[column])
+        numbers = np.full(len(xy), -1)
+        numbers[column] = seen.number
+        unseen = np.setdiff1d(np.arange(len(expected.number)), row)
+        room = self._crowd - len(expected.number)
+        new = np.flatnonzero(numbers < 0)[: max(room, 0)]
+        fresh = _newcomers(xy[new], ids[new], self._next, self._stamp, self.noise)
+        numbers[new] = fresh.number
+        self._next += len(new)
+        lost = self._people.take(unseen)
+        self._people = lost.and_others(seen).and_others(fresh)
+        return numbers
+
+    def _predict(self, xy: np.ndarray) -> tuple[_People, np.ndarray]:
+        """The people now, and [P, N] costs: minus twice the logarithm of a density."""
+        people, options = self._people, self.options
+        gap = self._stamp - people.stamp
+        zero, one = np.zeros_like(gap), np.ones_like(gap)
+        step = np.moveaxis(np.array([[one, gap], [zero, one]]), -1, 0)
+        doubt = np.array([[gap**3 / 3, gap**2 / 2], [gap**2 / 2, gap]])
+        covariance = step @ people.covariance @ np.swapaxes(step, 1, 2)
+        covariance += options.acceleration**2 * np.moveaxis(doubt, -1, 0)
+        place = people.place + gap[:, None] * people.velocity
+        expected = people._replace(place=place, covariance=covariance)
+
+        variance = covariance[:, :1, 0] + self.noise**2
+        off = np.linalg.norm(xy - place[:, None], axis=-1).reshape(len(gap), len(xy))
+        reach = options.reach + options.drift * gap[:, None]
+        is_near = (off <= GATE * np.sqrt(variance)) & (off <= reach)
+        cost = off**2 / variance + 2 * np.log(variance)
+        return expected, np.where(is_near, cost, NEVER)
+
+    def _update(self, expected: _People, xy: np.ndarray, ids: np.ndarray) -> _People:
+        """The people `expected` [P] after detections of them at `xy`."""
+        off = xy - expected.place
+        variance = expected.covariance[:, 0, 0] + self.noise**2
+        gain = expected.covariance[:, :, 0] / variance[:, None]
+        covariance = expected.covariance - gain[:, :, None] * expected.covariance[:, :1]
+        is_brief = self._stamp - expected.stamp < BRIEF
+        for square in (off[is_brief] ** 2).sum(axis=1):
+            change = min(square, 9 * self._square) - self._square
+            self._square += RATE * change
+        return expected._replace(
+            hint=ids,
+            stamp=np.full(len(xy), self._stamp),
+            place=expected.place + gain[:, :1] * off,
+            velocity=expected.velocity + gain[:, 1:] * off,
+            covariance=covariance,
+        )
+
+
+def _newcomers(
+    xy: np.ndarray, ids: np.ndarray, first: int, stamp: float, noise: float
+) -> _People:
+    """People who are seen for the first time, numbered from `first` on."""
+    count = len(xy)
+    return _People(
+        number=first + np.arange(count),
+        hint=ids,
+        stamp=np.full(count, stamp),
+        place=xy,
+        velocity=np.zeros((count, 2)),
+        covariance=np.tile(np.diag([noise**2, PACE**2]), (count, 1, 1)),
+    )

@@ -1,0 +1,70 @@
+"""The filter follows people through noise, gaps and swaps, and learns how noisy detections are."""
+
+import numpy as np
+import pytest
+
+from neurosym_robot.tracking.kalman import KalmanFilter, LinkOptions
+
+PLACES = np.array([[0.0, 0.0], [0.0, 1.0], [6.0, 0.5]])
+SPEEDS = np.array([[1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
+
+
+def follow(filter, noise=0.0, frames=60, hints=None, seen=lambda n: slice(None)):
+    """[F] numbers given to three people, two abreast and one towards them, who walk on."""
+    rng, rows = np.random.default_rng(0), []
+    for n in range(frames):
+        xy = PLACES + n / 10 * SPEEDS + rng.normal(0, noise, (3, 2))
+        order = rng.permutation(3)[seen(n)]
+        ids = None if hints is None else np.array(hints(n))[order]
+        numbers = filter.push(n / 10, xy[order], ids)
+        rows.append(dict(zip(order.tolist(), numbers.tolist())))
+    return rows
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.12])
+def test_people_keep_their_numbers_where_others_cross(noise):
+    rows = follow(KalmanFilter(), noise)
+    for person in range(3):
+        assert len({row[person] for row in rows}) == 1
+
+
+@pytest.mark.parametrize(("lost", "people"), [(30, 3), (45, 6)])
+def test_who_is_lost_for_three_seconds_comes_back_and_later_is_new(lost, people):
+    def seen(n):
+        return slice(3) if n < 20 or n >= 20 + lost else slice(0)
+
+    rows = follow(KalmanFilter(), 0.03, 90, seen=seen)
+    assert len({number for row in rows for number in row.values()}) == people
+
+
+def test_the_error_of_detections_is_learned():
+    for noise in (0.05, 0.15, 0.25):
+        filter = KalmanFilter()
+        follow(filter, noise, 300)
+        # With a share of the prediction's own error.
+        assert filter.noise == pytest.approx(noise, rel=0.35)
+
+
+def test_ids_that_are_swapped_do_not_mislead_and_those_that_last_help():
+    def swapped(n):
+        return [2, 1, 3] if n % 20 >= 10 else [1, 2, 3]
+
+    rows = follow(KalmanFilter(), 0.03, hints=swapped)
+    assert len({row[0] for row in rows}) == 1
+    # A person who turns on the spot between two sightings is known by the id alone.
+    for trust, same in ((0.0, False), (20.0, True)):
+        filter = KalmanFilter(LinkOptions(trust=trust))
+        for n in range(20):
+            filter.push(n / 10, [[n / 10, 0.0], [1.9 - n / 10, 0.8]], [5, 6])
+        first, _ = filter.push(2.0, [[2.0, 0.4], [1.99, 0.4]], [5, 6])
+        again = filter.push(2.1, [[2.1, 0.4], [1.9, 0.4]], [6, 5])
+        assert bool(again[1] == first) is same
+
+
+def test_an_empty_frame_and_a_clock_set_back():
+    filter = KalmanFilter()
+    assert filter.push(0.0, np.zeros((0, 2))).tolist() == []
+    (first,) = filter.push(0.1, [[0.0, 0.0]])
+    assert filter.push(0.2, np.zeros((0, 2))).tolist() == []
+    assert filter.push(0.3, [[0.0, 0.0]]).tolist() == [first]
+    assert filter.push(0.1, [[0.0, 0.0]]).tolist() != [first]
