@@ -4,6 +4,7 @@ import contextlib
 import re
 import sys
 from collections.abc import Iterator
+from types import ModuleType
 
 from neurosym_jax import plugins
 from neurosym_jax.data.recordings import FORMATS
@@ -21,20 +22,29 @@ TABLES = (FORMATS, METRICS, FORECASTERS, POOLINGS, CELLS, EVENTS, WEIGHTINGS)
 def restored_registrations() -> Iterator[None]:
     """Afterwards the tables of components and the plugins that are loaded are as before."""
     before = [dict.copy(table) for table in TABLES]
-    loaded, modules = dict(plugins._loaded), set(sys.modules)
+    loaded, modules = dict(plugins._loaded), _plugin_modules()
     try:
         yield
     finally:
         for table, content in zip(TABLES, before):
             table.clear()
             table.update(content)
-        plugins._loaded.clear()
+        forget_plugins()
         plugins._loaded.update(loaded)
-        forget_plugins(set(sys.modules) - modules)
+        sys.modules.update(modules)
 
 
-def forget_plugins(modules: set[str]) -> None:
-    """Let those of `modules` that are files of plugins be imported again when asked for."""
-    for name in modules:
-        if re.search(r"_[0-9a-f]{8}$", name):
-            del sys.modules[name]
+def forget_plugins() -> None:
+    """Let files of plugins be imported again when they are asked for."""
+    plugins._loaded.clear()
+    for name in _plugin_modules():
+        del sys.modules[name]
+
+
+def _plugin_modules() -> dict[str, ModuleType]:
+    """The modules that files of plugins have become, whose names end in a digest."""
+    return {
+        name: module
+        for name, module in sys.modules.items()
+        if re.search(r"_[0-9a-f]{8}$", name)
+    }

@@ -7,14 +7,15 @@ import threading
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
+import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.commands.download import published_files, run
 from neurosym_jax.data.recordings import GENERAL, EthUcy, Synthetic, find, open_source
-from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.tracks import PERIOD
+from neurosym_jax.data.windows import resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation import scenarios
 
@@ -63,27 +64,20 @@ def test_leave_one_recording_out(tmp_path):
     }
 
 
-def test_simulations_of_each_split_have_their_own_seeds(monkeypatch):
-    seeds = {"test": [0, 1], "val": [100, 101], "train": [*range(200, 208)]}
-    walk = make_tracks("walk", [0, 0.2, 0.4], [1] * 3, [[0, 0]] * 3)
-    seen = []
-    monkeypatch.setattr(
-        scenarios, "simulate", lambda *options: seen.append(options) or walk
-    )
+def test_simulations_of_each_split_have_their_own_seeds():
+    seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}
     for split, split_seeds in seeds.items():
-        seen.clear()
-        assert {
-            len(tracks.id) for tracks in Synthetic().recordings("cross-path", split)
-        } == {2}
-        assert seen == [("cross-path", seed) for seed in split_seeds]
+        recordings = Synthetic().recordings("cross-path", split)
+        for tracks, seed in zip(recordings, split_seeds, strict=True):
+            expected = resample(scenarios.simulate("cross-path", seed), PERIOD)
+            np.testing.assert_array_equal(tracks.position, expected.position)
 
 
 def test_there_is_no_test_set_of_all():
-    for split, read in (("val", True), ("test", False)):
-        with mock.patch.object(Synthetic, "_read", return_value=[]) as reading:
-            with contextlib.suppress(InputError):
-                Synthetic().recordings(GENERAL, split)
-            assert reading.called == read
+    with pytest.raises(InputError, match="general is for models of real people"):
+        Synthetic().recordings(GENERAL, "val")
+    with pytest.raises(InputError, match="unknown data set 'general'"):
+        Synthetic().recordings(GENERAL, "test")
 
 
 @pytest.mark.parametrize(

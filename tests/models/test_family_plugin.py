@@ -1,7 +1,6 @@
 """One file of a plugin adds a family: it trains, resumes, sweeps, is evaluated, saved, exported."""
 
 import json
-import sys
 from pathlib import Path
 
 import jax
@@ -15,6 +14,7 @@ from neurosym_jax.forecasting.forecaster import FORECASTERS, forecaster_of
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training import Recipe
 from tests.following import followed
+from tests.registrations import forget_plugins, restored_registrations
 
 PLUGIN = str(Path(__file__).with_name("family_plugin.py"))
 RECIPE = Recipe(steps=60, batch_scenes=8, validate_every=20, learning_rate=0.01)
@@ -105,19 +105,18 @@ def test_commands_know_it(tmp_path, monkeypatch, capsys):
     assert config["forecaster"] == "attention"
     assert "family_plugin.py" in config["plugins"]
 
-    def train_here(sweep_run):
-        """Train in this process as if nothing were loaded: the run's file names the plugin."""
-        with monkeypatch.context() as patch:
-            patch.setattr("neurosym_jax.plugins._loaded", {})
-            patch.delitem(sys.modules, FORECASTERS["attention"].__module__)
-            patch.delitem(FORECASTERS, "attention")
-            with pytest.raises(SystemExit) as end:
-                main(sweep_run.command)
-        return end.value.code
-
-    monkeypatch.setattr("neurosym_jax.training.sweep._train", train_here)
     models = ("--model", "attention", "anchor_table")
-    run("sweep", *models, *TRAIN, "--steps", "2", "--seed", "0", "--jobs", "1")
+    sweep = ("sweep", *models, *TRAIN, "--steps", "2", "--seed", "0", "--jobs", "1")
+    run(*sweep, "--dry-run")
+    for folder in sorted((tmp_path / "runs/sweep").iterdir()):
+        # As if nothing were loaded: the run's file names the plugin.
+        with restored_registrations():
+            forget_plugins()
+            del FORECASTERS["attention"]
+            with pytest.raises(SystemExit) as end:
+                main(["train", str(folder / "recipe.yaml")])
+        assert not end.value.code
+    run(*sweep)
     names = {path.name for path in (tmp_path / "runs/sweep").iterdir() if path.is_dir()}
     assert names == {f"{model}_cross-path_8_8_seed0" for model in models[1:]}
     assert "Attention over neighbours" in (tmp_path / "runs/sweep/sweep.md").read_text()

@@ -26,7 +26,6 @@ from neurosym_jax.evaluation.scores import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.plugins import load_plugin
-from neurosym_jax.runtime import workers
 from neurosym_jax.runtime.files import (
     new_folder,
     refuse_unwritable,
@@ -37,6 +36,7 @@ from neurosym_jax.runtime.process import (
     available_memory,
     cache_folder,
     code_version,
+    cpu_cores,
     run_environment,
     tune,
 )
@@ -170,11 +170,8 @@ def dask_map():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("elsewhere", [exhaustive(dask_map), process_map])
-def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch, elsewhere):
+def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, elsewhere):
     """Real processes: tasks have the caller's plugins, and rows are the same."""
-    monkeypatch.setattr(
-        "neurosym_jax.plugins._loaded", {}
-    )  # Not the plugins of other tests.
     code = "import os\ndef place(x):\n    return 2 * x, os.getpid(), len(os.sched_getaffinity(0))\n"
     (tmp_path / "doubling.py").write_text(code)
     load_plugin(str(tmp_path / "doubling.py"))
@@ -205,11 +202,11 @@ def test_a_killed_process_ends_in_a_line():
 
 
 def test_processes_start_for_many_tasks_only(monkeypatch):
+    """None starts before the context is entered."""
     monkeypatch.delenv("NPROC", raising=False)
-    for name, value in (("cpu_cores", 2), ("process_map", "processes")):
-        monkeypatch.setattr(workers, name, lambda value=value: value)
-    assert map_for(8) == "processes"
-    with map_for(7) as few:
-        monkeypatch.setenv("NPROC", "1")
-        with map_for(99) as one_core:
-            assert few is one_core is None
+    assert isinstance(map_for(7), contextlib.nullcontext)
+    one_core = cpu_cores() == 1
+    assert isinstance(map_for(8), contextlib.nullcontext) == one_core
+    monkeypatch.setenv("NPROC", "1")
+    with map_for(99) as run:
+        assert run is None
