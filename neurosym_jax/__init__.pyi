@@ -25,6 +25,8 @@ from .forecasting.model_folder import load_model as load_model
 from .forecasting.model_folder import save_model as save_model
 from .models.anchors.network import AnchorConfig as AnchorConfig
 from .models.anchors.recipe import AnchorRecipe as AnchorRecipe
+from .models.place.place import Place as Place
+from .models.place.place import load_place as load_place
 from .models.sgan.network import DiscriminatorConfig as DiscriminatorConfig
 from .models.sgan.network import GeneratorConfig as GeneratorConfig
 from .models.sgan.network import register_pooling as register_pooling

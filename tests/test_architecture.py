@@ -38,6 +38,8 @@ PACKAGES = (
 """No package imports one to its right."""
 LATER = {
     ("data/recordings.py", "simulation"),
+    ("forecasting/distribution.py", "models"),
+    ("forecasting/forecaster.py", "models"),
     ("forecasting/forecaster.py", "training"),
     ("forecasting/model_folder.py", "interop"),
     ("training/run.py", "plotting"),

@@ -11,7 +11,7 @@ import abc
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +28,9 @@ from neurosym_jax.runtime.programs import kept_json
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
+if TYPE_CHECKING:
+    from neurosym_jax.models.place.mixture import Remembered
+
 __all__ = [
     "FORECASTERS",
     "Forecaster",
@@ -36,6 +39,9 @@ __all__ = [
     "TwoStageForecaster",
 ]
 __all__ += ["forecaster_of", "refuse_many", "register_forecaster", "with_weighting"]
+
+POINTS = 64
+"""Draws that stand for each person's distribution, where a forecaster has no points."""
 
 Representatives = tuple[Array, Array | None]
 """Samples [k, N, pred_len, 2] of a scene and their probabilities [k]; None where all have the
@@ -188,27 +194,49 @@ class Forecaster(abc.ABC):
         return settle(samples, repair, self.config.period), probability
 
     def repaired_distribution(
-        self, params: Any, scene: Scene, key: Array, count: int
+        self,
+        params: Any,
+        scene: Scene,
+        key: Array,
+        count: int,
+        memory: "Remembered | None" = None,
     ) -> Array:
         """`distribution` given plausible tracks, as `repaired_representatives`."""
         if self.repairs:
-            return self.distribution(params, scene, key, count)
+            return self.distribution(params, scene, key, count, memory)
         scene, repair = repair_scene(scene, self.config.period)
         draws = self.distribution(params, scene, key, count)
-        return settle(draws, repair, self.config.period)
+        draws = settle(draws, repair, self.config.period)
+        return draws if memory is None else memory.among(draws, scene, key, count)
 
-    def distribution(self, params: Any, scene: Scene, key: Array, count: int) -> Array:
+    def distribution(
+        self,
+        params: Any,
+        scene: Scene,
+        key: Array,
+        count: int,
+        memory: "Remembered | None" = None,
+    ) -> Array:
         """Equally probable draws [n, N, pred_len, 2] of one scene.
 
         n is `count`, or 1 without noise. By default they are `forecast`'s samples.
         `key` is the run's, the same for every scene: the draws also depend on the
-        scene's identity.
+        scene's identity. Of a `memory` of the place, each person takes its share of the
+        draws, which are `count` then.
         """
         agents = len(scene.valid)
         noise = scene_noise(
             self.noise, key, jnp.asarray(scene.identity), self.count(count), agents
         )
-        return self.representatives(params, scene, noise)[0]
+        draws = self.representatives(params, scene, noise)[0]
+        return draws if memory is None else memory.among(draws, scene, key, count)
+
+    def points(self, params: Any, scene: Scene, key: Array) -> Array:
+        """[P, N, pred_len, 2] equally probable futures of each person by itself.
+
+        By default they are draws.
+        """
+        return self.distribution(params, scene, key, POINTS)
 
     def count(self, samples: int) -> int:
         """Number of samples it makes where `samples` are asked for: one without noise.

@@ -3,6 +3,8 @@ from .anchors.network import AnchorTableConfig as AnchorTableConfig
 from .anchors.recipe import AnchorRecipe as AnchorRecipe
 from .baselines import ConstantVelocity as ConstantVelocity
 from .baselines import ConstantVelocitySampled as ConstantVelocitySampled
+from .place.place import Place as Place
+from .place.place import load_place as load_place
 from .sgan.forecaster import GeneratorForecaster as GeneratorForecaster
 from .sgan.network import Discriminator as Discriminator
 from .sgan.network import DiscriminatorConfig as DiscriminatorConfig

@@ -46,29 +46,41 @@ def draw_samples(samples: Array, probability: Array, key: Array, count: int) -> 
 
 
 def draw_scenes(
-    points: Array, scene: Scene, key: Array, count: int, period: float
+    points: Array,
+    scene: Scene,
+    key: Array,
+    count: int,
+    period: float,
+    weight: Array | None = None,
 ) -> Array:
     """[count, N, T, 2] equally probable futures of `scene`, of each person's `points [P, N, T, 2]`.
 
-    Steps are of `period` seconds. Somebody alone has all points about equally often.
+    Steps are of `period` seconds. Somebody alone has each point about as often as its
+    `weight [N, P]` says; by default all are the same.
     """
     independent, coupled = jax.random.split(key)
-    chosen = _lots(independent, points.shape[1], count).T * len(points)
-    chosen = chosen.astype(int)
+    lots = _lots(independent, points.shape[1], count).T
+    if weight is None:
+        chosen = (lots * len(points)).astype(int)
+    else:
+        ends = jnp.cumsum(weight, axis=1)
+        chosen = (ends[:, :-1] <= lots[..., None] * ends[:, -1:]).sum(axis=2)
     if points.shape[1] > 1:
-        near, present = nearest(points, jnp.asarray(scene.valid))
+        near, present = nearest(points, jnp.asarray(scene.valid), weight)
         overlap, parting = pair_terms(points, scene, near, present, period)
         table = REPULSION * overlap + COHESION * parting
-        chosen = couple(chosen, near, table, coupled)
+        chosen = couple(chosen, near, table, coupled, weight)
     return jnp.take_along_axis(points, chosen[..., None, None], axis=0)
 
 
-def couple(chosen: Array, near: Array, table: Array, key: Array) -> Array:
+def couple(
+    chosen: Array, near: Array, table: Array, key: Array, weight: Array | None = None
+) -> Array:
     """[n, N] points of each person in n draws, chosen anew from `chosen [n, N]`, given the others'.
 
     `near [N, M]` are the people on whom a person depends, `table [N, M, P, P]` how many
     nats less probable each point of theirs (third axis) makes each of the person's
-    (fourth).
+    (fourth). `weight [N, P]` says how probable each point is for somebody alone.
     """
     count, agents = chosen.shape
     slots = jnp.arange(near.shape[1])
@@ -83,7 +95,12 @@ def couple(chosen: Array, near: Array, table: Array, key: Array) -> Array:
         def choose(turn: Array, chosen: Array) -> Array:
             agent = turns[turn]
             cost = table[agent, slots, chosen[:, near[agent]]].sum(1)  # [n, P]
-            share = jnp.exp(cost.min(1, keepdims=True) - cost) @ up_to
+            if weight is None:
+                share = jnp.exp(cost.min(1, keepdims=True) - cost) @ up_to
+            else:
+                cost = jnp.where(weight[agent] > 0, cost, jnp.inf)
+                share = jnp.exp(cost.min(1, keepdims=True) - cost)
+                share = (weight[agent] * share) @ up_to
             place = lots[agent, :, None] * share[:, -1:]
             return chosen.at[:, agent].set((share[:, :-1] <= place).sum(1))
 
@@ -127,13 +144,19 @@ def pair_terms(
     return overlap, share[..., None, None] * parted
 
 
-def nearest(points: Array, valid: Array) -> tuple[Array, Array]:
+def nearest(
+    points: Array, valid: Array, weight: Array | None = None
+) -> tuple[Array, Array]:
     """[N, M] the people who come nearest to each, and whether both are there.
 
-    Of mean paths of `points [P, N, T, 2]`; `valid [N]` is False for padding.
+    Of mean paths of `points [P, N, T, 2]`, with their `weight [N, P]` if there is one;
+    `valid [N]` is False for padding.
     """
     agents = len(valid)
-    means = points.mean(axis=0).swapaxes(0, 1)  # [T, N, 2]
+    if weight is None:
+        means = points.mean(axis=0).swapaxes(0, 1)  # [T, N, 2]
+    else:
+        means = jnp.einsum("np,pntc->tnc", weight, points)
     # Step by step, because of a crowd all steps of all pairs would not fit into memory.
     gaps = [jnp.square(mean[:, None] - mean).sum(-1) for mean in means]
     clearance = functools.reduce(jnp.minimum, gaps)

@@ -24,6 +24,7 @@ from neurosym_jax.models.anchors.network import (
     AnchorTableConfig,
 )
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.scene import Scene
 
 __all__ = ["AnchorTableForecaster", "AnchorsForecaster", "apply_anchors", "spread_of"]
@@ -95,7 +96,14 @@ class AnchorTableForecaster(Forecaster):
             probability = probability / probability.sum()
         return samples, probability
 
-    def distribution(self, params: Any, scene: Scene, key: Array, count: int) -> Array:
+    def distribution(
+        self,
+        params: Any,
+        scene: Scene,
+        key: Array,
+        count: int,
+        memory: Remembered | None = None,
+    ) -> Array:
         """See `Forecaster.distribution`; without points, samples drawn by their probabilities.
 
         Half of the scenes are drawn from points of the mirrored scene: people's left
@@ -105,20 +113,36 @@ class AnchorTableForecaster(Forecaster):
             key = jax.random.fold_in(key, part)
         if not self.calibrated:
             forecast = apply_anchors(self.config, params, scene)
-            return draw_samples(
-                forecast.samples, jnp.exp(forecast.log_probability), key, count
-            )
-
-        def drawn(view: tuple[Array, Array]) -> Array:
-            mirror, part = view
-            seen = scene.replace(observed=scene.observed * mirror)
-            points = apply_anchors(self.config, params, seen).points * mirror
-            return draw_scenes(points, scene, part, -(-count // 2), self.config.period)
+            probability = jnp.exp(forecast.log_probability)
+            draws = draw_samples(forecast.samples, probability, key, count)
+            return draws if memory is None else memory.among(draws, scene, key, count)
 
         order, *parts = jax.random.split(key, 3)
-        mirrors = jax.random.permutation(order, jnp.array([[1.0, 1.0], [1.0, -1.0]]))
-        draws = jax.lax.map(drawn, (mirrors, jnp.stack(parts)))
+        views = jax.random.permutation(order, jnp.arange(2))
+
+        def drawn(turn: tuple[Array, Array]) -> Array:
+            view, part = turn
+            points, weight = self._view(params, scene, view), None
+            if memory is not None:
+                points, weight = memory.beside(points, view, 2)
+            number, period = -(-count // 2), self.config.period
+            return draw_scenes(points, scene, part, number, period, weight)
+
+        draws = jax.lax.map(drawn, (views, jnp.stack(parts)))
         return draws.swapaxes(0, 1).reshape(-1, *draws.shape[2:])[:count]
+
+    def points(self, params: Any, scene: Scene, key: Array) -> Array:
+        """See `Forecaster.points`; those of the scene, and of the mirrored one."""
+        if not self.calibrated:
+            return super().points(params, scene, key)
+        views = jax.lax.map(functools.partial(self._view, params, scene), jnp.arange(2))
+        return views.reshape(-1, *views.shape[2:])
+
+    def _view(self, params: Any, scene: Scene, view: Array | int) -> Array:
+        """[P, N, pred_len, 2] points, seen in a mirror for `view` 1."""
+        mirror = jnp.array([[1.0, 1.0], [1.0, -1.0]])[view]
+        seen = scene.replace(observed=scene.observed * mirror)
+        return apply_anchors(self.config, params, seen).points * mirror
 
     def batches(self, windows: Windows, recipe: Any) -> Callable[[int], Any]:
         """Scenes of one size class, and the crowds that they are merged into."""

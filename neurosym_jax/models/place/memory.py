@@ -1,0 +1,266 @@
+"""What people did at a place: moments of the past, found by position and velocity.
+
+A moment is one person at one step: a position, two velocities, and the way on from
+there, which is known by the time that the moment is remembered. All functions are pure
+and compiled, with shapes that depend on the bounds of the memory alone.
+
+Moments are found through tables of cells, one table for each kernel. A cell is as wide
+as the kernel, in position and velocity, and keeps the last moments of `CELL` different
+people; so people who stand for an hour take one row, and a busy corner does not push
+out what happened elsewhere. Cells share places of a table by a hash. A collision costs
+nothing but room, since what is found is weighted by its true distance.
+"""
+
+import dataclasses
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+__all__ = [
+    "FEATURES",
+    "KERNELS",
+    "Kernel",
+    "Memory",
+    "Recall",
+    "empty_memory",
+    "features",
+    "forget",
+    "recall",
+    "remember",
+]
+
+FEATURES = 6
+"""Position, velocity and earlier velocity: numbers by which moments are compared."""
+STRIDE = 3
+"""Steps over which a velocity is taken: trackers' noise is large over a single one."""
+FAR = 3.0
+"""Distance, in widths of a kernel, beyond which moments are not alike."""
+ENOUGH = 8
+"""People whose moments are alike, from which a kernel has its whole share."""
+POINTS = 16
+"""People whose ways on are recalled at once for one person."""
+FOUND = 64
+"""Most similar moments among which the `POINTS` different people are looked for."""
+CELL = 8
+"""Moments that a cell keeps."""
+CORNERS = np.array(np.meshgrid(*[[0, 1]] * 4)).reshape(4, -1).T
+"""[16, 4] offsets of the cells around a moment, two along each axis."""
+PRIMES = np.array([73856093, 19349663, 83492791, 49979687], np.uint32)
+"""Factors of the hash of a cell: M. Teschner et al., VMV 2003, section 4.1."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Kernel:
+    """How far apart two moments may lie and be alike.
+
+    Their distance is that of the positions in units of `place`, that of the velocities
+    in units of `speed`, and half of that of the earlier velocities, summed.
+    """
+
+    name: str
+    place: float
+    """Metres; infinite where it does not matter where people are."""
+    speed: float
+    """Metres per second."""
+
+    def distance(self, moment: Array, others: Array) -> Array:
+        """[...] distances of `moment [..., 6]` from `others [..., 6]`."""
+        gap = moment - others
+        place, velocity, earlier = (
+            jnp.sqrt(jnp.square(gap[..., at : at + 2]).sum(-1)) for at in (0, 2, 4)
+        )
+        return place / self.place + (velocity + earlier / 2) / self.speed
+
+    def scaled(self, moment: Array) -> Array:
+        """[..., 4] position and velocity of `moment [..., 6]`, in widths."""
+        place = moment[..., :2] / self.place
+        return jnp.concatenate([place, moment[..., 2:4] / self.speed], -1)
+
+
+KERNELS = (
+    Kernel("near", 1.5, 0.3),
+    Kernel("around", 3.0, 0.5),
+    Kernel("place", 1.5, 2.0),
+    Kernel("manner", np.inf, 0.15),
+)
+"""The kernels of a place; `studies.place` says what they were chosen on."""
+
+
+class Memory(NamedTuple):
+    """Up to R moments, and where K kernels find them."""
+
+    moment: Array
+    """[R, 6] see `features`; infinite where there is none."""
+    onward: Array
+    """[R, T, 2] offsets from the position at the T steps that followed, metres."""
+    person: Array
+    """[R] int32; -1 where there is no moment."""
+    time: Array
+    """[R] seconds since the first one."""
+    table: Array
+    """[K, S, CELL] int32 rows of the moments of each cell; R where there is none."""
+    turn: Array
+    """[K, S] int32: how many moments were put into each cell."""
+    next: Array
+    """[] int32: the row that is used next, the oldest one once all are in use."""
+
+
+class Recall(NamedTuple):
+    """What people like N others did, at the most U of them for each."""
+
+    onward: Array
+    """[N, U, T, 2] offsets from the last position, metres."""
+    weight: Array
+    """[N, K, U] probability of each by each kernel; sums to `min(1, people / ENOUGH)`."""
+
+
+def empty_memory(moments: int, steps: int, kernels: int = len(KERNELS)) -> Memory:
+    """A memory for so many `moments` with `steps` that follow."""
+    slots = 1 << max(int(np.ceil(np.log2(max(moments, CELL) / 12))), 4)
+    return Memory(
+        moment=jnp.full((moments, FEATURES), jnp.inf, jnp.float32),
+        onward=jnp.zeros((moments, steps, 2), jnp.float32),
+        person=jnp.full(moments, -1, jnp.int32),
+        time=jnp.full(moments, -jnp.inf, jnp.float32),
+        table=jnp.full((kernels, slots, CELL), moments, jnp.int32),
+        turn=jnp.zeros((kernels, slots), jnp.int32),
+        next=jnp.zeros((), jnp.int32),
+    )
+
+
+def features(track: np.ndarray, period: float) -> np.ndarray:
+    """[N, 6] features of the last of the steps `track [N, S, 2]`, S > 3.
+
+    Where fewer than seven steps are there, the velocity stands for the earlier one.
+    """
+    seconds = STRIDE * period
+    velocity = (track[:, -1] - track[:, -1 - STRIDE]) / seconds
+    earlier = velocity
+    if track.shape[1] > 2 * STRIDE:
+        earlier = (track[:, -1 - STRIDE] - track[:, -1 - 2 * STRIDE]) / seconds
+    return np.concatenate([track[:, -1], velocity, earlier], axis=1)
+
+
+@functools.partial(jax.jit, static_argnums=0, donate_argnums=1)
+def remember(
+    kernels: tuple[Kernel, ...],
+    memory: Memory,
+    moment: Array,
+    onward: Array,
+    person: Array,
+    time: Array,
+) -> Memory:
+    """The memory with n more moments, one after the other; `memory` itself is used up.
+
+    Args:
+        kernels: K of them.
+        memory: of R moments.
+        moment: [n, 6].
+        onward: [n, T, 2].
+        person: [n] int32; nothing is remembered of a negative one.
+        time: [n] seconds.
+    """
+    rows, index = len(memory.person), jnp.arange(len(kernels))
+
+    def add(number: Array, memory: Memory) -> Memory:
+        seen = moment[number]
+        homes = [_home(memory, kernel, seen, person[number]) for kernel in kernels]
+        slots = jnp.stack(homes)
+        entries = memory.table[index, slots]  # [K, CELL]
+        known = memory.person.at[entries].get(mode="fill", fill_value=-2)
+        mine = known == person[number]
+        again = mine.any(axis=1)
+        row = jnp.where(again[0], entries[0, mine[0].argmax()], memory.next)
+        row = jnp.where(person[number] < 0, rows, row)
+        place = jnp.where(again, mine.argmax(axis=1), memory.turn[index, slots] % CELL)
+        slots = jnp.where(person[number] < 0, memory.turn.shape[1], slots)
+        is_new = (row == memory.next) & (person[number] >= 0)
+        return memory._replace(
+            moment=memory.moment.at[row].set(seen, mode="drop"),
+            onward=memory.onward.at[row].set(onward[number], mode="drop"),
+            person=memory.person.at[row].set(person[number], mode="drop"),
+            time=memory.time.at[row].set(time[number], mode="drop"),
+            table=memory.table.at[index, slots, place].set(row, mode="drop"),
+            turn=memory.turn.at[index, slots].add(~again, mode="drop"),
+            next=jnp.where(is_new, (memory.next + 1) % rows, memory.next),
+        )
+
+    return jax.lax.fori_loop(0, len(person), add, memory)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def recall(kernels: tuple[Kernel, ...], memory: Memory, moment: Array) -> Recall:
+    """What people did from moments like `moment [N, 6]`, by each of K kernels."""
+    return jax.vmap(functools.partial(_recall_one, kernels, memory))(moment)
+
+
+def _recall_one(kernels: tuple[Kernel, ...], memory: Memory, moment: Array) -> Recall:
+    found = []
+    for number, kernel in enumerate(kernels):
+        slots = _around(memory, kernel, moment)
+        found.append(memory.table[number, slots].reshape(-1))
+    row = jnp.concatenate(found)
+    others = memory.moment.at[row].get(mode="fill", fill_value=jnp.inf)
+
+    weight = jnp.stack([_likeness(kernel, moment, others) for kernel in kernels])
+    total = jnp.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
+    likeness, best = jax.lax.top_k((weight / total).sum(axis=0), FOUND)
+
+    # The most similar moment of each person.
+    person = memory.person.at[row[best]].get(mode="fill", fill_value=-1)
+    same = person[:, None] == person
+    repeated = jnp.tril(same, -1).any(axis=1)
+    likeness = jnp.where(repeated, 0, likeness)
+    likeness, order = jax.lax.top_k(likeness, POINTS)
+    best = best[order]
+
+    weight = jnp.where(likeness > 0, weight[:, best], 0)
+    share = jnp.minimum((weight > 0).sum(axis=1, keepdims=True) / ENOUGH, 1)
+    total = jnp.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
+    onward = memory.onward.at[row[best]].get(mode="fill", fill_value=0)
+    return Recall(onward, share * weight / total)
+
+
+@jax.jit
+def forget(memory: Memory, before: Array) -> Memory:
+    """The memory without moments from up to a time, seconds."""
+    old = memory.time <= before
+    return memory._replace(
+        moment=jnp.where(old[:, None], jnp.inf, memory.moment),
+        person=jnp.where(old, -1, memory.person),
+    )
+
+
+def _likeness(kernel: Kernel, moment: Array, others: Array) -> Array:
+    """[n] weights of `others [n, 6]`, 1 for the same moment, 0 beyond `FAR`."""
+    distance = kernel.distance(moment, others)
+    return jnp.where(distance < FAR, jnp.exp(-distance), 0)
+
+
+def _home(memory: Memory, kernel: Kernel, moment: Array, person: Array) -> Array:
+    """[] the place in a table of the cell that keeps `moment [6]` of a person."""
+    cell = jnp.floor(kernel.scaled(moment)).astype(jnp.int32)
+    if np.isinf(kernel.place):
+        # Four cells in place of one, for different people.
+        cell = cell.at[:2].set(jnp.stack([person % 2, person // 2 % 2]))
+    return _slot(memory, cell)
+
+
+def _around(memory: Memory, kernel: Kernel, moment: Array) -> Array:
+    """[16] places in a table of the cells nearest to `moment [6]`."""
+    cell = jnp.floor(kernel.scaled(moment) - 0.5).astype(jnp.int32) + CORNERS
+    if np.isinf(kernel.place):
+        cell = cell.at[:, :2].set(CORNERS[:, :2])
+    return _slot(memory, cell)
+
+
+def _slot(memory: Memory, cell: Array) -> Array:
+    """[...] hash of `cell [..., 4]`, a place in a table."""
+    mixed = cell.astype(jnp.uint32) * PRIMES
+    mixed = mixed[..., 0] ^ mixed[..., 1] ^ mixed[..., 2] ^ mixed[..., 3]
+    mixed = (mixed ^ (mixed >> 15)) * jnp.uint32(2654435761)
+    return (mixed >> 8) % memory.turn.shape[1]

@@ -1,0 +1,136 @@
+"""The network's points and what people did here, as one distribution of each person.
+
+A component is the network alone (the first), or what one kernel recalls. Where a kernel
+recalls few people, the rest of its probability is the network's. Any mixture of the
+components has an energy score that follows from two small arrays: how far each
+component lies from the truth, and how far the components lie apart.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from neurosym_jax.models.place.memory import Recall
+from neurosym_jax.scene import Scene
+
+__all__ = ["Remembered", "distances_apart", "energy", "errors", "remembered"]
+
+
+class Remembered(NamedTuple):
+    """What people did here before, as an input of `Forecaster.distribution`."""
+
+    future: Array
+    """[U, N, T, 2] positions in the frame of the scene, metres."""
+    share: Array
+    """[U, N] their probabilities for each person; what is left to 1 is the network's."""
+
+    def beside(
+        self, points: Array, part: Array | int, parts: int
+    ) -> tuple[Array, Array]:
+        """`points [P, N, T, 2]` with the memory's, and the probability of each, [N, P'].
+
+        A distribution that is drawn in `parts` takes each point of the memory in one of
+        them, so that a part has P + U / `parts` points.
+        """
+        future = self.future.reshape(-1, parts, *self.future.shape[1:])[:, part]
+        share = self.share.reshape(-1, parts, self.share.shape[1])[:, part]
+        # Each part has the whole share, where it has a point of the memory.
+        whole, total = self.share.sum(axis=0), share.sum(axis=0)
+        share = share * whole / jnp.maximum(total, 1e-9)
+        rest = (1 - share.sum(axis=0)) / len(points)
+        own = jnp.broadcast_to(rest, (len(points), len(rest)))
+        weight = jnp.concatenate([own, share]).T
+        return jnp.concatenate([points, future]), weight
+
+    def among(self, draws: Array, scene: Scene, key: Array, count: int) -> Array:
+        """[count, N, T, 2] `draws [n, N, T, 2]`, some replaced by the memory's points.
+
+        Each point replaces its share of a person's draws. Which, depends on `key` and
+        the identity of the scene.
+        """
+        for part in scene.identity:
+            key = jax.random.fold_in(key, part)
+        shift, order = jax.random.split(key)
+        draws = jnp.repeat(draws, -(-count // len(draws)), axis=0)[:count]
+        people = draws.shape[1]
+        lot = jnp.arange(count)[:, None] + jax.random.uniform(shift, (people,))
+        lot = jax.random.permutation(order, lot / count, axis=0, independent=True)
+
+        ends = jnp.cumsum(self.share, axis=0)
+        point = (ends[:, None] <= lot).sum(axis=0)  # [count, N]
+        future = self.future[jnp.minimum(point, len(ends) - 1), jnp.arange(people)]
+        return jnp.where((point < len(ends))[..., None, None], future, draws)
+
+
+def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
+    """The input of `Forecaster.distribution` for N people.
+
+    Args:
+        recall: of these people.
+        shares: [1 + K] probability of each component.
+        last: [N, 2] last positions in the frame of the scene.
+    """
+    share = jnp.einsum("k,nku->un", shares[1:], recall.weight)
+    future = recall.onward + last[:, None, None]
+    return Remembered(future.swapaxes(0, 1), share)
+
+
+@jax.jit
+def distances_apart(offsets: Array, recall: Recall) -> Array:
+    """[N, 1 + K, 1 + K] mean distances between draws of two components, metres.
+
+    `offsets [P, N, T, 2]` are the network's points, from the last position. A distance
+    is the root mean square over steps.
+    """
+    points = _points(offsets, recall)
+    # Products lose less of points that lie around 0.
+    points = points - points.mean(axis=1, keepdims=True)
+    product = jnp.einsum("nid,njd->nij", points, points)
+    square = jnp.square(points).sum(axis=-1)
+    gap = square[:, :, None] + square[:, None] - 2 * product
+    distance = jnp.sqrt(jnp.maximum(gap, 0) / offsets.shape[2])
+    weight = _weights(len(offsets), recall)
+    return jnp.einsum("nci,nij,ndj->ncd", weight, distance, weight)
+
+
+@jax.jit
+def errors(offsets: Array, recall: Recall, future: Array) -> Array:
+    """[N, 1 + K] mean distances of the components from `future [N, T, 2]`, metres.
+
+    `future` holds offsets from the last position, as `offsets [P, N, T, 2]` do.
+    """
+    truth = future.reshape(len(future), 1, -1)
+    gap = jnp.square(_points(offsets, recall) - truth).sum(axis=-1)
+    distance = jnp.sqrt(gap / offsets.shape[2])
+    return jnp.einsum("nci,ni->nc", _weights(len(offsets), recall), distance)
+
+
+def energy(shares: np.ndarray, error: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """[N, E] energy scores of mixtures `shares [E, C]` of C components, metres.
+
+    Args:
+        shares: probabilities of the components.
+        error: [N, C] see `errors`.
+        apart: [N, C, C] see `distances_apart`.
+    """
+    within = np.einsum("ncd,ec,ed->ne", apart, shares, shares)
+    return error @ shares.T - within / 2
+
+
+def _points(offsets: Array, recall: Recall) -> Array:
+    """[N, P + U, T * 2] points of all components."""
+    points = jnp.concatenate([offsets.swapaxes(0, 1), recall.onward], axis=1)
+    return points.reshape(*points.shape[:2], -1)
+
+
+def _weights(count: int, recall: Recall) -> Array:
+    """[N, 1 + K, P + U] probability of each point in each component, of P = `count`."""
+    people, _kernels, points = recall.weight.shape
+    rest = 1 - recall.weight.sum(axis=2)
+    alone = jnp.concatenate([jnp.ones((people, 1)), rest], axis=1)
+    own = jnp.repeat(alone[..., None] / count, count, axis=2)
+    none = jnp.zeros((people, 1, points))
+    return jnp.concatenate([own, jnp.concatenate([none, recall.weight], axis=1)], -1)

@@ -1,0 +1,429 @@
+"""A place that is watched: what people did there, and how much of it forecasts take."""
+
+import dataclasses
+import functools
+import json
+import zipfile
+from collections import deque
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neurosym_jax.configuration import Count, refuse
+from neurosym_jax.data.tracks import SNAP, Tracks
+from neurosym_jax.data.windows import bucket_of, on_grid
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.tracking_errors import TOP_SPEED
+from neurosym_jax.models.place import memory as memories
+from neurosym_jax.models.place.memory import KERNELS, Memory, Recall
+from neurosym_jax.models.place.mixture import (
+    Remembered,
+    distances_apart,
+    errors,
+    remembered,
+)
+from neurosym_jax.models.place.shares import Commitment, Scored, new_ledger
+from neurosym_jax.models.place.stream import Followed, Step, Steps
+from neurosym_jax.runtime.files import new_file
+from neurosym_jax.scene import Scene, make_scene, pad_scene
+
+__all__ = ["Place", "load_place"]
+
+VERSION = 1
+"""Of the file that `Place.save` writes."""
+BEFORE = 2 * memories.STRIDE + 1
+"""Steps up to a moment from which its features are taken."""
+
+
+class _Awaited(NamedTuple):
+    """Forecasts of N people at one step, whose truth has not come yet."""
+
+    step: int
+    people: list[int]
+    offsets: Any
+    """[P, N', T, 2] the network's points, from the last positions."""
+    recall: Recall
+    apart: np.ndarray
+    """[N, 1 + K, 1 + K] see `distances_apart`."""
+    commitment: Commitment
+
+
+class Place:
+    """A memory of one place, which learns while it watches.
+
+    What earlier people did from a similar position with a similar velocity is added to
+    a model's forecasts (`predict_distribution`), with a share of the probability that
+    earlier energy scores at this place choose. Nothing is trained, and nothing is used
+    before it is over. However people move, the sum of the energy scores of all
+    forecasts exceeds that of the model alone by at most `limit` metres; see
+    `models.place.shares`.
+
+    Positions are in one frame, such as `map`: another frame is another place.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        frame: str = "",
+        moments: int = 100_000,
+    ):
+        """A place where nobody was seen yet.
+
+        Args:
+            model: of any family.
+            frame: name of the frame of the positions; empty where it has none.
+            moments: most moments that are remembered. 100,000 take 17 MB.
+        """
+        refuse(Count, {"moments": moments})
+        self.model, self.frame = model, frame
+        self.scored = Scored(0, 0.0, 0.0)
+        """Sums over all forecasts whose truth has come."""
+        self.seconds = 0.0
+        """Time that the place was watched."""
+        self._params = jax.device_put(model.params)
+        self._memory = memories.empty_memory(moments, model.config.pred_len)
+        self._ledger = new_ledger(len(KERNELS))
+        self._shares = np.eye(1 + len(KERNELS))[0]
+        self._origin: np.ndarray | None = None
+        self._now, self._people = 0.0, 0
+        self._begin()
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Probability of each part of a forecast, `network` and the kernels by name.
+
+        A kernel's is that of somebody for whom it recalls enough people.
+        """
+        names = ["network", *(kernel.name for kernel in KERNELS)]
+        return dict(zip(names, self._shares.tolist()))
+
+    @property
+    def limit(self) -> float:
+        """By how much energy scores may exceed those of the model, summed, metres."""
+        return self._ledger.limit
+
+    @property
+    def moments(self) -> int:
+        """Number of moments that are remembered."""
+        return int((self._memory.person >= 0).sum())
+
+    def __repr__(self) -> str:
+        """What was watched, and what it brought."""
+        people, network, used = self.scored
+        lines = [
+            f"Place {self.frame}".rstrip(),
+            f"  watched: {self.seconds / 60:.1f} minutes, {self.moments:,} moments",
+            f"  memory's share: {1 - self._shares[0]:.2f}",
+        ]
+        if people:
+            change = f"{100 * (used / max(network, 1e-9) - 1):+.1f} %"
+            lines.append(
+                f"  energy score of a person: {used / people:.3f} m, "
+                f"without the memory {network / people:.3f} m ({change})"
+            )
+        return "\n".join(lines)
+
+    def watch(self, positions: ArrayLike, ids: ArrayLike, time: float) -> None:
+        """Take in a frame: everybody seen at a time.
+
+        Frames may come at any rate; positions at the model's steps are interpolated
+        between them.
+
+        Args:
+            positions: [N, 2] metres.
+            ids: [N] whole numbers, the same for a person in all frames.
+            time: seconds, later than that of the frame before.
+
+        Raises:
+            InputError: for wrong shapes, positions that are not finite, an id that is
+                there twice, or a time that is not later.
+        """
+        position, number = _checked_frame(positions, ids, time)
+        last = self._steps.last
+        if last is not None and time <= last.time:
+            raise InputError(
+                f"time: {time:g} s is not after the frame before, {last.time:g} s"
+            )
+        for step in self._steps.push(float(time), number, position):
+            self._take(step)
+
+    def watch_tracks(self, recording: Any) -> None:
+        """Watch a whole recording: a file, a table or `Tracks`, see `evaluate`.
+
+        Raises:
+            InputError: for what is no recording.
+        """
+        from neurosym_jax.data.recordings import recordings_in
+
+        for tracks in recordings_in(recording):
+            self._begin()
+            for step in steps_of(tracks, self.model.config.period):
+                self._take(step)
+        self._begin()
+
+    def forget(self, older_than: float) -> None:
+        """Forget what was seen so many seconds before the last frame, or earlier."""
+        if not older_than >= 0:
+            raise InputError(f"older_than must not be negative, not {older_than}")
+        self._memory = memories.forget(self._memory, np.float32(self._now - older_than))
+
+    def recalled(self, observed: np.ndarray, scene: Scene, slots: int) -> Remembered:
+        """The memory's part of a forecast, for `Forecaster.distribution`.
+
+        Args:
+            observed: [N, obs_len, 2] metres in the frame of the place.
+            scene: the same people, relative to its origin.
+            slots: to which the scene is padded.
+        """
+        recall = self._recall(np.asarray(observed, np.float64), slots)
+        last = np.zeros((slots, 2), np.float32)
+        last[: len(observed)] = np.asarray(scene.observed)[: len(observed), -1]
+        return remembered(
+            recall, jnp.asarray(self._shares, jnp.float32), jnp.asarray(last)
+        )
+
+    def save(self, file: Path | str) -> None:
+        """Write what was learned to a file, `.npz`.
+
+        People who are in view are not in it.
+        """
+        ledger = self._ledger
+        facts = {
+            "version": VERSION,
+            "model": _fingerprint(self.model),
+            "frame": self.frame,
+            "kernels": [dataclasses.asdict(kernel) for kernel in KERNELS],
+            "scored": self.scored._asdict(),
+            "seconds": self.seconds,
+            "now": self._now,
+            "people": self._people,
+            "gain": ledger.gain,
+            "most": ledger.most,
+        }
+        arrays = {
+            f"memory_{name}": field for name, field in self._memory._asdict().items()
+        }
+        with new_file(Path(file)) as beside, beside.open("wb") as stream:
+            np.savez_compressed(
+                stream,
+                facts=np.array(json.dumps(facts)),
+                log_weight=ledger.log_weight,
+                shares=self._shares,
+                origin=np.zeros(0) if self._origin is None else self._origin,
+                **arrays,
+            )
+
+    def _begin(self) -> None:
+        """Begin a stream of frames: what was awaited will not come."""
+        config = self.model.config
+        for awaited in getattr(self, "_awaited", ()):
+            self._ledger = self._ledger.release(awaited.commitment)
+        self._steps = Steps(config.period)
+        before = max(BEFORE, config.obs_len)
+        self._followed = Followed(before + config.pred_len, self._people)
+        self._awaited: deque[_Awaited] = deque()
+        self._offset = np.nan
+
+    def _take(self, step: Step) -> None:
+        """One step: learn from what is over by then, and forecast."""
+        period = self.model.config.period
+        if np.isnan(self._offset):
+            # A stream may have a clock of its own; ours goes on.
+            self._offset = self._now + period - step.time
+        self._now = step.time + self._offset
+        self.seconds += period
+        if self._origin is None and len(step.position):
+            self._origin = step.position.mean(axis=0)
+        self._followed.push(step)
+        self._people = self._followed.next
+        self._score(step.number)
+        self._remember(step.number)
+        self._expect(step.number)
+
+    def _score(self, number: int) -> None:
+        """Learn from the forecasts whose last step was `number`."""
+        steps = self.model.config.pred_len
+        while self._awaited and self._awaited[0].step <= number - steps:
+            awaited = self._awaited.popleft()
+            self._ledger = self._ledger.release(awaited.commitment)
+            if awaited.step == number - steps:
+                self._learn(awaited, number)
+
+    def _learn(self, awaited: _Awaited, number: int) -> None:
+        """Score forecasts by the tracks of those who are still in view."""
+        steps = self.model.config.pred_len
+        tracks = self._followed.tracks(number, steps + 1, steps + 1)
+        future = np.zeros((awaited.offsets.shape[1], steps, 2), np.float32)
+        seen = np.zeros(len(awaited.people), bool)
+        for row, person in enumerate(awaited.people):
+            if person in tracks:
+                future[row] = tracks[person][1:] - tracks[person][0]
+                seen[row] = True
+        if not seen.any():
+            return
+        error = errors(awaited.offsets, awaited.recall, future)
+        error = np.asarray(error, np.float64)[: len(seen)][seen]
+        apart = awaited.apart[seen]
+        self._ledger, scored = self._ledger.learn(awaited.commitment, error, apart)
+        self.scored = Scored(*np.add(self.scored, scored).tolist())
+
+    def _remember(self, number: int) -> None:
+        """Remember the moments whose way on ends with step `number`."""
+        config = self.model.config
+        least, most = memories.STRIDE + 1, BEFORE
+        tracks = self._followed.tracks(
+            number, least + config.pred_len, most + config.pred_len
+        )
+        fastest = TOP_SPEED * config.period
+        moments = []
+        for person, track in tracks.items():
+            # Whoever jumps is two people.
+            if np.linalg.norm(np.diff(track, axis=0), axis=1).max() <= fastest:
+                moments.append((person, track - self._origin))
+        if not moments:
+            return
+        size = int(bucket_of(len(moments)))
+        feature = np.zeros((size, memories.FEATURES), np.float32)
+        onward = np.zeros((size, config.pred_len, 2), np.float32)
+        people = np.full(size, -1, np.int32)
+        for row, (person, track) in enumerate(moments):
+            past, future = track[: -config.pred_len], track[-config.pred_len :]
+            feature[row] = memories.features(past[None], config.period)[0]
+            onward[row] = future - past[-1]
+            people[row] = person % 2**31
+        time = np.full(size, self._now, np.float32)
+        self._memory = memories.remember(
+            KERNELS, self._memory, feature, onward, people, time
+        )
+
+    def _expect(self, number: int) -> None:
+        """Forecast everybody with a whole window, to be scored once the truth has come."""
+        config = self.model.config
+        tracks = self._followed.tracks(number, config.obs_len, config.obs_len)
+        if not tracks:
+            return
+        observed = np.array(list(tracks.values()))
+        slots = int(bucket_of(len(tracks)))
+        scene = pad_scene(make_scene(observed, frame=number), slots)
+        scene = self.model.forecaster.prepared(scene.bare())
+        offsets = _offsets(self.model.forecaster, self._params, scene)
+        recall = self._recall(observed, slots)
+        apart = distances_apart(offsets, recall)
+        apart = np.asarray(apart, np.float64)[: len(tracks)]
+        filled = np.asarray(recall.weight, np.float64)[: len(tracks)].sum(axis=2)
+        self._ledger, commitment = self._ledger.commit(apart, filled)
+        self._shares = commitment.shares
+        self._awaited.append(
+            _Awaited(number, list(tracks), offsets, recall, apart, commitment)
+        )
+
+    def _recall(self, observed: np.ndarray, slots: int) -> Recall:
+        """What people did from moments like the last of `observed [N, S, 2]`, padded."""
+        origin = observed[0, -1] if self._origin is None else self._origin
+        feature = np.full((slots, memories.FEATURES), np.inf, np.float32)
+        past = observed[:, -BEFORE:] - origin
+        feature[: len(observed)] = memories.features(past, self.model.config.period)
+        return memories.recall(KERNELS, self._memory, feature)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _offsets(forecaster: Forecaster, params: Any, scene: Scene) -> jax.Array:
+    """[P, N, T, 2] the network's points, from the last positions."""
+    points = forecaster.points(params, scene, jax.random.key(0))
+    return points - jnp.asarray(scene.observed)[None, :, -1:]
+
+
+def load_place(file: Path | str, model: Model) -> Place:
+    """The place that `Place.save` wrote, for the same model.
+
+    Raises:
+        InputError: for a file that is not one of a place, or of another model.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        facts = json.loads(str(arrays.pop("facts")))
+        version = facts["version"]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{file}: is no file of a place ({error})") from None
+    if version != VERSION:
+        raise InputError(f"{file}: has version {version} of the file, not {VERSION}")
+    if facts["model"] != _fingerprint(model):
+        raise InputError(
+            f"{file}: was learned with another model: {facts['model']}, "
+            f"not {_fingerprint(model)}"
+        )
+    kernels = [dataclasses.asdict(kernel) for kernel in KERNELS]
+    if facts["kernels"] != kernels:
+        raise InputError(f"{file}: was learned with other kernels")
+    place = Place(model, frame=facts["frame"], moments=1)
+    fields = {name: arrays[f"memory_{name}"] for name in Memory._fields}
+    place._memory = Memory(**{name: jnp.array(field) for name, field in fields.items()})
+    place._ledger = dataclasses.replace(
+        place._ledger,
+        log_weight=arrays["log_weight"],
+        gain=facts["gain"],
+        most=facts["most"],
+    )
+    place._shares = arrays["shares"]
+    place._origin = arrays["origin"] if len(arrays["origin"]) else None
+    place._now, place._people = facts["now"], facts["people"]
+    place.scored, place.seconds = Scored(**facts["scored"]), facts["seconds"]
+    place._begin()
+    return place
+
+
+def steps_of(tracks: Tracks, period: float) -> list[Step]:
+    """The steps of a recording, each as it was known by then.
+
+    A position that was interpolated between an observation before the step and one
+    after it was not known: it is what earlier observations foresaw.
+    """
+    tracks = on_grid(tracks, period)
+    position = tracks.position
+    if tracks.known is not None and tracks.foreseen is not None:
+        late = tracks.known > tracks.stamp + 2 * SNAP
+        position = np.where(late[:, None], tracks.foreseen, position)
+    place = tracks.step
+    if place is None:
+        place = np.rint((tracks.stamp - tracks.stamp.min()) / period).astype(np.int64)
+    order = np.argsort(place, kind="stable")
+    numbers, first = np.unique(place[order], return_index=True)
+    steps = []
+    for number, rows in zip(numbers.tolist(), np.split(order, first[1:])):
+        steps.append(
+            Step(number, float(tracks.stamp[rows[0]]), tracks.id[rows], position[rows])
+        )
+    return steps
+
+
+def _checked_frame(
+    positions: ArrayLike, ids: ArrayLike, time: float
+) -> tuple[np.ndarray, np.ndarray]:
+    if not np.isfinite(time):
+        raise InputError(f"time: {time} is not a number of seconds")
+    position = np.asarray(positions, np.float64)
+    number = np.asarray(ids)
+    if number.size == 0 and position.size == 0:
+        return np.zeros((0, 2)), np.zeros(0, np.int64)
+    if position.ndim != 2 or position.shape[1] != 2:
+        raise InputError(f"positions must be [N, 2], not {list(position.shape)}")
+    if number.shape != (len(position),) or number.dtype.kind not in "iu":
+        raise InputError("ids must be whole numbers, one for each position")
+    if len(np.unique(number)) != len(number):
+        raise InputError("ids: one is there twice in a frame")
+    if not np.isfinite(position).all():
+        raise InputError("positions: one is not finite")
+    return position, number.astype(np.int64)
+
+
+def _fingerprint(model: Model) -> str:
+    """What a place must share with the one that wrote its file, in words."""
+    return f"{model.family} {model.dataset or ''}: {model.config}"

@@ -1,0 +1,141 @@
+"""Moments: who is found, what is kept, and what nothing changes."""
+
+import jax
+import numpy as np
+import pytest
+
+from neurosym_jax.models.place.memory import (
+    CELL,
+    ENOUGH,
+    KERNELS,
+    POINTS,
+    empty_memory,
+    features,
+    forget,
+    recall,
+    remember,
+)
+
+STEPS = 4
+NAMES = [kernel.name for kernel in KERNELS]
+RIGHT, UP = np.array([1.2, 0.0]), np.array([0.0, 1.2])
+
+
+def moments(position, velocity, count=1):
+    """[n, 6] the same moment `count` times."""
+    row = np.concatenate([position, velocity, velocity])
+    return np.tile(row, (count, 1)).astype(np.float32)
+
+
+def after(memory, moment, onward, people, time=0.0):
+    """A memory with further moments; `onward [2]` is where all of them ended."""
+    count = len(moment)
+    way = np.broadcast_to(onward, (count, 2))[:, None] * np.linspace(0.25, 1, STEPS)[
+        :, None
+    ].astype(np.float32)
+    stamps = np.full(count, time, np.float32)
+    numbers = np.asarray(people, np.int32)
+    return remember(KERNELS, memory, moment, way, numbers, stamps)
+
+
+def weights(memory, moment):
+    """Total weight by kernel of what is recalled for one moment."""
+    return dict(
+        zip(NAMES, np.asarray(recall(KERNELS, memory, moment).weight[0].sum(1)))
+    )
+
+
+def test_nothing_is_recalled_of_an_empty_memory():
+    found = recall(KERNELS, empty_memory(100, STEPS), moments([0, 0], RIGHT))
+    assert found.onward.shape == (1, POINTS, STEPS, 2)
+    assert not np.any(found.weight)
+
+
+def test_what_people_did_from_here_is_found_among_thousands():
+    rng = np.random.default_rng(0)
+    memory = empty_memory(10_000, STEPS)
+    for batch in range(16):
+        others = np.concatenate(
+            [rng.uniform(-40, 40, (512, 2)), rng.normal(0, 1, (512, 4))], axis=1
+        ).astype(np.float32)
+        memory = after(memory, others, [0, 0], batch * 512 + np.arange(512))
+    memory = after(memory, moments([5, 5], RIGHT, 12), [3, 1], 100_000 + np.arange(12))
+    found = recall(KERNELS, memory, moments([5.1, 5], RIGHT))
+    near = np.asarray(found.weight[0, NAMES.index("near")])
+    end = near @ np.asarray(found.onward[0, :, -1])
+    assert near.sum() == pytest.approx(1)
+    assert end == pytest.approx([3, 1], abs=0.3)
+
+
+def test_kernels_differ_in_place_and_velocity():
+    memory = empty_memory(100, STEPS)
+    memory = after(memory, moments([0, 0], RIGHT, ENOUGH), [1, 0], np.arange(ENOUGH))
+    here = weights(memory, moments([0, 0], RIGHT))
+    elsewhere = weights(memory, moments([500, 0], RIGHT))
+    back = weights(memory, moments([0, 0], -RIGHT))
+    assert all(value == pytest.approx(1) for value in here.values())
+    assert elsewhere == {"near": 0, "around": 0, "place": 0, "manner": pytest.approx(1)}
+    assert back["place"] == pytest.approx(1)
+    assert back["near"] == back["manner"] == 0
+
+
+def test_somebody_counts_once_and_few_people_count_in_part():
+    memory = empty_memory(100, STEPS)
+    rows = moments([0, 0], [0, 0], 3 * CELL)
+    rows[:, 0] = np.linspace(-2, 2, len(rows))
+    memory = after(memory, rows, [0, 0], np.zeros(len(rows)))
+    found = recall(KERNELS, memory, moments([0, 0], [0, 0]))
+    assert (np.asarray(found.weight[0]) > 0).sum(1).max() == 1
+    assert np.asarray(found.weight[0]).sum(1) == pytest.approx(1 / ENOUGH)
+
+
+def test_who_stands_for_an_hour_takes_one_row_and_pushes_nobody_out():
+    memory = empty_memory(100, STEPS)
+    memory = after(memory, moments([0, 0], UP, 3), [0, 1], [1, 2, 3])
+    for _ in range(10):
+        memory = after(memory, moments([0, 0], [0, 0], 50), [0, 0], np.full(50, 4))
+    assert (memory.person >= 0).sum() == 4
+    assert weights(memory, moments([0, 0], UP))["near"] == pytest.approx(3 / ENOUGH)
+
+
+def test_the_memory_is_bounded_and_keeps_the_latest():
+    memory = empty_memory(64, STEPS)
+    size = sum(leaf.nbytes for leaf in jax.tree.leaves(memory))
+    rng = np.random.default_rng(1)
+    for batch in range(20):
+        rows = np.concatenate(
+            [rng.uniform(-90, 90, (16, 2)), np.tile([*UP, *UP], (16, 1))], axis=1
+        ).astype(np.float32)
+        memory = after(memory, rows, [0, 1], 16 * batch + np.arange(16))
+    assert sum(leaf.nbytes for leaf in jax.tree.leaves(memory)) == size
+    assert sorted(np.asarray(memory.person)) == list(range(256, 320))
+    assert weights(memory, rows[-1:])["near"] > 0
+
+
+def test_a_hundred_thousand_moments_take_less_than_fifty_megabytes():
+    memory = jax.eval_shape(lambda: empty_memory(100_000, 12))
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(memory))
+    assert size < 25e6
+
+
+def test_padding_is_not_remembered():
+    memory = after(empty_memory(10, STEPS), moments([0, 0], UP, 4), [0, 1], [-1] * 4)
+    assert not (memory.person >= 0).any()
+    assert memory.next == 0
+    assert not memory.turn.any()
+
+
+def test_forgotten_moments_are_not_found_and_younger_ones_are():
+    memory = empty_memory(100, STEPS)
+    memory = after(memory, moments([0, 0], UP, 8), [0, 1], np.arange(8), time=10.0)
+    memory = after(memory, moments([9, 9], UP, 8), [0, 1], 8 + np.arange(8), time=20.0)
+    memory = forget(memory, np.float32(15.0))
+    assert weights(memory, moments([0, 0], UP))["near"] == 0
+    assert weights(memory, moments([9, 9], UP))["near"] == pytest.approx(1)
+
+
+def test_velocities_are_of_three_steps_and_of_the_three_before():
+    track = np.cumsum([[0, 0], *[[0, 0.4]] * 3, *[[0.8, 0]] * 3], axis=0)[None]
+    assert features(track, 0.4)[0] == pytest.approx([2.4, 1.2, 2, 0, 0, 1])
+    # A short track has one velocity.
+    assert features(track[:, -4:], 0.4)[0] == pytest.approx([2.4, 1.2, 2, 0, 2, 0])

@@ -1,0 +1,272 @@
+"""A place that is watched: what it learns, what it may not know, and its files."""
+
+import numpy as np
+import pytest
+
+import neurosym_jax as nj
+from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.errors import InputError
+from neurosym_jax.models.baselines import ConstantVelocitySampled
+from neurosym_jax.models.place.place import steps_of
+from neurosym_jax.models.place.stream import Steps
+
+PERIOD = 0.4
+
+
+@pytest.fixture(scope="module")
+def model():
+    """Quick to compile, and wrong wherever people turn."""
+    config = ConstantVelocitySampled.Config(obs_len=8, pred_len=12)
+    return nj.Model(config, {}, family="constant_velocity_sampled")
+
+
+def corner(time, seed=0, shift=(0.0, 0.0)):
+    """[2] metres: someone who walks along a corridor and turns left after 8 m."""
+    rng = np.random.default_rng(seed)
+    speed, side = rng.normal(1.2, 0.1), rng.normal(0, 0.2)
+    way = speed * time
+    place = [way, side] if way < 8 else [8 - side, way - 8]
+    return np.array(place) + shift
+
+
+def crowd(people, every=4.0, seconds=14.0, **place):
+    """Rows of a recording of a corner, at which somebody new arrives `every` seconds."""
+    rows = []
+    for person in range(people):
+        for step in range(round(seconds / PERIOD)):
+            time = person * every + step * PERIOD
+            rows.append((time, person, *corner(step * PERIOD, person, **place)))
+    time, person, x, y = np.array(rows).T
+    return make_tracks("corner", time, person, np.column_stack([x, y]))
+
+
+@pytest.fixture(scope="module")
+def watched(model):
+    place = nj.Place(model, frame="map")
+    place.watch_tracks(crowd(30))
+    return place
+
+
+def window(seed, end, **place):
+    """[1, 8, 2] somebody new, 8 steps before `end` seconds."""
+    times = end - PERIOD * np.arange(8)[::-1]
+    return np.array([[corner(time, seed, **place) for time in times]])
+
+
+def test_a_corner_is_learned(watched):
+    people, network, used = watched.scored
+    assert people > 300
+    assert used < 0.85 * network
+    assert watched.shares["network"] < 0.4
+
+
+def test_forecasts_turn_where_people_turn(model, watched):
+    observed = window(999, 6.0)
+    future = np.array([corner(6.0 + PERIOD * step, 999) for step in range(1, 13)])
+    alone = nj.predict_distribution(model, observed)
+    taught = nj.predict_distribution(model, observed, place=watched)
+    assert alone.shape == taught.shape == (200, 1, 12, 2)
+
+    def error(draws):
+        return np.linalg.norm(draws[:, 0] - future, axis=-1).mean()
+
+    assert error(taught) < 0.6 * error(alone)
+
+
+def test_elsewhere_the_forecast_is_the_models_own_direction(model, watched):
+    observed = window(999, 6.0, shift=(300.0, 0.0))
+    draws = nj.predict_distribution(model, observed, place=watched)
+    assert np.isfinite(draws).all()
+    assert draws[..., 0].min() > 300
+
+
+def test_a_place_without_a_memory_changes_nothing(model):
+    observed = window(1, 5.0)
+    alone = nj.predict_distribution(model, observed)
+    assert (
+        nj.predict_distribution(model, observed, place=nj.Place(model)) == alone
+    ).all()
+
+
+def test_anchors_take_their_share_and_without_memory_none():
+    model = nj.load_model("anchors_general_12")
+    place = nj.Place(model)
+    observed = np.concatenate([window(1, 6.0), window(2, 6.0, shift=(0.0, 2.0))])
+    alone = nj.predict_distribution(model, observed)
+    empty = nj.predict_distribution(model, observed, place=place)
+    assert empty.mean((0, 2)) == pytest.approx(alone.mean((0, 2)), abs=0.05)
+    place.watch_tracks(crowd(10))
+    taught = nj.predict_distribution(model, observed, place=place)
+    turned = taught[:, 0, -1, 1] > 1.5
+    assert place.scored.used < place.scored.network
+    assert turned.mean() > (alone[:, 0, -1, 1] > 1.5).mean() + 0.2
+
+
+def test_what_comes_later_changes_no_earlier_forecast(model):
+    tracks = crowd(12)
+    steps = steps_of(tracks, PERIOD)
+    draws, places = [], []
+    for kept in (len(steps), 60):
+        place = nj.Place(model)
+        place._begin()
+        for step in steps[: min(kept, 60)]:
+            place._take(step)
+        draws.append(nj.predict_distribution(model, window(5, 6.0), place=place))
+        for step in steps[60:kept]:
+            place._take(step)
+        places.append(place)
+    assert (draws[0] == draws[1]).all()
+    assert places[0].moments > places[1].moments
+
+
+def test_nothing_is_remembered_before_it_is_over(model):
+    place = nj.Place(model)
+    for step in range(16):
+        assert place.moments == 0
+        place.watch([[0.4 * step, 0.0]], [7], PERIOD * step)
+    assert place.moments == 1
+
+
+@pytest.mark.parametrize("rate", [2.5, 10, 7.3, 30])
+def test_frames_of_any_rate_are_the_same_steps(rate):
+    steps = Steps(PERIOD)
+    given = []
+    for frame in range(int(4 * rate)):
+        time = 100 + frame / rate
+        position = np.array([[1.3 * frame / rate, 5.0]])
+        given += list(steps.push(time, np.array([3]), position))
+    numbers = [step.number for step in given]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert len(given) >= int(4 / PERIOD) - 1
+    for count, step in enumerate(given):
+        assert step.time == pytest.approx(100 + PERIOD * count, abs=1e-3)
+        assert step.position[0] == pytest.approx([1.3 * PERIOD * count, 5], abs=1e-2)
+
+
+def test_a_pause_ends_tracks(model):
+    place = nj.Place(model)
+    for step in range(40):
+        pause = 10.0 if step >= 10 else 0.0
+        place.watch([[0.4 * step, 0.0]], [7], PERIOD * step + pause)
+    # Without the pause all 40 steps were one track.
+    assert place.scored.people == 30 - 8 + 1 - 12
+
+
+def test_somebody_who_jumps_is_not_remembered(model):
+    place = nj.Place(model)
+    for step in range(40):
+        jump = 30.0 if step >= 20 else 0.0
+        place.watch([[0.4 * step + jump, 0.0]], [7], PERIOD * step)
+    onward = np.asarray(place._memory.onward)
+    assert 0 < np.abs(onward).max() < 6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_broken_ids_cost_no_more_than_the_limit(model, seed):
+    rng = np.random.default_rng(seed)
+    place = nj.Place(model)
+    for step in range(150):
+        lanes = np.arange(5)[:, None] * [0, 1]
+        walked = [corner(PERIOD * (step % 30), person) for person in range(5)]
+        position = np.array(walked) + lanes
+        ids = rng.permutation(5) if step % 9 == 0 else np.arange(5)
+        place.watch(position, ids, PERIOD * step)
+    assert place.scored.people > 50
+    assert place.scored.used - place.scored.network <= place.limit
+
+
+def test_a_place_that_changes_at_noon_costs_no_more_than_the_limit(model):
+    place = nj.Place(model)
+    place.watch_tracks(crowd(16))
+    morning = place.scored
+    mirrored = crowd(16)
+    mirrored.position[:, 1] *= -1
+    place.watch_tracks(mirrored)
+    network = place.scored.network - morning.network
+    used = place.scored.used - morning.used
+    assert morning.used < morning.network
+    assert used - network <= 2 * place.limit
+    # By the evening it knows both.
+    assert used < network
+
+
+def test_a_file_has_all_that_was_learned(model, watched, tmp_path):
+    watched.save(tmp_path / "corner.npz")
+    loaded = nj.load_place(tmp_path / "corner.npz", model)
+    observed = window(4, 6.0)
+    draws = [
+        nj.predict_distribution(model, observed, place=place)
+        for place in (watched, loaded)
+    ]
+    assert (draws[0] == draws[1]).all()
+    assert (loaded.frame, loaded.moments) == ("map", watched.moments)
+    assert loaded.scored == watched.scored
+    assert loaded.limit == watched.limit
+    loaded.watch_tracks(crowd(3))
+    assert loaded.moments > watched.moments
+
+
+def test_a_day_later_everything_can_be_forgotten(model):
+    place = nj.Place(model)
+    place.watch_tracks(crowd(6))
+    before = place.moments
+    place.forget(older_than=3600)
+    assert place.moments == before
+    place.forget(older_than=0)
+    assert place.moments == 0
+    with pytest.raises(InputError, match="older_than"):
+        place.forget(older_than=-1)
+
+
+def test_map_coordinates_lose_nothing(model):
+    """Five thousand kilometres from the origin a float32 resolves half a metre."""
+    far = (5e6, -3e6)
+    place = nj.Place(model)
+    place.watch_tracks(crowd(8, shift=far))
+    near = nj.Place(model)
+    near.watch_tracks(crowd(8))
+    assert place.scored == pytest.approx(near.scored, rel=1e-4)
+    observed = window(50, 6.0, shift=far)
+    draws = nj.predict_distribution(model, observed, place=place)
+    assert np.abs(draws - far).max() < 100
+
+
+@pytest.mark.parametrize(
+    ("positions", "ids", "time", "reason"),
+    [
+        ([[0, 0, 0]], [1], 0, "positions"),
+        ([[0, 0], [1, 1]], [1], 0, "ids"),
+        ([[0, 0], [1, 1]], [1, 1], 0, "twice"),
+        ([[0, np.nan]], [1], 0, "finite"),
+        ([[0, 0]], [1.5], 0, "whole"),
+        ([[0, 0]], [1], np.inf, "time"),
+    ],
+)
+def test_wrong_frames_are_refused(model, positions, ids, time, reason):
+    with pytest.raises(InputError, match=reason):
+        nj.Place(model).watch(positions, ids, time)
+
+
+def test_time_goes_on_and_nobody_may_be_there(model):
+    place = nj.Place(model)
+    place.watch([], [], 1.0)
+    place.watch(np.zeros((0, 2)), [], 1.4)
+    place.watch([[0.0, 0.0]], [1], 1.8)
+    with pytest.raises(InputError, match="not after"):
+        place.watch([[0.0, 0.0]], [1], 1.8)
+    assert "minutes" in repr(place)
+
+
+def test_another_model_and_another_file_are_refused(model, watched, tmp_path):
+    other = nj.Model(model.config, {}, family="constant_velocity_sampled")
+    with pytest.raises(InputError, match="another model"):
+        nj.predict_distribution(other, window(0, 5.0), place=watched)
+    shorter = ConstantVelocitySampled.Config(obs_len=8, pred_len=8)
+    short = nj.Model(shorter, {}, family="constant_velocity_sampled")
+    watched.save(tmp_path / "place.npz")
+    with pytest.raises(InputError, match="another model"):
+        nj.load_place(tmp_path / "place.npz", short)
+    (tmp_path / "noise.npz").write_bytes(b"PK nothing")
+    for name in ("noise.npz", "absent.npz"):
+        with pytest.raises(InputError, match="no file of a place"):
+            nj.load_place(tmp_path / name, model)
