@@ -227,7 +227,7 @@ def _recall_one(kernels: tuple[Kernel, ...], memory: Memory, moment: Array) -> R
 
 @jax.jit
 def forget(memory: Memory, before: Array) -> Memory:
-    """The memory without moments from up to a time, seconds."""
+    """The memory without moments from up to a time, `before` [] seconds."""
     old = memory.time <= before
     return memory._replace(
         moment=jnp.where(old[:, None], jnp.inf, memory.moment),

@@ -169,7 +169,11 @@ class Place:
         self._begin()
 
     def forget(self, older_than: float) -> None:
-        """Forget what was seen so many seconds before the last frame, or earlier."""
+        """Forget what was seen so many seconds before the last frame, or earlier.
+
+        Raises:
+            InputError: for a negative number.
+        """
         if not older_than >= 0:
             raise InputError(f"older_than must not be negative, not {older_than}")
         self._memory = memories.forget(self._memory, np.float32(self._now - older_than))

@@ -103,7 +103,10 @@ class Ledger:
     def commit(
         self, apart: np.ndarray, filled: np.ndarray
     ) -> tuple["Ledger", Commitment]:
-        """Decide on the forecasts of a step, and take their risk; see `risk_of`."""
+        """Decide on the forecasts of a step, and take their risk.
+
+        `apart [N, 1 + K, 1 + K]` and `filled [N, K]` are those of `risk_of`.
+        """
         # Half the distance between two draws is the score of a truth drawn likewise.
         expected = float(apart[:, 0, 0].sum() / 2)
         awaited = self.awaited + expected
