@@ -90,7 +90,8 @@ class Checked:
         for name, hint in _hints(type(self)).items():
             value = _built(getattr(self, name), hint, name)
             object.__setattr__(self, name, value)
-            if wanted := _misfit(value, hint):
+            wanted = _misfit(value, hint)
+            if wanted:
                 raise InputError(f"{name} must {wanted}, not {brief(value)}")
 
 
@@ -102,7 +103,10 @@ def refuse(hint: Any, values: Mapping[str, Any], optional: bool = False) -> None
     """
     for name, value in values.items():
         plain = value.item() if hasattr(value, "item") else value
-        if not (optional and plain is None) and (wanted := _misfit(plain, hint)):
+        if optional and plain is None:
+            continue
+        wanted = _misfit(plain, hint)
+        if wanted:
             raise InputError(f"{name} must {wanted}, not {brief(plain)}")
 
 
@@ -128,7 +132,8 @@ def from_json(
     fields: Any = parse_json(data, source) if isinstance(data, str) else data
     if not isinstance(fields, Mapping):
         raise InputError(f"{source}: not a JSON object")
-    if unknown := [name for name in fields if name not in _hints(cls)]:
+    unknown = [name for name in fields if name not in _hints(cls)]
+    if unknown:
         raise InputError(
             f"{source}: unknown field {brief(unknown[0])} for {cls.__name__}"
         )
@@ -152,7 +157,8 @@ def parse_json(text: str | bytes, source: str) -> Any:
     """
 
     def fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        if len(content := dict(pairs)) < len(pairs):
+        content = dict(pairs)
+        if len(content) < len(pairs):
             (name, _), *_ = collections.Counter(name for name, _ in pairs).most_common(
                 1
             )

@@ -8,6 +8,7 @@ import dataclasses
 import difflib
 import importlib.metadata
 import inspect
+import itertools
 import json
 import re
 import shutil
@@ -103,9 +104,8 @@ def every_option(
     hints = get_type_hints(command, include_extras=True)
     sources = reversed(command.__mro__[:-1]) if inspect.isclass(command) else [command]
     parsed = [docstring_parser.parse_from_object(source).params for source in sources]
-    meaning = {
-        param.arg_name: param.description for params in parsed for param in params
-    }
+    params = itertools.chain.from_iterable(parsed)
+    meaning = {param.arg_name: param.description for param in params}
     for name, parameter in inspect.signature(command).parameters.items():
         hint = hints[name]
         kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
@@ -219,9 +219,10 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
         if not kinds[flag]:
             read.append(flag if value == "true" else f"--no-{flag[2:]}")
         elif flag == "--plugin":
-            read += [part for text in texts for part in (flag, text)]
-        elif flag in KEYED and flag in (names := flag_names(others)):
-            others = _with_pairs(others, names.index(flag), texts)
+            for text in texts:
+                read += [flag, text]
+        elif flag in KEYED and flag in flag_names(others):
+            others = _with_pairs(others, flag_names(others).index(flag), texts)
         else:
             read += [flag, *texts]
     return [*read, *others]
@@ -250,7 +251,8 @@ class _Texts(yaml.BaseLoader):
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         names = [key.value for key, _ in node.value]
-        if twice := [name for name in names if names.count(name) > 1]:
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
             raise ValueError(f"the option {twice[0]!r} stands twice")
         return super().construct_mapping(node, deep)
 
@@ -266,7 +268,8 @@ def refuse_given(where: str, **options: Any) -> None:
     Raises:
         InputError: naming the first.
     """
-    if unused := [name for name, value in options.items() if value]:
+    unused = [name for name, value in options.items() if value]
+    if unused:
         raise InputError(f"--{unused[0].replace('_', '-')}: has no effect {where}")
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -308,7 +309,10 @@ def default_models(
     NeuroSyM.
     """
     scenes = (dataset,) if dataset else source.scenes
-    kinds = [(kind, scene) for scene in scenes for kind in ("anchors", "neurosym")]
+    kinds = [
+        (kind, scene)
+        for scene, kind in itertools.product(scenes, ("anchors", "neurosym"))
+    ]
     names = [shipped_name(*kind, pred_len or 8) for kind in kinds]
     if isinstance(source, Synthetic):
         names = [

@@ -92,7 +92,8 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         0
     ].period
     source = open_data(data, read, first, also, period=period)
-    if unknown := [name for name in options.dataset if name not in source.scenes]:
+    unknown = [name for name in options.dataset if name not in source.scenes]
+    if unknown:
         raise InputError(
             f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}"
         )
@@ -132,7 +133,8 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
             .replace("/", "of")
             .replace(" ", "")
         )
-        if (folder := options.out / name) in runs:
+        folder = options.out / name
+        if folder in runs:
             raise InputError(f"{name}: two runs of the sweep have this name")
         text = options_text(dataclasses.replace(asked, out=folder))
         runs[folder] = SweepRun(folder, text, ", ".join(label))
@@ -171,9 +173,12 @@ def _models(options: Options) -> list[dict[str, Any]]:
                     refused.append(error)
             if len(refused) == len(options.model):
                 raise refused[-1]
-    return [
-        {"model": model, "pooling": pooling, "weighting": weighting}
-        for model in options.model
-        for pooling in taken["pooling"][model] or [None]
-        for weighting in taken["weighting"][model] or [None]
-    ]
+    networks = []
+    for model in options.model:
+        poolings = taken["pooling"][model] or [None]
+        weightings = taken["weighting"][model] or [None]
+        for pooling, weighting in itertools.product(poolings, weightings):
+            networks.append(
+                {"model": model, "pooling": pooling, "weighting": weighting}
+            )
+    return networks

@@ -129,7 +129,8 @@ def run(options: Options) -> None:
         f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
         f"{run.validation.scenes} scenes to validate on, {run.recipe.steps} steps"
     )
-    if text := describe_readings([*run.training.reading, *run.validation.reading]):
+    text = describe_readings([*run.training.reading, *run.validation.reading])
+    if text:
         print(f"{text}\n{describe_parts(run.training, run.validation)}")
     repeated = dataclasses.replace(options, out=folder, resume=False)
     run = dataclasses.replace(run, options=options_text(repeated))
@@ -154,7 +155,8 @@ def closing_line(options: Options, run: Run, source: Source, folder: Path) -> st
         datasets = ()
     words = ["neurosym", "evaluate", "--checkpoint", str(folder)]
     more = [] if run.config.period == PERIOD else ["--period", f"{run.config.period:g}"]
-    more += [word for plugin in loaded() for word in ("--plugin", plugin)]
+    for plugin in loaded():
+        more += ["--plugin", plugin]
     if not datasets:
         new = shlex.join([*words, "--data", "NEW_RECORDING", *more])
         return f"nothing is left to test on: test on a new recording: {new}"
@@ -245,7 +247,8 @@ def configured(options: Options) -> tuple[Any, Any, Model | None]:
         )
         config = init.config
         for name, value in lengths.items():
-            if value != (has := getattr(config, name)):  # As its numbers mean it.
+            has = getattr(config, name)
+            if value != has:  # As its numbers mean it.
                 flag = name.replace("_", "-")
                 raise InputError(
                     f"--{flag} {value}: the model {options.init} has {has}"
@@ -284,14 +287,14 @@ def make_run(options: Options) -> tuple[Run, Source]:
             names = ", ".join(source.scenes)
             raise InputError(f"--dataset is needed: one of {names}, or {GENERAL}")
         names = source.scenes if dataset is None else (dataset,)
-        learned, validated = (
-            [tracks for name in names for tracks in source.recordings(name, split)]
-            for split in ("train", "val")
-        )
+        learned, validated = [], []
+        for name in names:
+            learned += source.recordings(name, "train")
+            validated += source.recordings(name, "val")
         if isinstance(source, Folders):
-            tested = [
-                tracks for name in source.scenes for tracks in source.recordings(name)
-            ]
+            tested = []
+            for name in source.scenes:
+                tested += source.recordings(name)
             dataset = options.dataset
         elif dataset in source.scenes and not isinstance(source, Synthetic):
             tested = source.recordings(str(dataset))

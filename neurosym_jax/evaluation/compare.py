@@ -174,46 +174,40 @@ def make_plan(
         raise InputError(
             f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}"
         )
-    everywhere = (
-        ("+".join(test_on),) if test_on else (dataset,) if dataset else source.scenes
-    )
+    everywhere = source.scenes
+    if test_on:
+        everywhere = ("+".join(test_on),)
+    elif dataset:
+        everywhere = (dataset,)
+
     tested: dict[TestSet, Entries] = {}
     for path, model in models:
-        if reason := _contradiction(model, source, dataset, test_on, obs_len, pred_len):
-            if only_matching:
-                continue
+        reason = _contradiction(model, source, dataset, test_on, obs_len, pred_len)
+        if reason and only_matching:
+            continue
+        if reason:
             raise InputError(f"{path}: {reason}")
-        own = model.dataset in source.scenes and not test_on
-        for name in (str(model.dataset),) if own else everywhere:
+        names = everywhere
+        if model.dataset in source.scenes and not test_on:
+            names = (str(model.dataset),)
+        for name in names:
             test_set = TestSet(name, model.config.obs_len, model.config.pred_len)
             tested.setdefault(test_set, []).append((path, model))
     if not tested:
-        tested = {
-            TestSet(name, obs_len or LENGTH, pred_len or LENGTH): []
-            for name in everywhere
-        }
+        for name in everywhere:
+            tested[TestSet(name, obs_len or LENGTH, pred_len or LENGTH)] = []
+
     order = [*everywhere, *source.scenes]
-    sets = sorted(
-        tested,
-        key=lambda test_set: (
-            order.index(test_set.dataset),
-            test_set.obs_len,
-            test_set.pred_len,
-        ),
-    )
-    return {
-        test_set: [
-            *baselines_of(
-                baselines,
-                test_set.obs_len,
-                test_set.pred_len,
-                test_set.dataset,
-                samples,
-            ),
-            *tested[test_set],
-        ]
-        for test_set in sets
-    }
+
+    def place(test_set: TestSet) -> tuple[int, int, int]:
+        return order.index(test_set.dataset), test_set.obs_len, test_set.pred_len
+
+    plan = {}
+    for test_set in sorted(tested, key=place):
+        lengths = test_set.obs_len, test_set.pred_len
+        beside = baselines_of(baselines, *lengths, test_set.dataset, samples)
+        plan[test_set] = [*beside, *tested[test_set]]
+    return plan
 
 
 def _contradiction(
@@ -225,19 +219,17 @@ def _contradiction(
     pred_len: int | None,
 ) -> str | None:
     """Why a model cannot be tested as asked; None where it can."""
-    config = model.config
-    if reason := model.forecaster.unfit:
-        return reason
+    unfit = model.forecaster.unfit
+    if unfit:
+        return unfit
     for name, requested in (("obs_len", obs_len), ("pred_len", pred_len)):
-        if requested not in (None, own := getattr(config, name)):
+        own = getattr(model.config, name)
+        if requested not in (None, own):
             return f"has {name} {own}, but {option(name, requested)} is asked for"
+    held_out = model.dataset in source.scenes
     if model.dataset == GENERAL and isinstance(source, EthUcy) and not test_on:
         where = "learned from all of ETH/UCY, so it would be tested"
-    elif (
-        dataset is not None
-        and model.dataset in source.scenes
-        and dataset != model.dataset
-    ):
+    elif held_out and dataset not in (None, model.dataset):
         tested = option("dataset", dataset)
         where = f"leaves {model.dataset} out of its training, so {tested} would test it"
     else:
@@ -259,12 +251,10 @@ def baselines_of(
     `samples`, the anchor table that has not learned from `dataset`.
     """
     if names is None:
+        names = BASELINES
         table = _table(obs_len, pred_len, dataset)
-        names = (
-            [*BASELINES, TABLE]
-            if table and samples <= table.config.samples
-            else BASELINES
-        )
+        if table is not None and samples <= table.config.samples:
+            names = (*BASELINES, TABLE)
     return [(None, baseline(name, obs_len, pred_len, dataset)) for name in names]
 
 
@@ -285,7 +275,8 @@ def baseline(
         raise InputError(
             f"forecaster {name}: cannot be a baseline, it has parameters to learn"
         )
-    if (table := _table(obs_len, pred_len, dataset)) is None:
+    table = _table(obs_len, pred_len, dataset)
+    if table is None:
         raise InputError(
             f"forecaster {name}: none of {obs_len} + {pred_len} steps ships"
         )
@@ -334,19 +325,22 @@ def make_test(
         name, period = path or model.name, model.config.period
         hits, looked = seen_before(model.seen, windows)
         if hits:
-            line = (
-                f"{name}: was trained on these people: {hits} of {looked} windows that were "
-                "looked for are among its training windows, so its errors are too small"
+            leak = (
+                f"{name}: was trained on these people: {hits} of {looked} windows that "
+                "were looked for are among its training windows, so its errors are too "
+                "small"
             )
-            warnings.warn(line, InputWarning, stacklevel=2)
+            warnings.warn(leak, InputWarning, stacklevel=2)
             first, *others = windows.reading
-            first = dataclasses.replace(first, warnings=(*first.warnings, line))
+            first = dataclasses.replace(first, warnings=(*first.warnings, leak))
             windows = dataclasses.replace(windows, reading=(first, *others))
-        if (path or model.params) and abs(period - windows.period) > 0.01 * period:
+
+        trained = path is not None or bool(model.params)
+        if trained and abs(period - windows.period) > 0.01 * period:
             resample = option("period", round(period, 6))
             line = (
-                f"{name}: was trained on steps of {period:g} s and is tested on steps of "
-                f"{windows.period:g} s ({resample} resamples the recordings)"
+                f"{name}: was trained on steps of {period:g} s and is tested on steps "
+                f"of {windows.period:g} s ({resample} resamples the recordings)"
             )
             warnings.warn(line, InputWarning, stacklevel=2)
     return Test(test_set, entries, windows)
@@ -474,74 +468,100 @@ def _compile(model: Model, scenes: Iterable[Scene], settings: Settings) -> None:
 def _evaluate_test(
     programs: Mapping[Forecaster, Future], test: Test, settings: Settings
 ) -> Iterator[Result]:
-    windows, example, number = test.windows, None, 0
+    number = example = None
     for path, entry in [*test.entries, *test.forecasts]:
         compiling = 0.0
         if isinstance(entry, Forecasts):
-            arguments = (
-                entry.samples,
-                entry.probability,
-                windows,
-                test.batches,
-                settings.metrics,
-            )
-            runs = [score_samples(*arguments)]
+            runs = [
+                score_samples(
+                    entry.samples,
+                    entry.probability,
+                    test.windows,
+                    test.batches,
+                    settings.metrics,
+                )
+            ]
         else:
             start = time.perf_counter()
             programs[entry.forecaster].result()
             compiling = time.perf_counter() - start
             runs = _runs(entry, test, settings)
         evaluation, spread = _averaged(runs, settings)
-        if example is None:
-            number = _telling(test, evaluation)
-            example = single_scene(windows, number)
+        if example is None or number is None:
+            number = _example_scene(test, evaluation)
+            example = single_scene(test.windows, number)
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))
-        speed: dict[str, float | None] = dict.fromkeys(
-            ("latency", "forecasts_per_second")
+        speed, forecast = _example_forecast(
+            entry, test, number, example, evaluation, settings
         )
-        if isinstance(entry, Forecasts):
-            rows = windows.rows(np.array([number]))
-            futures = unpacked(entry.samples[:, rows], np.asarray(example.valid)[None])[
-                :, 0
-            ]
-            speed["latency"] = entry.latency
-        else:
-            speed["latency"], futures = _latency(entry, example, settings)
-            speed["forecasts_per_second"] = (
-                evaluation.agents * evaluation.samples / evaluation.seconds
-            )
-        single = {
-            name: score
-            for name, score in evaluation.scores.items()
-            if score.total.ndim == 1
-        }
-        errors = ErrorsByScene(single, windows.identity, windows.position.shape[1])
-        name = settings.labels.get(path or "", entry.name)
-        row = {
-            "checkpoint": path,
-            "model": name,
-            **_identity(entry),
-            **dataclasses.asdict(test.test_set),
-            "samples": evaluation.samples,
-            "seed": settings.seed,
-            "seeds": settings.seeds,
-            "scenes": windows.scenes,
-            "agents": evaluation.agents,
-            "blocks": len(errors.block_sums[0]),
-            **_columns(errors, spread, f"{name} on {test.test_set.dataset}"),
+        timing = {
             "seconds_compiling": compiling,
             "seconds_evaluating": evaluation.seconds,
             **speed,
         }
-        horizons = {
-            name: _band(score, errors)
-            for name, score in evaluation.scores.items()
-            if name not in single
-        }
-        yield Result(
-            test.test_set, row, errors, example, futures, horizons, windows.period
+        name = settings.labels.get(path or "", entry.name)
+        facts = {"checkpoint": path, "model": name, **_identity(entry)}
+        yield _result(
+            test, settings, facts, evaluation, spread, timing, example, forecast
         )
+
+
+def _example_forecast(
+    entry: Model | Forecasts,
+    test: Test,
+    number: int,
+    example: Scene,
+    evaluation: Evaluation,
+    settings: Settings,
+) -> tuple[dict[str, float | None], np.ndarray]:
+    """Columns of speed, and the forecast of the scene `number` that figures show."""
+    if isinstance(entry, Forecasts):
+        rows = test.windows.rows(np.array([number]))
+        valid = np.asarray(example.valid)[None]
+        forecast = unpacked(entry.samples[:, rows], valid)[:, 0]
+        return {"latency": entry.latency, "forecasts_per_second": None}, forecast
+    latency, forecast = _latency(entry, example, settings)
+    count = evaluation.agents * evaluation.samples
+    rate = count / evaluation.seconds
+    return {"latency": latency, "forecasts_per_second": rate}, forecast
+
+
+def _result(
+    test: Test,
+    settings: Settings,
+    facts: Row,
+    evaluation: Evaluation,
+    spread: dict[str, float],
+    timing: Row,
+    example: Scene,
+    forecast: np.ndarray,
+) -> Result:
+    """The row of one model, its errors by scene, and its errors by horizon."""
+    windows = test.windows
+    single, by_step = {}, {}
+    for name, score in evaluation.scores.items():
+        if score.total.ndim == 1:
+            single[name] = score
+        else:
+            by_step[name] = score
+    errors = ErrorsByScene(single, windows.identity, windows.position.shape[1])
+    row = {
+        **facts,
+        **dataclasses.asdict(test.test_set),
+        "samples": evaluation.samples,
+        "seed": settings.seed,
+        "seeds": settings.seeds,
+        "scenes": windows.scenes,
+        "agents": evaluation.agents,
+        "blocks": len(errors.block_sums[0]),
+        **_columns(errors, spread, f"{facts['model']} on {test.test_set.dataset}"),
+        **timing,
+    }
+    horizons = {name: _band(score, errors) for name, score in by_step.items()}
+    return Result(
+        test.test_set, row, errors, example, forecast, horizons, windows.period
+    )
 
 
 def _identity(entry: Model | Forecasts) -> Row:
@@ -603,12 +623,12 @@ def _band(score: Score, errors: ErrorsByScene) -> np.ndarray:
         str(step): Score(total, score.count) for step, total in enumerate(score.total.T)
     }
     bounds = dataclasses.replace(errors, scores=step_scores).intervals().values()
-    return np.where(
-        np.isfinite(curves := np.vstack([score.mean, *zip(*bounds)])), curves, np.nan
-    )
+    low, high = zip(*bounds)
+    curves = np.vstack([score.mean, low, high])
+    return np.where(np.isfinite(curves), curves, np.nan)
 
 
-def _telling(test: Test, evaluation: Evaluation) -> int:
+def _example_scene(test: Test, evaluation: Evaluation) -> int:
     """Choose the scene to show: of those with at most `EXAMPLE` people the one that is harder for
     the first entry than nine of ten, so people turn, and neither luck nor taste chooses it."""
     sizes = test.windows.sizes
@@ -644,38 +664,44 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
     Raises:
         InputError: naming the predictor, for what is no forecast of the scene.
     """
-    pred_len, parts, seconds = windows.position.shape[1] - windows.obs_len, [], []
-    for at, people in enumerate(windows.sizes):
-        scene = windows.position[slice(*windows.bounds[at : at + 2]), : windows.obs_len]
+    pred_len = windows.position.shape[1] - windows.obs_len
+    parts: list[np.ndarray] = []
+    weights: list[np.ndarray | None] = []
+    seconds = []
+    for begin, end in itertools.pairwise(windows.bounds):
+        observed = windows.position[begin:end, : windows.obs_len]
         start = time.perf_counter()
-        answer = predictor(scene.copy())
+        answer = predictor(observed.copy())
         seconds.append(time.perf_counter() - start)
-        samples, likely = answer if isinstance(answer, tuple) else (answer, None)
+
+        samples, probability = answer if isinstance(answer, tuple) else (answer, None)
         samples = np.asarray(_on_host(samples), np.float64)
-        samples = samples[None] if samples.ndim == 3 else samples
-        count = len(parts[0][0]) if parts else len(samples)
-        if (
-            samples.shape != (count, people, pred_len, 2)
-            or not np.isfinite(samples).all()
-        ):
+        if samples.ndim == 3:
+            samples = samples[None]
+        count = len(parts[0]) if parts else len(samples)
+        people = end - begin
+        fits = samples.shape == (count, people, pred_len, 2)
+        if not fits or not np.isfinite(samples).all():
             raise InputError(
                 f"{name}: must return finite [{people}, {pred_len}, 2] or "
                 f"[k, {people}, {pred_len}, 2], k the same for all scenes, not "
                 f"{list(samples.shape)}"
             )
-        if likely is not None:
-            likely = np.asarray(_on_host(likely), np.float64)
-            if likely.shape != (count,) or not np.isclose(likely.sum(), 1, atol=1e-3):
+        if probability is not None:
+            probability = np.asarray(_on_host(probability), np.float64)
+            fits = probability.shape == (count,)
+            if not fits or not np.isclose(probability.sum(), 1, atol=1e-3):
                 raise InputError(
                     f"{name}: probabilities must be [{count}] with a sum of 1"
                 )
-        parts.append((samples, likely))
-    samples, likely = zip(*parts)
-    probability = (
-        None if any(weights is None for weights in likely) else np.stack(likely, axis=1)
-    )
+        parts.append(samples)
+        weights.append(probability)
+    known = [probability for probability in weights if probability is not None]
     return Forecasts(
-        name, np.concatenate(samples, axis=1), probability, float(np.median(seconds))
+        name,
+        np.concatenate(parts, axis=1),
+        np.stack(known, axis=1) if len(known) == len(weights) else None,
+        float(np.median(seconds)),
     )
 
 
@@ -737,14 +763,13 @@ def check_report(path: Path) -> bool:
     log = path.with_suffix(".jsonl")
     for target in (path, log):
         files.refuse_unwritable(target)
-    foreign = [log] * (
-        log.exists() and log.read_bytes()[:13] not in (b"", b'{"checkpoint"')
-    )
-    foreign += [path] * (path.exists() and not _report(path))
-    if foreign:
-        raise InputError(
-            f"{foreign[0]}: is not a report of ours, so it is not overwritten"
-        )
+    own_log = not log.exists() or log.read_bytes()[:13] in (b"", b'{"checkpoint"')
+    own_report = not path.exists() or _report(path)
+    for target, own in ((log, own_log), (path, own_report)):
+        if not own:
+            raise InputError(
+                f"{target}: is not a report of ours, so it is not overwritten"
+            )
     return path.exists()
 
 
@@ -754,11 +779,9 @@ def _report(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_text())
     except (OSError, ValueError, RecursionError):
         return {}
-    return (
-        content
-        if isinstance(content, dict) and {"format", "rows"} <= set(content)
-        else {}
-    )
+    if isinstance(content, dict) and {"format", "rows"} <= set(content):
+        return content
+    return {}
 
 
 # Compare models, functions and saved forecasts on recordings, and test their
@@ -828,7 +851,8 @@ def evaluate(
     lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
     for name, value in lengths.items():
         for model in loaded.values():
-            if value not in (None, own := getattr(model.config, name)):
+            own = getattr(model.config, name)
+            if value not in (None, own):
                 raise InputError(f"{name} {value}: {model.name} has {own}")
     if partial and not files:
         raise InputError("partial: there are no files of forecasts")
@@ -837,37 +861,61 @@ def evaluate(
         if loaded or not files:
             raise InputError("recordings: there are none to test on")
         chosen = {**lengths, "min_agents": min_agents != 2, **read}
-        tests = [test_of_file(*next(iter(files.items())), baselines, samples, chosen)]
+        name, file = next(iter(files.items()))
+        tests = [test_of_file(name, file, baselines, samples, chosen)]
     else:
-        tracks = recordings_in(recordings, options)
-        tested: dict[tuple[int, int, float], Entries] = {}
-        for name, model in loaded.items():
-            config = model.config
-            key = (config.obs_len, config.pred_len, config.period)
-            path = name if isinstance(models, Mapping) else None
-            tested.setdefault(key, []).append((path, model))
-        if not tested:
-            steps = pred_len or next((file.steps for file in files.values()), LENGTH)
-            tested[obs_len or LENGTH, steps, period or PERIOD] = []
-        dataset = "+".join(dict.fromkeys(recording.recording for recording in tracks))
-        tests = [
-            make_test(
-                TestSet(dataset, seen, ahead),
-                [*baselines_of(baselines, seen, ahead, samples=samples), *entries],
-                [on_grid(recording, step, options.max_gap) for recording in tracks],
-                min_agents,
-            )
-            for (seen, ahead, step), entries in tested.items()
-        ]
+        named = isinstance(models, Mapping)
+        entries = [(name if named else None, model) for name, model in loaded.items()]
+        steps = [pred_len, *(file.steps for file in files.values()), LENGTH]
+        default = (obs_len or LENGTH, next(filter(None, steps)), period or PERIOD)
+        tests = _tests_on(
+            recordings_in(recordings, options),
+            entries,
+            default,
+            options.max_gap,
+            baselines=baselines,
+            samples=samples,
+            min_agents=min_agents,
+        )
     if files or functions:
         tests = add_forecasts(tests, files, functions, partial=partial)
-    labels = {name: name for name in loaded} | {
-        str(file.path): name for name, file in files.items()
-    }
+    labels = {name: name for name in loaded}
+    labels |= {str(file.path): name for name, file in files.items()}
     settings = Settings(
         samples, seed, None if metrics is None else tuple(metrics), labels=labels
     )
     return rows_frame(with_tests(list(evaluate_tests(tests, settings))))
+
+
+def _tests_on(
+    recordings: Sequence[Tracks],
+    entries: Entries,
+    default: tuple[int, int, float],
+    max_gap: float,
+    *,
+    baselines: Sequence[str] | None,
+    samples: int,
+    min_agents: int,
+) -> list[Test]:
+    """A test on all recordings for each (obs_len, pred_len, period) of the models.
+
+    Without models it is the `default` one, of baselines alone.
+    """
+    tested: dict[tuple[int, int, float], Entries] = {}
+    for path, model in entries:
+        config = model.config
+        key = (config.obs_len, config.pred_len, config.period)
+        tested.setdefault(key, []).append((path, model))
+    if not tested:
+        tested[default] = []
+    dataset = "+".join(dict.fromkeys(tracks.recording for tracks in recordings))
+    tests = []
+    for (obs_len, pred_len, period), own in tested.items():
+        beside = baselines_of(baselines, obs_len, pred_len, samples=samples)
+        on_clock = [on_grid(tracks, period, max_gap) for tracks in recordings]
+        test_set = TestSet(dataset, obs_len, pred_len)
+        tests.append(make_test(test_set, [*beside, *own], on_clock, min_agents))
+    return tests
 
 
 def _apart(models: Any) -> tuple[dict[str, Model], dict[str, Predictor]]:
@@ -875,11 +923,12 @@ def _apart(models: Any) -> tuple[dict[str, Model], dict[str, Predictor]]:
     if isinstance(models, Model) or callable(models):
         models = [models]
     if not isinstance(models, Mapping):
-        names = (getattr(model, "__name__", "").strip("<>") for model in models)
-        models = {
-            f"{name} {number}" if number and name else name or str(number): model
-            for number, (name, model) in enumerate(zip(names, models))
-        }
+        named = {}
+        for number, model in enumerate(models):
+            name = getattr(model, "__name__", "").strip("<>")
+            parts = [name, str(number) if number or not name else ""]
+            named[" ".join(filter(None, parts))] = model
+        models = named
     for name, model in models.items():
         if not (isinstance(model, Model) or callable(model)):
             raise InputError(f"{name}: is no model or function: {type(model).__name__}")
@@ -899,10 +948,11 @@ def test_of_file(
     Raises:
         InputError: for `options` that would choose other windows.
     """
-    if unused := [key for key in (*OF_WINDOWS, *vars(AS_IT_SAYS)) if options.get(key)]:
-        raise InputError(
-            f"{option(unused[0])}: has no effect on windows of a file of forecasts"
-        )
+    for key in (*OF_WINDOWS, *vars(AS_IT_SAYS)):
+        if options.get(key):
+            raise InputError(
+                f"{option(key)}: has no effect on windows of a file of forecasts"
+            )
     windows = windows_of(file)
     obs_len, pred_len = windows.obs_len, windows.position.shape[1] - windows.obs_len
     recordings = sorted({reading.recording for reading in windows.reading} - {""})
@@ -931,41 +981,40 @@ def add_forecasts(
     Raises:
         InputError: for a file that is of no test set, or that could be of several.
     """
-    chosen: dict[int, dict[str, ForecastFile]] = {
-        number: {} for number in range(len(tests))
-    }
+    chosen: list[dict[str, ForecastFile]] = [{} for _ in tests]
     for name, file in files.items():
-        steps, own = (
-            file.steps,
-            set(map(str, [] if file.recordings is None else file.recordings)),
-        )
-        likely = [
-            at for at, test in enumerate(tests) if test.test_set.pred_len == steps
-        ]
-        numbers = [at for at in likely if not own or own & _recordings(tests[at])]
-        foreign = own - {
-            recording for at in numbers for recording in _recordings(tests[at])
-        }
-        if not numbers or (foreign and not partial) or (not own and len(numbers) > 1):
-            sets = ", ".join(dict.fromkeys(test.test_set.dataset for test in tests))
-            lengths = ", ".join(
-                map(str, sorted({test.test_set.pred_len for test in tests}))
-            )
-            kind = (
-                f"recordings {', '.join(sorted(foreign)[:6])}"
-                if foreign
-                else "one recording"
-            )
-            raise InputError(
-                f"{file.path}: forecasts of {steps} steps of {kind}; tested are {sets}, {lengths} "
-                "steps: choose the data set and the steps that were forecast"
-            )
+        own = set(map(str, [] if file.recordings is None else file.recordings))
+        numbers = []
+        foreign = set(own)
+        for number, test in enumerate(tests):
+            recordings = _recordings(test)
+            same_length = test.test_set.pred_len == file.steps
+            if same_length and (not own or own & recordings):
+                numbers.append(number)
+                foreign -= recordings
+        ambiguous = not own and len(numbers) > 1
+        if not numbers or ambiguous or (foreign and not partial):
+            raise InputError(_no_test_set(file, foreign, tests))
         for number in numbers:
             chosen[number][name] = file
     return [
-        _with_forecasts(test, chosen[number], predictors, partial)
-        for number, test in enumerate(tests)
+        _with_forecasts(test, own_files, predictors, partial)
+        for test, own_files in zip(tests, chosen)
     ]
+
+
+def _no_test_set(file: ForecastFile, foreign: set[str], tests: Sequence[Test]) -> str:
+    """Why a file of forecasts belongs to none of the tests, or to several."""
+    datasets = ", ".join(dict.fromkeys(test.test_set.dataset for test in tests))
+    lengths = sorted({test.test_set.pred_len for test in tests})
+    recordings = "one recording"
+    if foreign:
+        recordings = f"recordings {', '.join(sorted(foreign)[:6])}"
+    return (
+        f"{file.path}: forecasts of {file.steps} steps of {recordings}; tested are "
+        f"{datasets}, {', '.join(map(str, lengths))} steps: choose the data set and "
+        "the steps that were forecast"
+    )
 
 
 def _recordings(test: Test) -> set[str]:
@@ -1013,7 +1062,7 @@ def with_tests(results: Sequence[Result]) -> list[Row]:
         members = lines.setdefault((result.test_set, result.period), {})
         members.setdefault(first[number], []).append(number)
     for members in lines.values():
-        runs = [[results[number] for number in numbers] for numbers in members.values()]
+        runs = [list(map(results.__getitem__, numbers)) for numbers in members.values()]
         for metric, p_values in _p_values(runs).items():
             for numbers, p in zip(members.values(), p_values):
                 for number in numbers:
@@ -1026,21 +1075,21 @@ def _p_values(lines: list[list[Result]]) -> dict[str, list[float | None]]:
 
     @functools.cache
     def difference(best: int, other: int) -> Difference:
-        runs, other_runs = (
-            [run.errors for run in lines[number]] for number in (best, other)
-        )
-        runs = runs * len(other_runs) if len(runs) == 1 else runs
-        return paired_difference(
-            runs, other_runs * len(runs) if len(other_runs) == 1 else other_runs
-        )
+        runs = [run.errors for run in lines[best]]
+        other_runs = [run.errors for run in lines[other]]
+        # A single training is compared with each of several.
+        if len(runs) == 1:
+            runs = runs * len(other_runs)
+        if len(other_runs) == 1:
+            other_runs = other_runs * len(runs)
+        return paired_difference(runs, other_runs)
 
     p_by_metric = {}
     for column, metric in enumerate(lines[0][0].errors.scores):
-        values = [[run.row[metric] for run in line] for line in lines]
-        means = [
-            None if None in trainings else float(np.mean(trainings))
-            for trainings in values
-        ]
+        means: list[float | None] = []
+        for line in lines:
+            trainings = [run.row[metric] for run in line]
+            means.append(None if None in trainings else float(np.mean(trainings)))
 
         def p_value(best: int, other: int, column: int = column) -> float:
             return difference(best, other).over_both.p_value(column)

@@ -99,7 +99,8 @@ def read_forecasts(path: Path) -> ForecastFile:
         raise InputError(
             f"{path}: cannot be read as .npz or .ndjson ({reason})"
         ) from None
-    if missing := [name for name in NEEDED if name not in arrays]:
+    missing = [name for name in NEEDED if name not in arrays]
+    if missing:
         names = ", ".join(sorted(arrays)[:12]) or "none"
         raise InputError(
             f"{path}: array {missing[0]!r} is missing (its arrays: {names})"
@@ -125,7 +126,8 @@ def read_forecasts(path: Path) -> ForecastFile:
             layout = "[k, A, T, 2]" if name == "samples" else list(shape)
             shape_text = f"{list(arrays[name].shape)} {arrays[name].dtype}"
             raise InputError(f"{path}: {name} must be {layout}, not {shape_text}")
-    if wrong := int(np.sum(~np.isfinite(samples).all(axis=(0, 2, 3)))):
+    wrong = int(np.sum(~np.isfinite(samples).all(axis=(0, 2, 3))))
+    if wrong:
         raise InputError(f"{path}: samples of {wrong} of {agents} rows are not finite")
     if likely is not None and not (
         (likely >= 0).all() and np.allclose(likely.sum(axis=0), 1, atol=1e-3)
@@ -145,7 +147,8 @@ def windows_of(file: ForecastFile) -> Windows:
         InputError: for a file without them.
     """
     names = ("observed", "truth", "scene", "start", "period")
-    if missing := [name for name in names if name not in file.truth]:
+    missing = [name for name in names if name not in file.truth]
+    if missing:
         raise InputError(
             f"{file.path}: does not hold what happened ({missing[0]!r}): name the recordings that "
             "were forecast"
@@ -221,7 +224,8 @@ def match(
         )
     keys = list(zip(names, np.round(file.frames, 3).tolist(), file.ids.tolist()))
     rows = {key: row for row, key in enumerate(keys)}
-    if twice := len(keys) - len(rows):
+    twice = len(keys) - len(rows)
+    if twice:
         raise InputError(f"{file.path}: {twice} rows repeat a recording, frame and id")
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     frames = last_frames(windows)
@@ -259,7 +263,8 @@ def _check_fit(file: ForecastFile, windows: Windows, rows: np.ndarray) -> None:
         return float(np.median(np.linalg.norm(offset, axis=-1).min(axis=0)))
 
     present = windows.obs_len - 1
-    if (jump := median(0, present)) > JUMP * windows.period + 1:
+    jump = median(0, present)
+    if jump > JUMP * windows.period + 1:
         raise InputError(
             f"{file.path}: forecasts begin {jump:.1f} m from people's last positions in the "
             "median: another recording, unit or frame of reference"
@@ -270,7 +275,8 @@ def _check_fit(file: ForecastFile, windows: Windows, rows: np.ndarray) -> None:
             ("later", (0, present + 2)),
             ("earlier", (1, present + 1)),
         ):
-            if (shifted := median(*other)) < 0.7 * aligned and aligned > SHIFT:
+            shifted = median(*other)
+            if shifted < 0.7 * aligned and aligned > SHIFT:
                 line = (
                     f"{file.path}: forecasts fit what happened a step {words}, {shifted:.2f} m off "
                     f"and not {aligned:.2f} m: are `frames` those of the last observed positions?"
@@ -294,7 +300,8 @@ def matched(
         windows.bounds[:-1],
     )
     shared = np.repeat(likely[:, first], windows.sizes, axis=1)
-    if wrong := int(np.sum(np.abs(likely - shared).max(axis=0) > 1e-6)):
+    wrong = int(np.sum(np.abs(likely - shared).max(axis=0) > 1e-6))
+    if wrong:
         raise InputError(
             f"{file.path}: probabilities of {wrong} people are not those of others in their scene: "
             "a sample is one future of all of them (leave `probabilities` out)"

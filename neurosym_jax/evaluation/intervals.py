@@ -21,6 +21,7 @@ Satterthwaite's.
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -198,9 +199,8 @@ def paired_difference(
     changes = np.mean(
         [first.jackknife() - second.jackknife() for first, second in pairs], axis=0
     )
-    effective = np.min(
-        [run.effective_blocks() for pair in pairs for run in pair], axis=0
-    )
+    runs = itertools.chain.from_iterable(pairs)
+    effective = np.min([run.effective_blocks() for run in runs], axis=0)
     over_scenes = _over_blocks(seeds.mean(axis=0), changes, effective)
     return Difference(
         tuple(ours[0].scores), tuple(numbers or range(len(pairs))), seeds, over_scenes
@@ -218,13 +218,11 @@ def mean_difference(parts: Sequence[Difference]) -> Difference:
         raise InputError(
             "no training seed was tested on every test set, so there is no mean"
         )
-    seeds = np.mean(
-        [
-            part.seeds[[part.numbers.index(number) for number in common]]
-            for part in parts
-        ],
-        axis=0,
-    )
+    of_common = []
+    for part in parts:
+        rows = [part.numbers.index(number) for number in common]
+        of_common.append(part.seeds[rows])
+    seeds = np.mean(of_common, axis=0)
     shrunk = [
         dataclasses.replace(
             part.over_scenes, variance=part.over_scenes.variance / len(parts) ** 2

@@ -89,17 +89,14 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
     (reading, *others) = windows.reading
     if others or reading.format != "trajnet" or not reading.file:
         return None
-    listed = read_scenes(path := Path(reading.file))
+    path = Path(reading.file)
+    listed = read_scenes(path)
     if not listed or abs(windows.period - 1 / listed[0].fps) > 0.01 * windows.period:
         return None
     (tracks,) = Trajnet().read(path, AS_IT_SAYS, PERIOD)
     frames = np.rint(tracks.stamp * (reading.rate or 1)).astype(int)
-    points = {
-        (frame, person): xy
-        for frame, person, xy in zip(
-            frames.tolist(), tracks.id.tolist(), tracks.position
-        )
-    }
+    rows = zip(frames.tolist(), tracks.id.tolist(), tracks.position)
+    points = {(frame, person): position for frame, person, position in rows}
     step = round(windows.period * (reading.rate or 1))
     people_at: dict[int, list[int]] = {}
     for frame, person in points:
@@ -113,16 +110,16 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
             raise InputError(
                 f"{path}: scene {scene.id} has {len(steps)} steps, not {obs_len} + {pred_len}"
             )
-        seen = {
-            person for frame in past.tolist() for person in people_at.get(frame, ())
-        }
+        seen: set[int] = set()
+        for frame in past.tolist():
+            seen.update(people_at.get(frame, ()))
         people = [scene.person, *sorted(seen - {scene.person})]
         nothing = np.full(2, np.nan)
-        walks = [
-            [points.get((frame, person), nothing) for frame in past.tolist()]
-            for person in people
-        ]
-        observed = np.stack([_filled(np.array(walk))[-obs_len:] for walk in walks])
+        walks = []
+        for person in people:
+            walk = [points.get((frame, person), nothing) for frame in past.tolist()]
+            walks.append(_filled(np.array(walk))[-obs_len:])
+        observed = np.stack(walks)
         scenes.append(ObservedScene(scene, np.array(people), observed, future))
     return points, scenes
 

@@ -171,13 +171,11 @@ def _evaluation(
     """The scores of all batches, in the order of the windows; `start` is of `time.perf_counter`."""
     index = np.concatenate([batch.index for batch in batches])
     order = np.argsort(index, kind="stable")[(index < 0).sum() :]
-    scores = {
-        name: Score(
-            *(np.concatenate(arrays)[order] for arrays in zip(*scores_of_batches))
-        )
-        for name in parts[0]
-        if (scores_of_batches := [part[name] for part in parts])
-    }
+    scores = {}
+    for name in parts[0]:
+        totals = np.concatenate([part[name].total for part in parts])
+        counts = np.concatenate([part[name].count for part in parts])
+        scores[name] = Score(totals[order], counts[order])
     agents = sum(int(batch.scene.valid.sum()) for batch in batches)
     return Evaluation(scores, agents, samples, time.perf_counter() - start)
 
@@ -295,10 +293,11 @@ def score_scenes(
         if metric.on_host:
             values, weights = map(np.asarray, _computed(name, metric, *arguments))
             sums[name] = _summed(name, values, weights, scenes, np)
-    return {
-        name: Score(*(np.asarray(part, float) for part in sums[name]))
-        for name, _ in metrics
-    }
+    scores = {}
+    for name, _ in metrics:
+        total, count = sums[name]
+        scores[name] = Score(np.asarray(total, float), np.asarray(count, float))
+    return scores
 
 
 @program((0,))

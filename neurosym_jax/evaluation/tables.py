@@ -74,7 +74,7 @@ def aligned_table(rows: Sequence[Sequence[str]]) -> str:
 
     Characters that steer a terminal are escaped.
     """
-    rows = [[printable(cell) for cell in row] for row in rows]
+    rows = [list(map(printable, row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows)]
     return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
@@ -156,12 +156,12 @@ def unique_suffixes(paths: Sequence[PurePath]) -> list[str]:
     ):
         parts = [path[:-1] for path in parts]
     longest = max(map(len, parts), default=0)
-    ends = (
-        ["/".join(path[-size:]) for path in parts] for size in range(1, longest + 1)
-    )
-    unique = next(
-        (end for end in ends if len({*end}) == len(parts)), list(map(str, paths))
-    )
+    unique = list(map(str, paths))
+    for size in range(1, longest + 1):
+        ends = ["/".join(path[-size:]) for path in parts]
+        if len(set(ends)) == len(parts):
+            unique = ends
+            break
     suffixes = dict(zip(dict.fromkeys(paths), unique))
     return [suffixes[path] for path in paths]
 
@@ -212,19 +212,22 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
         line=pl.Series(first_trainings(rows.to_dicts()), dtype=pl.Int64),
     )
     ends = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
-    long = pl.concat(
-        rows.select(
-            pl.col("training_seed", "configuration", "checkpoint", "line"),
-            pl.col("latency", "forecasts_per_second", *FACTS),
-            *(
-                _optional(rows, f"{name}{end}", pl.Float64).alias(value)
-                for value, end in ends.items()
-            ),
-            metric=pl.lit(name),
+    metrics = [name for name in rows.columns if f"{name}_low" in rows.columns]
+    by_metric = []
+    for name in metrics:
+        values = [
+            _optional(rows, f"{name}{end}", pl.Float64).alias(value)
+            for value, end in ends.items()
+        ]
+        by_metric.append(
+            rows.select(
+                pl.col("training_seed", "configuration", "checkpoint", "line"),
+                pl.col("latency", "forecasts_per_second", *FACTS),
+                *values,
+                metric=pl.lit(name),
+            )
         )
-        for name in rows.columns
-        if f"{name}_low" in rows.columns
-    )
+    long = pl.concat(by_metric)
     lines = long.group_by("line", "metric", maintain_order=True).agg(
         pl.col("configuration", *FACTS, *ends).first(),
         pl.col("latency").max(),
@@ -445,9 +448,10 @@ def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[lis
         for line in members
     ]
     columns += [[*head, *map(str, cells)] for head, cells in zip(heads, zip(*facts))]
-    right = [
-        [cell.rjust(max(map(len, column))) for cell in column] for column in columns
-    ]
+    right = []
+    for column in columns:
+        width = max(map(len, column))
+        right.append([cell.rjust(width) for cell in column])
     models = ["", "model", *(line.label for line in members)]
     return [[cell.ljust(max(map(len, models))) for cell in models], *right]
 
@@ -474,11 +478,10 @@ def _csv_table(lines: pl.DataFrame) -> str:
     wide = lines.pivot(
         "metric", index=["line", *facts], values=list(values), maintain_order=True
     )
-    columns = [
-        pl.col(f"{value}_{metric}").alias(f"{metric}{ending}")
-        for metric in lines["metric"].unique(maintain_order=True)
-        for value, ending in values.items()
-    ]
+    columns = []
+    for metric in lines["metric"].unique(maintain_order=True):
+        for value, ending in values.items():
+            columns.append(pl.col(f"{value}_{metric}").alias(f"{metric}{ending}"))
     return wide.select(*facts, *columns).write_csv()
 
 
@@ -489,15 +492,12 @@ def _markdown_table(lines: pl.DataFrame) -> str:
         metric.title if metric.unit == "share" else metric.label
         for metric in metrics.values()
     ]
-    body = [
-        [
-            *map(markdown_text, (facts["dataset"], label)),
-            str(facts["samples"]),
-            *(_bold(cells[name]) for name in metrics),
-        ]
-        for _, members in _by_test_set(lines)
-        for label, facts, cells in members
-    ]
+    body = []
+    for _, members in _by_test_set(lines):
+        for label, facts, cells in members:
+            names = map(markdown_text, (facts["dataset"], label))
+            values = [_bold(cells[name]) for name in metrics]
+            body.append([*names, str(facts["samples"]), *values])
     return markdown_table(["", "", "k", *heads], body, right=len(heads) + 1)
 
 
@@ -517,7 +517,8 @@ def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
         rests = [rest or word for word, _, rest in parts]
         above.append(rf"\multicolumn{{{len(rests)}}}{{c}}{{{latex_text(first)}}}")
         below += map(latex_text, rests)
-    short = short_names(line.label for members in tests for line in members)
+    lines_of_all = itertools.chain.from_iterable(tests)
+    short = short_names(line.label for line in lines_of_all)
     rows = []
     for members in tests:
         facts = members[0].facts
@@ -590,12 +591,10 @@ def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
             notes.append(
                 f"fewer than {FEWEST} blocks say nothing: no interval, no test"
             )
-    if (
-        counts := lines.filter(pl.col("trainings") > 1)["trainings"]
-        .unique()
-        .sort()
-        .to_list()
-    ):
+    counts = (
+        lines.filter(pl.col("trainings") > 1)["trainings"].unique().sort().to_list()
+    )
+    if counts:
         number = ", ".join(map(str, counts))
         notes.append(f"{number} trainings: Student's interval of their mean instead")
     if lines["best"].any():

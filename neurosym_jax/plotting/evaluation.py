@@ -39,10 +39,10 @@ def draw_figures(
         together: whether to draw all in `overview`.
     """
     sets = list(dict.fromkeys(result.test_set for result in results))
-    drawn = [
-        _drawn([result for result in results if result.test_set == test_set])
-        for test_set in sets
-    ]
+    drawn = []
+    for test_set in sets:
+        of_set = [result for result in results if result.test_set == test_set]
+        drawn.append(_drawn(of_set))
     named = where.suffix in style.ENDINGS
     if together and len(sets) <= TOGETHER:
         return [

@@ -139,7 +139,7 @@ def add_legend(figure: Figure, *panels: Axes) -> Figure:
     # In letters; the line before a text is as wide as eight.
     width = int(figure.get_figwidth() * 72 / SMALL * 2) - 2
     texts = [_wrapped(label, min(40, width - 8)) for label in handles]
-    longest = max(len(line) for text in texts for line in text.split("\n"))
+    longest = max(map(len, "\n".join(texts).split("\n")))
     columns = max(1, min(len(texts), width // (longest + 8)))
     rows = max(text.count("\n") + 1 for text in texts) * -(-len(texts) // columns)
     figure.set_figheight(figure.get_figheight() + (1.4 * rows + 0.6) * SMALL / 72)

@@ -1,5 +1,6 @@
 """What is observed, from above: all tracks of recordings, and the symbols and weights of pairs."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -139,12 +140,8 @@ def plot_pairs(
     people, texts = scene.agent, state_texts()
     count, steps = len(people), alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
-    pairs = [
-        (i, j)
-        for i in range(count)
-        for j in range(count)
-        if i != j and (both_ways or i < j)
-    ]
+    pairing = itertools.permutations if both_ways else itertools.combinations
+    pairs = list(pairing(range(count), 2))
     rows = pairs[:PAIRS]
     height = max(2.2, 0.8 + 0.19 * len(rows))
     figure, ((where, when),) = style.new_figure(
