@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import itertools
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -12,6 +12,7 @@ from neurosym_jax.commands._options import Reading, given, open_data, refuse_unu
 from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.recordings import EthUcy, Source, Synthetic
 from neurosym_jax.data.tables import AS_IT_SAYS
+from neurosym_jax.data.tracks import Reading as DataReading
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import compare, metrics, saved_forecasts, tables
@@ -141,16 +142,20 @@ class Options:
 def run(options: Options) -> list[Row]:
     """Evaluate, print and write as `options` say; returns the rows of the report."""
     _validate(options)
-    chosen = bool(options.checkpoint or options.forecasts) or options.all
+    default = not (options.checkpoint or options.forecasts or options.all)
+    is_text = options.table == "text"
     files = read_named(options.forecasts)
-    text, models, source, run_tests = options.table == "text", [], None, None
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
+    models: list[tuple[str, Model]] = []
+    source = run_tests = None
     with contextlib.ExitStack() as stack:
-        if files and not (
-            options.data or options.checkpoint or options.dataset or options.all
-        ):
-            file = *next(iter(files.items())), options.baselines, options.samples
-            tests = [test_of_file(*file, given(options))]
+        recordings = options.data or options.dataset
+        if files and not (recordings or options.checkpoint or options.all):
+            name, file = next(iter(files.items()))
+            windows = given(options)
+            tests = [
+                test_of_file(name, file, options.baselines, options.samples, windows)
+            ]
         else:
             steps = [file.steps for file in files.values()]
             source, models, planned, least = _plan(options, steps)
@@ -169,59 +174,93 @@ def run(options: Options) -> list[Row]:
             PROTOCOLS[options.protocol].by_scene,
             _labels(options, files, tests),
         )
-        if text and not chosen and source and source.about:
+        if is_text and default and source and source.about:
             print(f"{source.about}\n")
-        results = list(
-            compare.logged(options.json, evaluate_tests(tests, settings, run_tests))
-        )
+        tested = evaluate_tests(tests, settings, run_tests)
+        results = list(compare.logged(options.json, tested))
+
     rows = with_tests(results)
-    readings = {item.recording: item for test in tests for item in test.windows.reading}
-    paths = [find_model(path) for test in tests for path, _ in test.entries if path]
-    paths += options.forecasts
+    _write_report(options, rows, tests)
+    style = {"intervals": options.intervals, "whole": not default or bool(further)}
+    print(tables.format_table(rows_frame(rows), options.table, **style))
+    notes = [*_readings_and_models(tests, models), *_written(options, tests, results)]
+    if is_text and isinstance(source, Synthetic) and default:
+        notes.append(AFTER_THE_FIRST_RUN.format(options.samples))
+    print("\n".join(["", *notes]), file=sys.stdout if is_text else sys.stderr)
+    return rows
+
+
+def _readings(tests: Sequence[compare.Test]) -> list[DataReading]:
+    """How each recording was read, once."""
+    readings = {}
+    for test in tests:
+        for reading in test.windows.reading:
+            readings[reading.recording] = reading
+    return list(readings.values())
+
+
+def _paths(tests: Sequence[compare.Test]) -> list[str]:
+    """The models' paths, as given."""
+    paths = []
+    for test in tests:
+        paths += [path for path, _ in test.entries if path]
+    return paths
+
+
+def _write_report(
+    options: Options, rows: list[Row], tests: Sequence[compare.Test]
+) -> None:
+    readings = _readings(tests)
+    recordings = [reading.file for reading in readings if reading.file]
+    models = [*map(find_model, _paths(tests)), *options.forecasts]
     facts = {
         "protocol": options.protocol,
-        "provenance": provenance(
-            [item.file for item in readings.values() if item.file], paths
-        ),
-        "recordings": [dataclasses.asdict(item) for item in readings.values()],
+        "provenance": provenance(recordings, models),
+        "recordings": [dataclasses.asdict(reading) for reading in readings],
     }
     compare.write_report(options.json, rows, facts)
-    style = {"intervals": options.intervals, "whole": chosen or bool(further)}
-    print(tables.format_table(rows_frame(rows), options.table, **style))
-    notes = ["", *filter(None, [describe_readings(readings.values())])]
+
+
+def _readings_and_models(
+    tests: Sequence[compare.Test], models: Sequence[tuple[str, Model]]
+) -> Iterator[str]:
+    """What is said of recordings and models, a line each."""
+    text = describe_readings(_readings(tests))
+    if text:
+        yield text
     # What torch checkpoints do not say is said once for those that agree.
     for assumed in dict.fromkeys(model.assumed for _, model in models if model.assumed):
         named = [path for path, model in models if model.assumed == assumed]
         subject = named[0] if len(named) == 1 else f"{len(named)} torch checkpoints"
-        notes.append(f"assumed of {subject}: {'; '.join(assumed)}")
-    notes += [
-        state_of_run(path, model.step)
-        for path, model in models
-        if model.step is not None
-    ]
-    if not paths:
-        notes += ["No model was given, or none matches: these are the baselines."]
+        yield f"assumed of {subject}: {'; '.join(assumed)}"
+    for path, model in models:
+        if model.step is not None:
+            yield state_of_run(path, model.step)
+    if not _paths(tests) and not any(test.forecasts for test in tests):
+        yield "No model was given, or none matches: these are the baselines."
+
+
+def _written(
+    options: Options, tests: Sequence[compare.Test], results: Sequence[compare.Result]
+) -> Iterator[str]:
+    """Write figures and forecasts as `options` say, and yield a line on each file."""
     if options.figures:
         from neurosym_jax.plotting import use_style
         from neurosym_jax.plotting.evaluation import draw_figures
 
         use_style(options.style)
-        first, *others = draw_figures(options.plots, results, together=not chosen)
-        notes += [
-            f"figures: {1 + len(others)} in {first.parent}"
-            if others
-            else f"figure: {first}"
-        ]
+        default = not (options.checkpoint or options.forecasts or options.all)
+        first, *others = draw_figures(options.plots, results, together=default)
+        if others:
+            yield f"figures: {1 + len(others)} in {first.parent}"
+        else:
+            yield f"figure: {first}"
     if options.save_forecasts:
-        written = (options.save_forecasts, tests, options.samples, options.seed)
-        notes += [
-            f"forecasts: {path}" for path in saved_forecasts.save_forecasts(*written)
-        ]
-    notes += [f"rows: {options.json}"]
-    if text and isinstance(source, Synthetic) and not chosen:
-        notes += [AFTER_THE_FIRST_RUN.format(options.samples)]
-    print("\n".join(notes), file=sys.stdout if text else sys.stderr)
-    return rows
+        for path in saved_forecasts.save_forecasts(
+            options.save_forecasts, tests, options.samples, options.seed
+        ):
+            yield f"forecasts: {path}"
+    yield f"rows: {options.json}"
 
 
 def _labels(
@@ -229,7 +268,7 @@ def _labels(
 ) -> dict[str, str]:
     """Names by path: those of files of forecasts, and the ones that --label says."""
     labels = {str(file.path): name for name, file in files.items()}
-    paths = {path for test in tests for path, _ in test.entries if path} | labels.keys()
+    paths = {*_paths(tests), *labels}
     for label in options.label:
         name, _, path = label.partition("=")
         if not name or path not in paths:

@@ -18,6 +18,8 @@ FAMILIES = {
     "sgan-20vp": "SGAN as published, with pooling (the same download)",
 }
 OTHERS = "others"
+HEAD = ("name", "forecaster", "steps", "period", "neighbours")
+HEAD += ("test on", "learned from", "where")
 
 
 def run(all: bool = False) -> None:
@@ -34,51 +36,40 @@ def run(all: bool = False) -> None:
     print(
         "recommended: take this one; it is the anchors model for your data set and horizon\n"
     )
-    if not all:
-        downloads = {folder.name: name for name, folder in DOWNLOADED.items()}
-        names = [
-            downloads.get(name.partition("/")[0], name) for name, _ in models_at_hand()
-        ]
-        longest_first = sorted(FAMILIES, key=len, reverse=True)
-        counts = Counter(
-            next(filter(name.startswith, longest_first), OTHERS) for name in names
-        )
-        for family, meaning in FAMILIES.items():
-            print(f"  {family:14} {counts[family]:2} models  {meaning}")
-        if counts[OTHERS]:
-            print(f"  {OTHERS:14} {counts[OTHERS]:2} models")
-        print("\nneurosym models --all lists each, with its data and licence")
-        return
-    head = (
-        "name",
-        "forecaster",
-        "steps",
-        "period",
-        "neighbours",
-        "test on",
-        "learned from",
-        "where",
-    )
-    table: list[tuple[str, ...]] = [head]
+    if all:
+        print(_every_model())
+    else:
+        _print_families()
+
+
+def _print_families() -> None:
+    downloads = {folder.name: name for name, folder in DOWNLOADED.items()}
+    longest_first = sorted(FAMILIES, key=len, reverse=True)
+    counts: Counter[str] = Counter()
+    for path, _ in models_at_hand():
+        name = downloads.get(path.partition("/")[0], path)
+        counts[next(filter(name.startswith, longest_first), OTHERS)] += 1
+    for family, meaning in FAMILIES.items():
+        print(f"  {family:14} {counts[family]:2} models  {meaning}")
+    if counts[OTHERS]:
+        print(f"  {OTHERS:14} {counts[OTHERS]:2} models")
+    print("\nneurosym models --all lists each, with its data and licence")
+
+
+def _every_model() -> str:
+    """A table with a row for each model."""
+    rows = []
     for name, path in models_at_hand():
         model = load_model(path)
         config = model.config
-        steps, period = f"{config.obs_len}+{config.pred_len}", f"{config.period:g} s"
-        share = "-" if model.neighbours is None else f"{100 * model.neighbours:.0f} %"
-        data = (
-            ", ".join(f"{name} ({licence})" for name, licence in model.data.items())
-            or "-"
-        )
-        table.append(
-            (
-                name,
-                model.name,
-                steps,
-                period,
-                share,
-                model.dataset or "-",
-                data,
-                str(path.parent),
-            )
-        )
-    print(aligned_table(table))
+        licences = [f"{data} ({licence})" for data, licence in model.data.items()]
+        share = "-"
+        if model.neighbours is not None:
+            share = f"{100 * model.neighbours:.0f} %"
+        steps = f"{config.obs_len}+{config.pred_len}"
+        period = f"{config.period:g} s"
+        tested_on = model.dataset or "-"
+        learned_from = ", ".join(licences) or "-"
+        origin = (tested_on, learned_from, str(path.parent))
+        rows.append((name, model.name, steps, period, share, *origin))
+    return aligned_table([HEAD, *rows])

@@ -121,18 +121,15 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         names = [change.partition("=")[0] for change in varied]
         label = [c for c in (*changed, *network) if c.partition("=")[0] in names]
         label += [f"fold {fold}"] if fold else []
+        lengths = config.obs_len, config.pred_len
         parts = [
             forecaster_of(config).variant,
             *label,
             dataset,
-            config.obs_len,
-            config.pred_len,
+            *lengths,
+            f"seed{seed}",
         ]
-        name = (
-            "_".join(map(str, [*parts, f"seed{seed}"]))
-            .replace("/", "of")
-            .replace(" ", "")
-        )
+        name = "_".join(map(str, parts)).replace("/", "of").replace(" ", "")
         folder = options.out / name
         if folder in runs:
             raise InputError(f"{name}: two runs of the sweep have this name")

@@ -82,14 +82,7 @@ def run(
     source = open_data(data, read, dataset, period=lengths.period)
     name = dataset or source.scenes[0]
     windows = cut_windows(source.recordings(name), lengths.obs_len, lengths.pred_len)
-    if window is None:
-        sizes = np.where(
-            windows.sizes <= max(CROWD, windows.sizes.min()), windows.sizes, 0
-        )
-        window = int(sizes.argmax())
-    if not 0 <= window < windows.scenes:
-        raise InputError(f"--window must lie in [0, {windows.scenes}), not {window}")
-    example = windows.take(slice(window, window + 1))
+    window, example = _example(windows, window)
     title = f"{name}, window {window}"
     if not forecast:
         if weighting is None and network and network.config.weighting is None:
@@ -101,6 +94,16 @@ def run(
         _show_forecast(network, samples, seed, title, example, out / "forecast.jsonl")
     else:
         raise InputError("--forecast needs a --model that forecasts")
+
+
+def _example(windows: Windows, window: int | None) -> tuple[int, Windows]:
+    """The number of the window to show, and the window alone."""
+    if window is None:
+        most = max(CROWD, windows.sizes.min())
+        window = int(np.where(windows.sizes <= most, windows.sizes, 0).argmax())
+    if not 0 <= window < windows.scenes:
+        raise InputError(f"--window must lie in [0, {windows.scenes}), not {window}")
+    return window, windows.take(slice(window, window + 1))
 
 
 def _show_forecast(
