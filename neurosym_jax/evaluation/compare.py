@@ -197,10 +197,19 @@ def make_plan(
         for name in everywhere:
             tested[TestSet(name, obs_len or LENGTH, pred_len or LENGTH)] = []
 
-    order = [*everywhere, *source.scenes]
+    return _ordered(tested, [*everywhere, *source.scenes], baselines, samples)
+
+
+def _ordered(
+    tested: Mapping[TestSet, Entries],
+    datasets: Sequence[str],
+    baselines: Sequence[str] | None,
+    samples: int,
+) -> dict[TestSet, Entries]:
+    """The test sets by the order of `datasets`, then by horizon, baselines first."""
 
     def place(test_set: TestSet) -> tuple[int, int, int]:
-        return order.index(test_set.dataset), test_set.obs_len, test_set.pred_len
+        return datasets.index(test_set.dataset), test_set.obs_len, test_set.pred_len
 
     plan = {}
     for test_set in sorted(tested, key=place):
@@ -815,45 +824,35 @@ def evaluate(
     Recordings are resampled to the steps that a model was trained on.
 
     Args:
-        models: one or several, see `load_model`; also functions of numpy or torch, see
-            `functions.Predictor`: `lambda observed: ...`. A mapping has their names in
-            tables.
-        recordings: a file, folder, dataframe of pandas or polars, `Tracks`, or several
-            of these; None for those that the first file of forecasts holds.
-        forecasts: files of forecasts, see `read_forecasts`, one or several or by name.
+        models: one or several (see `load_model`), or functions (see `Predictor`); a
+            mapping has their names in tables.
+        recordings: a file, folder, dataframe, `Tracks`, or several of these; None for
+            those that the first file of forecasts holds.
+        forecasts: files, see `read_forecasts`, one or several or by name.
         samples: number of forecasts of each scene, k.
         seed: random seed of the noise.
         min_agents: scenes with fewer people are left out.
         metrics: names; default: those of every table, see `metric_names`.
         baselines: forecasters by name, see `baselines_of`.
         obs_len: steps observed where no model says how many; default: 8.
-        pred_len: steps to forecast where no model says; default: those of the files,
-            else 8.
-        period: seconds between steps where no model says; default: 0.4.
-        partial: test on the windows that all files of forecasts have, and leave out the
-            rest.
-        read: how files and dataframes are read, by the fields of `ReadOptions`:
-            `unit="cm"`, ...
+        pred_len: steps to forecast, likewise; default: those of the files, else 8.
+        period: seconds between steps, likewise; default: 0.4.
+        partial: leave out windows that not all files of forecasts have.
+        read: fields of `ReadOptions`, such as `unit="cm"`.
 
     Returns:
-        Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under its
-        name, and the bounds of its 95 % interval under `NAME_low` and `NAME_high`;
-        under `NAME_p` the p value of the paired test against the best model, see
-        `with_tests`.
+        Columns `model`, `dataset`, ...; each metric's mean under its name, its 95 %
+        interval under `NAME_low` and `NAME_high`, and the p value of its paired test
+        against the best model under `NAME_p`, see `with_tests`.
 
     Raises:
-        InputError: for what cannot be read or does not match, and where nothing is to
-            be tested.
+        InputError: for what cannot be read or does not match.
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     loaded, functions = _apart(models)
     files = read_named(forecasts) if forecasts else {}
     lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
-    for name, value in lengths.items():
-        for model in loaded.values():
-            own = getattr(model.config, name)
-            if value not in (None, own):
-                raise InputError(f"{name} {value}: {model.name} has {own}")
+    _refuse_other_lengths(loaded, lengths)
     if partial and not files:
         raise InputError("partial: there are no files of forecasts")
     options = ReadOptions(**read)
@@ -885,6 +884,16 @@ def evaluate(
         samples, seed, None if metrics is None else tuple(metrics), labels=labels
     )
     return rows_frame(with_tests(list(evaluate_tests(tests, settings))))
+
+
+def _refuse_other_lengths(
+    models: Mapping[str, Model], lengths: Mapping[str, Any]
+) -> None:
+    for name, value in lengths.items():
+        for model in models.values():
+            own = getattr(model.config, name)
+            if value not in (None, own):
+                raise InputError(f"{name} {value}: {model.name} has {own}")
 
 
 def _tests_on(
