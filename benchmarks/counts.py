@@ -40,9 +40,9 @@ def _programs() -> dict[str, float]:
 
     from neurosym_jax.commands.evaluate import Options, run
     from neurosym_jax.data.tables import ReadOptions
-    from neurosym_jax.forecasting.model import predict
-    from neurosym_jax.forecasting.model_folder import load_model
     from neurosym_jax.models import GeneratorConfig, NoPooling
+    from neurosym_jax.models.disk import load_model
+    from neurosym_jax.models.forecast import predict
     from neurosym_jax.training.loop import train
     from neurosym_robot.online.predictor import Predictor
 
@@ -136,8 +136,8 @@ def _costs() -> dict[str, float]:
     import jax
     import numpy as np
 
-    from neurosym_jax.forecasting.model import forecast_scene
     from neurosym_jax.models import Generator, GeneratorConfig
+    from neurosym_jax.models.forecast import forecast_scene
     from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
     from neurosym_jax.models.sgan.network import POOLINGS
     from neurosym_jax.scene import make_scene, pad_scene

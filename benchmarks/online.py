@@ -29,7 +29,7 @@ MODELS = {
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    from neurosym_jax.forecasting.model_folder import load_model
+    from neurosym_jax.models.disk import load_model
 
     table: list[Row] = []
     stages, light = {}, {}

@@ -24,8 +24,8 @@ def measure(options: Any) -> dict[str, Any]:
     import jax
     import onnxruntime
 
-    from neurosym_jax.forecasting.model_folder import load_model
     from neurosym_jax.interop.export import export_model, export_onnx, program_of
+    from neurosym_jax.models.disk import load_model
 
     table = []
     for name in MODELS:
@@ -72,8 +72,8 @@ def measure(options: Any) -> dict[str, Any]:
 def _jax_program(name: str, arguments: tuple[np.ndarray, ...]) -> Callable[[], None]:
     import jax
 
-    from neurosym_jax.forecasting.model_folder import load_model
     from neurosym_jax.interop.export import program_of
+    from neurosym_jax.models.disk import load_model
 
     compiled = jax.jit(program_of(load_model(name)))
 

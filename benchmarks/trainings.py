@@ -29,7 +29,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.data.recordings import open_source
-    from neurosym_jax.forecasting.forecaster import forecaster_of
+    from neurosym_jax.models.forecaster import forecaster_of
     from neurosym_jax.training.loop import train
     from neurosym_jax.training.run import make_config, recipes_of
 

@@ -58,7 +58,7 @@ def _models_and_tests(paths: list[Path], data: Path) -> tuple[list[Any], list[An
     """The checkpoints, and the windows that each is tested on."""
     from neurosym_jax.data.recordings import open_source
     from neurosym_jax.data.windows import cut_windows
-    from neurosym_jax.forecasting.model_folder import load_model
+    from neurosym_jax.models.disk import load_model
 
     source, models = open_source(data), [load_model(path) for path in paths]
 

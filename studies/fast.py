@@ -18,10 +18,9 @@ import numpy as np
 
 from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks
 from neurosym_jax.data.windows import Windows, cut_windows, make_batches
-from neurosym_jax.forecasting.batched import batch_noise, draw_batch, forecast_batch
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.baselines import ConstantVelocitySampled
+from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.forecast import Model, batch_noise, draw_batch, forecast_batch
 
 FRAMES = 12
 """Frames of Stanford's videos in a step."""

@@ -23,11 +23,11 @@ from jax import Array
 
 from neurosym_jax.data.recordings import GENERAL, recordings_in, split_files
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import CARD, load_model, save_model
 from neurosym_jax.models.anchors.forecaster import apply_anchors
 from neurosym_jax.models.anchors.loss import AnchorStream, company, points_loss
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.disk import CARD, load_model, save_model
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.training.batches import augment
 from neurosym_jax.training.state import TrainState, new_state, update

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.forecasting.model_folder import replace_card
+from neurosym_jax.models.disk import replace_card
 from neurosym_jax.training.run import model_card
 
 CHECKPOINTS = Path(__file__).resolve().parents[1] / "checkpoints"

@@ -69,7 +69,7 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 # They import jax, which reads the environment.
 import jax  # noqa: E402
 
-from neurosym_jax.forecasting.model import Model  # noqa: E402
+from neurosym_jax.models.forecast import Model  # noqa: E402
 from neurosym_jax.models.sgan.network import GeneratorConfig  # noqa: E402
 from neurosym_jax.simulation import scenarios  # noqa: E402
 from tests.networks import random_model  # noqa: E402

@@ -3,8 +3,8 @@
 import jax
 import numpy as np
 
-from neurosym_jax.forecasting.forecaster import forecaster_of
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecaster import forecaster_of
 
 
 def drawing(std=None, seed=1):

@@ -27,7 +27,7 @@ import neurosym_jax as nj
 from neurosym_jax.__main__ import main
 from neurosym_jax.data.recordings import FORMATS
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.forecasting.forecaster import FORECASTERS
+from neurosym_jax.models.forecaster import FORECASTERS
 from neurosym_jax.symbolic.weighting import WEIGHTINGS
 
 ROOT = Path(__file__).resolve().parents[1]

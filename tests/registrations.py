@@ -9,7 +9,7 @@ from types import ModuleType
 from neurosym_jax import plugins
 from neurosym_jax.data.recordings import FORMATS
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.forecasting.forecaster import FORECASTERS
+from neurosym_jax.models.forecaster import FORECASTERS
 from neurosym_jax.models.sgan.network import POOLINGS
 from neurosym_jax.models.sgan.pooling import CELLS
 from neurosym_jax.symbolic.events import EVENTS

@@ -17,13 +17,13 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.data.tables import ReadOptions
-from neurosym_jax.forecasting.forecaster import FORECASTERS, Lengths
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecaster import FORECASTERS, Lengths
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model
 
 ELSEWHERE = {
-    "load_model": "what is shipped: tests/forecasting/test_model_places.py",
+    "load_model": "what is shipped: tests/models/test_model_places.py",
     "train": "takes minutes: tests/training/test_loop.py",
 }
 """Public functions of the top level that have no row here, and where they are tested."""

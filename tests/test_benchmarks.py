@@ -13,7 +13,7 @@ from benchmarks import scaling
 from benchmarks.page import document
 from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.forecasting import tracking_errors
+from neurosym_jax.models import tracking_errors
 from neurosym_jax.models.anchors.forecaster import AnchorsForecaster, apply_anchors
 from neurosym_jax.models.anchors.loss import AnchorStream, anchor_loss, company
 from neurosym_jax.models.anchors.network import AnchorConfig

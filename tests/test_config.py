@@ -6,9 +6,9 @@ import pytest
 
 from neurosym_jax.configuration import changed, from_json, to_json
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.models import AsDescribed, PoolNet, Social
 from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.models.sgan.network import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.sgan.training import GeneratorRecipe
 from neurosym_jax.symbolic.weighting import Cnd, Learned, Soft

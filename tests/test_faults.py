@@ -13,7 +13,7 @@ import pytest
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.compare import write_report
-from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.models.disk import load_model, save_model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.runtime.files import write_json
 from tests.networks import random_model

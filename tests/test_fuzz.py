@@ -10,12 +10,12 @@ import resource
 import time
 
 import pytest
+from tests.forecasting.test_model_folder import sign
 
 import neurosym_jax as nj
-from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.model import Model
 from neurosym_jax.interop.pickles import OPCODES, read_torch_file
-from tests.forecasting.test_model_folder import sign
+from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecaster import Lengths
 from tests.interop.test_pickles import legacy_file, zip_file
 
 given = pytest.importorskip("hypothesis").given

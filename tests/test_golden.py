@@ -7,9 +7,8 @@ another.
 import numpy as np
 import pytest
 
-from neurosym_jax.forecasting.batched import predict_scenes
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import shipped_models
+from neurosym_jax.models.disk import load_model, shipped_models
+from neurosym_jax.models.forecast import predict_scenes
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model
 from tests.repository import GOLDEN, exhaustive

@@ -6,7 +6,7 @@ import pytest
 
 from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.models.disk import load_model, save_model
 from neurosym_jax.plugins import Registry, load_plugin, loaded
 from neurosym_jax.symbolic.weighting import register_weighting
 from neurosym_jax.training.run import make_config

@@ -10,14 +10,13 @@ from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.evaluation.metrics import MOVED, NEAR
 from neurosym_jax.evaluation.scores import chosen, score_scenes, without_neighbours
-from neurosym_jax.forecasting.batched import (
+from neurosym_jax.models.disk import load_model, shipped_models
+from neurosym_jax.models.forecast import (
     batch_noise,
     forecast_batch,
     predict_scenes,
     unpacked,
 )
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import shipped_models
 from tests.repository import exhaustive
 
 MODELS = {path.name: load_model(path) for path in shipped_models()}

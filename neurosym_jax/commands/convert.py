@@ -7,15 +7,14 @@ from tyro.conf import Positional
 
 from neurosym_jax.commands._options import refuse_given
 from neurosym_jax.errors import InputError, printable
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.forecasting.model_places import find_model
 from neurosym_jax.interop.checkpoint import (
     export_torch_checkpoint,
     left_out,
     model_from_torch,
 )
 from neurosym_jax.interop.pickles import read_torch_file
+from neurosym_jax.models.disk import find_model, load_model, save_model
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.runtime.foreign import reading
 
 __all__ = ["run"]

@@ -26,15 +26,15 @@ from neurosym_jax.evaluation.compare import (
 )
 from neurosym_jax.evaluation.forecasts import ForecastFile, read_named
 from neurosym_jax.evaluation.tables import rows_frame
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import (
+from neurosym_jax.models.disk import (
     find_checkpoints,
     find_model,
+    load_model,
     shipped_models,
     shipped_name,
     state_of_run,
 )
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.runtime.process import provenance
 from neurosym_jax.runtime.workers import map_for
 

@@ -5,8 +5,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop.export import export_model, export_onnx
+from neurosym_jax.models.disk import load_model
 from neurosym_jax.runtime.files import new_file
 
 __all__ = ["run"]

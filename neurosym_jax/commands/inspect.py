@@ -17,9 +17,8 @@ from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import GAP, Tracks
 from neurosym_jax.data.windows import Windows, cut_windows, on_grid
 from neurosym_jax.errors import InputError, InputWarning, printable
-from neurosym_jax.forecasting.model import predict
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import RECOMMENDED
+from neurosym_jax.models.disk import RECOMMENDED, load_model
+from neurosym_jax.models.forecast import predict
 from neurosym_jax.runtime.files import refuse_unwritable
 
 __all__ = ["describe", "run"]

@@ -3,8 +3,7 @@
 from collections import Counter
 
 from neurosym_jax.evaluation.tables import aligned_table
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import DOWNLOADED, models_at_hand
+from neurosym_jax.models.disk import DOWNLOADED, load_model, models_at_hand
 
 __all__ = ["run"]
 

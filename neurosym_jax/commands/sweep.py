@@ -14,7 +14,7 @@ from neurosym_jax.commands._options import open_data, options_text, refuse_unuse
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.recordings import Source
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import forecaster_of
+from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.training.run import make_config
 from neurosym_jax.training.sweep import SweepRun, run_sweep, unfinished
 

@@ -16,10 +16,9 @@ from neurosym_jax.configuration import Count, Seed, component, refuse
 from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.distribution import predict_distribution
-from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.forecast import Model, predict_distribution
+from neurosym_jax.models.forecaster import Lengths
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.forecast import (

@@ -30,9 +30,9 @@ from neurosym_jax.data.windows import cut_windows, make_batches, shared_shapes
 from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.evaluation.compare import baselines_of
 from neurosym_jax.evaluation.scores import score_forecaster
-from neurosym_jax.forecasting.forecaster import forecaster_of
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.plugins import loaded
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.preparation import describe_parts, prepare

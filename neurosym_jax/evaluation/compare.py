@@ -58,11 +58,9 @@ from neurosym_jax.evaluation.scores import (
     score_samples,
 )
 from neurosym_jax.evaluation.tables import first_trainings, rows_frame
-from neurosym_jax.forecasting.batched import unpacked
-from neurosym_jax.forecasting.forecaster import FORECASTERS, Forecaster
-from neurosym_jax.forecasting.model import Model, SceneForecaster
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import find_model, shipped_name
+from neurosym_jax.models.disk import find_model, load_model, shipped_name
+from neurosym_jax.models.forecast import Model, SceneForecaster, unpacked
+from neurosym_jax.models.forecaster import FORECASTERS, Forecaster
 from neurosym_jax.runtime import files
 from neurosym_jax.runtime.process import cpu_cores, progress_of
 from neurosym_jax.scene import Scene, make_scene, pad_scene

@@ -17,8 +17,7 @@ from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.evaluation.compare import Test
 from neurosym_jax.evaluation.forecasts import last_frames, recording_names
-from neurosym_jax.forecasting.batched import forecast_windows
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.forecast import Model, forecast_windows
 from neurosym_jax.runtime.files import new_file, refuse_unwritable
 from neurosym_jax.runtime.process import cpu_cores, refuse_beyond_memory
 from neurosym_jax.scene import scene_identity

@@ -14,14 +14,14 @@ from jax.typing import ArrayLike
 from neurosym_jax.data.windows import Batch, Windows, bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
-from neurosym_jax.forecasting.batched import (
+from neurosym_jax.models.forecast import (
     PART,
     batch_noise,
     draw_batch,
     forecast_batch,
     unpacked,
 )
-from neurosym_jax.forecasting.forecaster import Forecaster, refuse_many
+from neurosym_jax.models.forecaster import Forecaster, refuse_many
 from neurosym_jax.runtime.process import cpu_cores
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import (

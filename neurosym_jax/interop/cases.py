@@ -17,8 +17,8 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from neurosym_jax.data.windows import Windows, gather_scenes
-from neurosym_jax.forecasting.batched import unpacked
 from neurosym_jax.interop.checkpoint import discriminator, generator
+from neurosym_jax.models.forecast import unpacked
 from neurosym_jax.models.sgan.network import Discriminator, Generator, GeneratorConfig
 from neurosym_jax.models.sgan.pooling import NeurosymIjcnn
 from neurosym_jax.models.sgan.torch_names import params_from_torch

@@ -16,8 +16,8 @@ import numpy as np
 
 from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError, brief
-from neurosym_jax.forecasting.model import Model
 from neurosym_jax.interop.pickles import read_torch_file
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.sgan.network import (
     POOLINGS,
     DiscriminatorConfig,

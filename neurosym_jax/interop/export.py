@@ -17,8 +17,8 @@ from jax import Array
 
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import optional_module
-from neurosym_jax.forecasting.model import Model, forecast_scene
 from neurosym_jax.interop.onnx import to_onnx
+from neurosym_jax.models.forecast import Model, forecast_scene
 from neurosym_jax.scene import make_scene
 
 __all__ = ["export_model", "export_onnx", "program_of"]

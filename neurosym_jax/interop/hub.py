@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from neurosym_jax.errors import InputError, optional_module, printable
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import FILES, load_model, save_model
-from neurosym_jax.forecasting.model_places import find_model
+from neurosym_jax.models.disk import FILES, find_model, load_model, save_model
+from neurosym_jax.models.forecast import Model
 
 __all__ = ["from_pretrained", "push_to_hub"]
 

@@ -23,7 +23,6 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import NotNegative, refuse
 from neurosym_jax.errors import InputError, brief, option
 from neurosym_jax.evaluation.tables import aligned_table
-from neurosym_jax.forecasting.model import Model, refuse_other_length
 from neurosym_jax.interop import torch_side
 from neurosym_jax.interop.cases import (
     CASES,
@@ -35,6 +34,7 @@ from neurosym_jax.interop.cases import (
 )
 from neurosym_jax.interop.checkpoint import released_config
 from neurosym_jax.models import Generator
+from neurosym_jax.models.forecast import Model, refuse_other_length
 from neurosym_jax.models.sgan.pooling import LSTM, LSTMNetwork
 from neurosym_jax.models.sgan.torch_names import torch_names
 from neurosym_jax.scene import checked_positions

@@ -11,8 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.forecasting.forecaster import TwoStageForecaster
-from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.models.forecaster import NoiseSpec, TwoStageForecaster
 from neurosym_jax.scene import AnyArray, Scene
 
 __all__ = ["HEADING_STD", "ConstantVelocity", "ConstantVelocitySampled"]

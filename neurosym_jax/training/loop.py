@@ -15,9 +15,9 @@ from tqdm import tqdm
 from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.windows import make_batches
 from neurosym_jax.errors import InputError, TrainingError, option
-from neurosym_jax.forecasting.forecaster import forecaster_of
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.training.preparation import prepare
 from neurosym_jax.training.recipe import Recipe
 from neurosym_jax.training.run import (

@@ -23,9 +23,9 @@ from neurosym_jax.data.windows import Batch, Windows, fingerprint, merged_finger
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scores import score_forecaster
 from neurosym_jax.evaluation.tables import format_table, markdown_table, rows_frame
-from neurosym_jax.forecasting.forecaster import FORECASTERS, Forecaster, forecaster_of
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import save_model
+from neurosym_jax.models.disk import save_model
+from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecaster import FORECASTERS, Forecaster, forecaster_of
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import append_text, write_json, write_text
 from neurosym_jax.runtime.process import COMPILED_QUICKLY, code_version, run_environment

@@ -24,7 +24,7 @@ from neurosym_jax.evaluation.intervals import (
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.scores import Score
 from neurosym_jax.evaluation.tables import format_table, markdown_table, rows_frame
-from neurosym_jax.forecasting.model_folder import load_model, replace_card
+from neurosym_jax.models.disk import load_model, replace_card
 from neurosym_jax.runtime.ending import when_ended
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.runtime.process import cpu_cores, progress_of, provenance

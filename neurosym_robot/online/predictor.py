@@ -17,10 +17,9 @@ from numpy.typing import ArrayLike
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.distribution import draw_futures
-from neurosym_jax.forecasting.model import Model, SceneForecaster
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.tracking_errors import was_repaired
+from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.forecast import Model, SceneForecaster, draw_futures
+from neurosym_jax.models.tracking_errors import was_repaired
 from neurosym_jax.scene import Scene, make_scene, pad_scene, scene_identity
 from neurosym_robot.online.programs import Programs, When
 from neurosym_robot.online.regions import Regions

@@ -24,7 +24,7 @@ import numpy as np
 import tyro
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.simulation.scenarios import Scenario, simulate_labelled
 from neurosym_robot.online.predictor import Predictor, load_models

@@ -13,8 +13,7 @@ from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.metrics import register_metric
 from neurosym_jax.evaluation.tables import rows_frame
-from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.forecasting.model_places import find_model
+from neurosym_jax.models.disk import find_model, load_model, save_model
 from tests.repository import SMALL, exhaustive
 
 # Joint ADE and FDE of best-of-20 that the authors publish for their checkpoints.

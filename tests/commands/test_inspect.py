@@ -11,7 +11,7 @@ import tyro
 from neurosym_jax.commands import inspect, models
 from neurosym_jax.data import ReadOptions, read_any
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting.model_places import RECOMMENDED, find_model
+from neurosym_jax.models.disk import RECOMMENDED, find_model
 from neurosym_jax.plotting import tracks as drawing
 from tests.data.test_schema import CROWD, PIXELS, TABLES, lines, read_as_told
 

@@ -21,8 +21,8 @@ from neurosym_jax.evaluation.compare import (
     load_tests,
     make_plan,
 )
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop.parity import Parity
+from neurosym_jax.models.disk import load_model
 from tests.commands.walk import (
     READ,
     TABLE,

@@ -6,7 +6,7 @@ import pytest
 
 from neurosym_jax.commands.symbols import run
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.models.disk import load_model, save_model
 from tests.repository import ROOT
 
 MODEL = ROOT / "checkpoints" / "neurosym_simulations_8"

@@ -9,7 +9,7 @@ from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.compare import TestSet as Case
 from neurosym_jax.evaluation.compare import make_plan, make_test
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 
 MODELS = {

@@ -14,11 +14,10 @@ from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import collisions, register_metric
 from neurosym_jax.evaluation.scores import score_forecaster
-from neurosym_jax.forecasting.batched import draw_batch
-from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.baselines import ConstantVelocity, ConstantVelocitySampled
+from neurosym_jax.models.forecast import draw_batch
+from neurosym_jax.models.forecaster import Lengths, draw_noise
 from tests.networks import random_model
 from tests.registrations import restored_registrations
 

@@ -10,8 +10,6 @@ from numpy.testing import assert_array_equal
 
 from neurosym_jax.commands import convert
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop.checkpoint import (
     export_torch_checkpoint,
     load_torch_checkpoint,
@@ -19,6 +17,8 @@ from neurosym_jax.interop.checkpoint import (
     torch_contents,
 )
 from neurosym_jax.interop.pickles import read_torch_file
+from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.models.sgan.torch_names import params_from_torch, params_to_torch
 from tests.networks import random_model

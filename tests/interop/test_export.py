@@ -7,8 +7,8 @@ import pytest
 from neurosym_jax import GeneratorConfig, load_model, predict_representatives
 from neurosym_jax.commands.export import run
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.noise import scene_noise
 from neurosym_jax.interop.export import export_model
+from neurosym_jax.models.forecaster import scene_noise
 from neurosym_jax.scene import make_scene
 from tests.networks import random_model
 from tests.repository import ROOT, SMALL, exhaustive, run_python

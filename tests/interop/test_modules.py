@@ -10,9 +10,9 @@ import pytest
 from neurosym_jax.commands import convert
 from neurosym_jax.commands.parity import run
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting import Lengths, Model
 from neurosym_jax.interop import compare, torch_side
 from neurosym_jax.interop.checkpoint import model_from_torch
+from neurosym_jax.models import Lengths, Model
 from tests.repository import SMALL
 
 SGAN = Path(__file__).with_name("sgan_torch.py")

@@ -8,10 +8,10 @@ import pytest
 from neurosym_jax import GeneratorConfig, load_model
 from neurosym_jax.commands.export import run
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model_places import models_at_hand
 from neurosym_jax.interop.export import export_onnx, program_of
 from neurosym_jax.interop.onnx import to_onnx
 from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.models.disk import models_at_hand
 from tests.networks import random_model
 from tests.repository import ROOT, SMALL, exhaustive, run_python
 

@@ -9,7 +9,7 @@ from flax import linen as nn
 
 import neurosym_jax as nj
 from neurosym_jax.configuration import Count
-from neurosym_jax.forecasting import Lengths
+from neurosym_jax.models import Lengths
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ import pytest
 import neurosym_jax as nj
 from neurosym_jax.__main__ import main
 from neurosym_jax.data.tables import ReadOptions
-from neurosym_jax.forecasting.forecaster import FORECASTERS, forecaster_of
+from neurosym_jax.models.forecaster import FORECASTERS, forecaster_of
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training import Recipe
 from tests.following import followed

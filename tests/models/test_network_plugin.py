@@ -9,7 +9,7 @@ import pytest
 from neurosym_jax import predict
 from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models.disk import load_model
 from neurosym_jax.models.sgan.network import POOLINGS
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training.run import make_config

@@ -10,8 +10,8 @@ import pytest
 import neurosym_jax as nj
 from neurosym_jax import GeneratorConfig
 from neurosym_jax.data import Windows
-from neurosym_jax.forecasting.forecaster import forecaster_of
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
+from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.training.run import recipes_of
 from tests.networks import random_model
 

@@ -10,7 +10,7 @@ import neurosym_jax as nj
 from neurosym_jax.data import cut_windows
 from neurosym_jax.data.recordings import recordings_in
 from neurosym_jax.evaluation.forecasts import last_frames
-from neurosym_jax.forecasting.batched import predict_scenes
+from neurosym_jax.models.forecast import predict_scenes
 from tests.repository import ROOT
 
 SEQUENCE = "crowds_zara01"

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from neurosym_jax import plugins
-from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.models.baselines import ConstantVelocity
+from neurosym_jax.models.forecaster import NoiseSpec
 from neurosym_jax.runtime import programs
 from neurosym_jax.runtime.compiled import private_folder
 from neurosym_jax.runtime.programs import Unnamed, program, spelled

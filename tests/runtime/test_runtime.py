@@ -23,8 +23,8 @@ from neurosym_jax.evaluation.compare import (
 )
 from neurosym_jax.evaluation.compare import TestSet as Case
 from neurosym_jax.evaluation.scores import score_forecaster
-from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.models.baselines import ConstantVelocitySampled
+from neurosym_jax.models.forecaster import Lengths
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.runtime.files import (
     new_folder,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.forecasting.model import forecast
+from neurosym_jax.models.forecast import forecast
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS

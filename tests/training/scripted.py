@@ -10,7 +10,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.forecasting.forecaster import Forecaster, Lengths, register_forecaster
+from neurosym_jax.models.forecaster import Forecaster, Lengths, register_forecaster
 from neurosym_jax.training.recipe import Recipe
 
 LONGEST = 100

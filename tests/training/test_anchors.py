@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from neurosym_jax.evaluation.scores import score
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors import loss
 from neurosym_jax.models.anchors.loss import (
     AnchorStream,
@@ -26,6 +25,7 @@ from neurosym_jax.models.anchors.network import (
     AnchorTableConfig,
 )
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.disk import load_model
 from neurosym_jax.training.batches import augment
 from neurosym_jax.training.loop import train_run
 from tests.repository import exhaustive

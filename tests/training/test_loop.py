@@ -10,7 +10,7 @@ import pytest
 
 from neurosym_jax.data.windows import make_batches
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.forecasting.model_folder import load_model, replace_card
+from neurosym_jax.models.disk import load_model, replace_card
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.run import (
     model_card,

@@ -15,7 +15,7 @@ from neurosym_jax.commands import train
 from neurosym_jax.commands.train import Options, closing_line, make_run
 from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models.disk import load_model
 from tests.repository import ROOT
 
 LENGTHS = {"obs_len": 4, "pred_len": 4}

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 from neurosym_jax.commands import sweep
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.disk import load_model
 from neurosym_jax.training.loop import train_run
 from tests.repository import exhaustive
 

@@ -16,7 +16,7 @@ from neurosym_jax.commands._options import options_text, with_file
 from neurosym_jax.commands._running import load_plugins
 from neurosym_jax.commands.sweep import plan_runs, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import forecaster_of
+from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.plugins import load_plugin, loaded
 from neurosym_jax.training.sweep import compare_sweep, run_sweep, unfinished
 from tests.registrations import restored_registrations

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.forecasting.tracking_errors import repair_tracks
+from neurosym_jax.models.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene
 
 __all__ = ["couple", "draw_samples", "draw_scenes", "nearest", "pair_terms"]

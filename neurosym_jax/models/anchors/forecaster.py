@@ -12,8 +12,6 @@ from jax import Array
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster, with_weighting
-from neurosym_jax.forecasting.tracking_errors import repair_tracks
 from neurosym_jax.models.anchors.draws import draw_samples, draw_scenes
 from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.network import (
@@ -24,7 +22,9 @@ from neurosym_jax.models.anchors.network import (
     AnchorTableConfig,
 )
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.forecaster import Forecaster, with_weighting
 from neurosym_jax.models.place.mixture import Remembered
+from neurosym_jax.models.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene
 
 __all__ = ["AnchorTableForecaster", "AnchorsForecaster", "apply_anchors", "spread_of"]

@@ -27,13 +27,6 @@ from jax import Array
 
 from neurosym_jax.configuration import Positive, Rule, Size
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.tracking_errors import (
-    expansion_of,
-    limit_displacement,
-    repair_tracks,
-    settle,
-)
 from neurosym_jax.models.anchors.frames import (
     SLOW,
     attend,
@@ -41,6 +34,13 @@ from neurosym_jax.models.anchors.frames import (
     length,
     pair_features,
     turned,
+)
+from neurosym_jax.models.forecaster import Lengths
+from neurosym_jax.models.tracking_errors import (
+    expansion_of,
+    limit_displacement,
+    repair_tracks,
+    settle,
 )
 from neurosym_jax.symbolic.weighting import WEIGHTINGS, Weighting
 

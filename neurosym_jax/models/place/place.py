@@ -17,9 +17,8 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.tracks import SNAP, Tracks
 from neurosym_jax.data.windows import bucket_of, on_grid
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.tracking_errors import TOP_SPEED
+from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecaster import Forecaster
 from neurosym_jax.models.place import memory as memories
 from neurosym_jax.models.place.memory import KERNELS, Memory, Recall
 from neurosym_jax.models.place.mixture import (
@@ -30,6 +29,7 @@ from neurosym_jax.models.place.mixture import (
 )
 from neurosym_jax.models.place.shares import Commitment, Scored, new_ledger
 from neurosym_jax.models.place.stream import Followed, Step, Steps
+from neurosym_jax.models.tracking_errors import TOP_SPEED
 from neurosym_jax.runtime.files import new_file
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 

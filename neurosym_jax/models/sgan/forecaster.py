@@ -6,8 +6,7 @@ from typing import Any, ClassVar
 
 from jax import Array
 
-from neurosym_jax.forecasting.forecaster import TwoStageForecaster
-from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.models.forecaster import NoiseSpec, TwoStageForecaster
 from neurosym_jax.models.sgan.network import (
     POOLINGS,
     GeneratorConfig,

@@ -15,8 +15,7 @@ from jax import Array
 
 from neurosym_jax.configuration import Checked, Size, Whole
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Lengths, with_weighting
-from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.models.forecaster import Lengths, NoiseSpec, with_weighting
 from neurosym_jax.models.sgan.pooling import (
     CELLS,
     LSTM,

@@ -12,9 +12,6 @@ from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import collisions
 from neurosym_jax.evaluation.scores import DRAWS, score, score_forecaster
-from neurosym_jax.forecasting.distribution import predict_distribution
-from neurosym_jax.forecasting.model import predict, predict_representatives
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors.draws import (
     _overlaps,
     _partings,
@@ -24,6 +21,12 @@ from neurosym_jax.models.anchors.draws import (
 )
 from neurosym_jax.models.anchors.forecaster import apply_anchors
 from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.forecast import (
+    predict,
+    predict_distribution,
+    predict_representatives,
+)
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene
 from tests.networks import random_model

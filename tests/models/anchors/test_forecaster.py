@@ -8,17 +8,18 @@ import pytest
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scores import score, score_forecaster
-from neurosym_jax.forecasting.batched import forecast_windows, predict_scenes
-from neurosym_jax.forecasting.model import (
-    SceneForecaster,
-    forecast,
-    predict,
-    predict_representatives,
-)
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors import forecaster as anchors
 from neurosym_jax.models.anchors.forecaster import spread_of
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
+from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.forecast import (
+    SceneForecaster,
+    forecast,
+    forecast_windows,
+    predict,
+    predict_representatives,
+    predict_scenes,
+)
 from neurosym_jax.scene import make_scene
 from tests.networks import random_model
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_robot.dashboard.dashboard import Dashboard
 from neurosym_robot.dashboard.moments import Moments

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import Soft, initial_parameters

@@ -14,10 +14,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.windows import cut_windows, make_batches, resample
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.batched import forecast_batch, unpacked
-from neurosym_jax.forecasting.model import predict
-from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models.anchors.network import AnchorTableConfig
+from neurosym_jax.models.forecast import forecast_batch, predict, unpacked
+from neurosym_jax.models.forecaster import draw_noise
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import Analytics, replay

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.forecasting.model_folder import save_model
+from neurosym_jax.models.disk import save_model
 from neurosym_jax.simulation.scenarios import TrackerFaults
 from neurosym_robot.commands import replay
 from neurosym_robot.ros.bags import read_messages, read_people

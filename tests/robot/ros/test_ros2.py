@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models.disk import load_model
 from neurosym_robot.online.predictor import Predictor
 from tests.repository import ROOT
 from tests.robot.recordings import walkers

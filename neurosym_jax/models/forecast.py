@@ -1,12 +1,14 @@
-"""A trained model, and its forecasts of single scenes, in the world's frame."""
+"""A trained model, and its forecasts: of single scenes in the world's frame, of batches of
+scenes, and as a distribution.
+"""
 
 import dataclasses
 import hashlib
 import json
 import reprlib
 import warnings
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -16,31 +18,59 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, Seed, differences, refuse, to_json
-from neurosym_jax.data.windows import bucket_of
+from neurosym_jax.data.windows import Batch, Windows, bucket_of, make_batches
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting.forecaster import (
+from neurosym_jax.models.forecaster import (
     FORECASTERS,
     Forecaster,
     Representatives,
+    TwoStageForecaster,
+    draw_noise,
     forecaster_of,
+    key_numbers,
+    key_of,
     refuse_many,
+    scene_noise,
 )
-from neurosym_jax.forecasting.noise import key_numbers, key_of, scene_noise
-from neurosym_jax.forecasting.tracking_errors import repair_tracks, was_repaired
+from neurosym_jax.models.tracking_errors import repair_tracks, settle, was_repaired
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.runtime.programs import program
-from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
+from neurosym_jax.scene import (
+    AnyArray,
+    Scene,
+    checked_positions,
+    make_scene,
+    pad_scene,
+    scene_identity,
+    to_world,
+)
 from neurosym_jax.symbolic.weighting import Weighting
 
+if TYPE_CHECKING:
+    from neurosym_jax.models.place.mixture import Remembered
+    from neurosym_jax.models.place.place import Place
 __all__ = [
     "Model",
     "SceneForecaster",
+    "batch_noise",
     "checked_scene",
+    "draw_batch",
+    "draw_futures",
     "forecast",
+    "forecast_batch",
     "forecast_scene",
+    "forecast_windows",
     "predict",
+    "predict_distribution",
+    "predict_representatives",
+    "predict_scenes",
+    "refuse_other_length",
+    "unpacked",
+    "warn_of_tracking_errors",
 ]
-__all__ += ["predict_representatives", "refuse_other_length", "warn_of_tracking_errors"]
+
+
+# A trained model, and its forecasts of single scenes, in the world's frame.
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -402,3 +432,294 @@ def forecast(
     )
     samples = forecaster.forecast(params, scene, jnp.asarray(noise))
     return samples + origin[None, None, None]
+
+
+# Forecasts of many scenes at once: batches, and agents packed without padding.
+#
+# If a forecaster's decoding looks at no neighbour, the agents of a batch of padded scenes
+# are decoded as one scene without padding, in parts of one size: no work is spent on
+# padding, and one compiled program serves scenes of every size. Single scenes are
+# `model`'s.
+
+PART = 128
+"""Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
+
+
+def predict_scenes(
+    model: Model,
+    observed: Sequence[ArrayLike],
+    *,
+    samples: int = 20,
+    seed: int = 0,
+    recording: str = "",
+    frames: Sequence[int] | None = None,
+    repair: bool = False,
+) -> list[np.ndarray]:
+    """`predict` for many scenes `[N_i, obs_len, 2]`, scenes of one padded size at once.
+
+    Forecast i equals `predict(model, observed[i], frame=frames[i], ...)` up to float
+    rounding; `frames` are 0, 1, 2, ... by default, `repair` is that of `predict`. All forecasts are in memory
+    together, 16 pred_len bytes for each sample of a person; pass larger numbers of
+    scenes in parts, with the `frames` of each.
+
+    Returns:
+        For each scene `[k, N_i, pred_len, 2]` float64 metres in its own frame.
+
+    Raises:
+        InputError: naming the scene that `predict` would refuse; for another number of
+            frames than scenes.
+    """
+    refuse(Count, {"samples": samples})
+    frames = range(len(observed)) if frames is None else frames
+    if len(frames) != len(observed):
+        raise InputError(f"{len(frames)} frames are given for {len(observed)} scenes")
+    if not len(observed):
+        return []
+    named = {f"observed[{number}]": scene for number, scene in enumerate(observed)}
+    scenes = [checked_positions(name, scene) for name, scene in named.items()]
+    for name, scene in zip(named, scenes):
+        refuse_other_length(model, scene, name)
+    bounds = np.cumsum([0, *map(len, scenes)])
+    identity = scene_identity(recording, np.asarray(frames))
+    agents = np.arange(bounds[-1])
+    tracks, period = np.concatenate(scenes), model.config.period
+    repaired = repair_tracks(tracks, period) if repair else None
+    if repair or model.forecaster.repairs:
+        warn_of_tracking_errors(tracks, period, "observed")
+    if repaired is not None:
+        tracks = repaired.tracks
+    windows = Windows(tracks, agents, bounds, identity, model.config.obs_len)
+    futures, _ = forecast_windows(model, windows, make_batches(windows), samples, seed)
+    if repaired is not None:
+        futures = settle(futures, repaired, period)
+    return np.split(futures, bounds[1:-1], axis=1)
+
+
+def forecast_windows(
+    model: Model,
+    windows: Windows,
+    batches: Sequence[Batch],
+    samples: int,
+    seed: int,
+    run: Callable[..., Iterable[Any]] = map,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Futures of the A agents and probabilities of the S scenes of `windows`.
+
+    `batches` are all windows; `run` is `map` or an executor's, and applies a function
+    to batches.
+
+    Returns:
+        [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the
+        same.
+    """
+    forecaster = model.forecaster
+    samples = forecaster.count(samples)
+    refuse_many(forecaster, samples, windows.agents, min(windows.agents, PART))
+    params = jax.device_put(model.params)
+    places = np.empty((samples, windows.agents, forecaster.pred_len, 2))
+    likely = np.empty((samples, windows.scenes))
+
+    def of_batch(batch: Batch) -> tuple[np.ndarray, np.ndarray | None]:
+        noise = batch_noise(forecaster, batch.scene, samples, seed)
+        return forecast_batch(forecaster, params, batch.scene, noise)
+
+    probability = None
+    for batch, (futures, probability) in zip(batches, run(of_batch, batches)):
+        present = batch.index >= 0
+        scenes = batch.index[present]
+        if probability is not None:
+            likely[:, scenes] = probability[:, present]
+        origin = np.repeat(
+            np.asarray(batch.scene.origin)[present], windows.sizes[scenes], axis=0
+        )
+        places[:, windows.rows(scenes)] = futures + origin[:, None]
+    return places, None if probability is None else likely
+
+
+def batch_noise(
+    forecaster: Forecaster, scenes: Scene, samples: int, seed: int
+) -> np.ndarray:
+    """Noise of a batch of B scenes, `[k, B, dim]` or `[k, B, N, dim]`."""
+    identity = np.asarray(scenes.identity)
+    return draw_noise(forecaster.noise, seed, identity, samples, scenes.valid.shape[1])
+
+
+def forecast_batch(
+    forecaster: Forecaster, params: Any, scenes: Scene, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Futures of the A valid agents of a batch of B scenes, and probabilities of the scenes.
+
+    `noise` is `[k, B, dim]` or `[k, B, N, dim]`, see `batch_noise`.
+
+    Returns:
+        [k, A, pred_len, 2] metres relative to each scene's origin, and [k, B]; None
+        where all are the same.
+    """
+    valid = np.asarray(scenes.valid)
+    if isinstance(forecaster, TwoStageForecaster) and forecaster.decodes_alone:
+        return _decoded_agents(forecaster, params, scenes, noise, valid), None
+    futures, likely = _forecast(forecaster, params, scenes.bare(), noise)
+    return np.asarray(futures)[:, valid], None if likely is None else np.asarray(likely)
+
+
+def draw_batch(
+    forecaster: Forecaster, params: Any, scenes: Scene, seed: int, count: int
+) -> np.ndarray:
+    """Draws of a batch of B scenes, [n, B, N, pred_len, 2]; see `Forecaster.distribution`."""
+    refuse(Seed, {"seed": seed})
+    return np.asarray(
+        _draws(forecaster, params, scenes.bare(), key_numbers(seed), count)
+    )
+
+
+def _decoded_agents(
+    forecaster: TwoStageForecaster,
+    params: Any,
+    scenes: Scene,
+    noise: np.ndarray,
+    valid: np.ndarray,
+) -> np.ndarray:
+    """`[k, A, pred_len, 2]` of the agents, packed as one scene and decoded in parts of `PART`."""
+    encoder, bare = forecaster.encoder, scenes.bare()
+    context = () if encoder is None else _encode(encoder, params, bare)
+    agents = context, bare.replace(identity=None)
+    agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], agents)
+    agent_noise = (
+        noise[:, valid]
+        if noise.ndim == 4
+        else np.repeat(noise, valid.sum(axis=1), axis=1)
+    )
+    packed, parts = (*agents, agent_noise.swapaxes(0, 1)), []
+    for at in range(0, agent_noise.shape[1], PART):
+        part = jax.tree.map(lambda leaf, at=at: _filled(leaf[at : at + PART]), packed)
+        futures = _decode(forecaster, params, *part[:-1], part[-1].swapaxes(0, 1))
+        parts.append(np.asarray(futures)[:, : agent_noise.shape[1] - at])
+    return np.concatenate(parts, axis=1)
+
+
+def _filled(rows: np.ndarray) -> np.ndarray:
+    """`rows` with zeros up to `PART` of them along the first axis."""
+    return np.pad(rows, [(0, PART - len(rows)), *[(0, 0)] * (rows.ndim - 1)])
+
+
+def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """`futures [k, A, ...]` in their slots `valid [B, N]`: `[k, B, N, ...]`, zero in padding."""
+    places = np.zeros((len(futures), *valid.shape, *futures.shape[2:]), futures.dtype)
+    places[:, valid] = futures
+    return places
+
+
+@program((0,))
+def _forecast(forecaster, params, scenes, noise):
+    return jax.vmap(forecaster.representatives, in_axes=(None, 0, 1), out_axes=1)(
+        params, scenes, noise
+    )
+
+
+@program((0, 4))
+def _draws(forecaster, params, scenes, key, count):
+    return jax.vmap(forecaster.distribution, in_axes=(None, 0, None, None), out_axes=1)(
+        params, scenes, key_of(key), count
+    )
+
+
+@program((0,))
+def _encode(encoder, params, scenes):
+    return jax.vmap(encoder.encode, in_axes=(None, 0))(params, scenes)
+
+
+@program((0,))
+def _decode(forecaster, params, context, agents, noise):
+    return forecaster.decode(params, context, agents, noise)
+
+
+# Equally probable futures of single scenes, drawn from a model's distribution.
+
+
+def predict_distribution(
+    model: Model,
+    observed: ArrayLike,
+    *,
+    draws: int = 200,
+    seed: int = 0,
+    recording: str = "",
+    frame: int = 0,
+    repair: bool = False,
+    place: "Place | None" = None,
+) -> np.ndarray:
+    """Equally probable futures of one scene, for probabilities, regions and risks.
+
+    Those of `anchors` are drawn from what it learned by a proper score. For other
+    models they are the samples of `predict`, from as many noises; a model without noise
+    has one.
+
+    Args:
+        model: see `load_model`.
+        observed: [N, obs_len, 2] metres.
+        draws: number of futures n.
+        seed: with `recording` and `frame`, determines the draws.
+        recording: name of the recording.
+        frame: index of the first observed step in the recording.
+        repair: as in `predict`.
+        place: what people did here before, which is watched with the same model; in its
+            frame are `observed` and the futures.
+
+    Returns:
+        [n, N, pred_len, 2] float64 metres.
+
+    Raises:
+        InputError: as `predict`, and for a place of another model.
+    """
+    refuse(Count, {"draws": draws})
+    if place is not None and place.model is not model:
+        raise InputError("place: it is watched with another model")
+    scene = checked_scene(model, observed, recording, frame, repair)
+    forecaster = SceneForecaster(
+        model.forecaster, model.params, samples=1, seed=seed, repair=repair
+    )
+    return draw_futures(forecaster, scene, draws, place)
+
+
+def draw_futures(
+    forecaster: SceneForecaster,
+    scene: Scene,
+    count: int,
+    place: "Place | None" = None,
+) -> np.ndarray:
+    """Draw `count` equally probable futures [n, N, pred_len, 2] of `scene`, world metres.
+
+    Of people at a `place`, some are what people did there before.
+    """
+    slots = int(bucket_of(len(scene.valid)))
+    refuse_many(forecaster.forecaster, count, slots)
+    padded = forecaster.forecaster.prepared(pad_scene(scene.bare(), slots))
+    memory = None
+    if place is not None:
+        memory = place.recalled(to_world(scene.observed, scene), scene, slots)
+    futures = _draw(
+        forecaster.forecaster,
+        forecaster.params,
+        padded,
+        forecaster.key,
+        count,
+        forecaster.repair,
+        memory,
+    )
+    return to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
+
+
+@program((0, 4, 5))
+def _draw(
+    forecaster: Forecaster,
+    params: Any,
+    scene: Scene,
+    key: Array,
+    count: int,
+    repair: bool,
+    memory: "Remembered | None",
+) -> Array:
+    if repair:
+        return forecaster.repaired_distribution(
+            params, scene, key_of(key), count, memory
+        )
+    return forecaster.distribution(params, scene, key_of(key), count, memory)

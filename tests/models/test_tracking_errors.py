@@ -13,17 +13,16 @@ from hypothesis import strategies as st
 import neurosym_jax as nj
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputWarning
-from neurosym_jax.forecasting.batched import forecast_windows
-from neurosym_jax.forecasting.distribution import predict_distribution
-from neurosym_jax.forecasting.noise import draw_noise
-from neurosym_jax.forecasting.tracking_errors import (
+from neurosym_jax.interop.export import program_of
+from neurosym_jax.models.forecast import forecast_windows, predict_distribution
+from neurosym_jax.models.forecaster import draw_noise
+from neurosym_jax.models.tracking_errors import (
     FASTEST,
     limit_displacement,
     repair_tracks,
     unknown_motion,
     was_repaired,
 )
-from neurosym_jax.interop.export import program_of
 from neurosym_jax.scene import scene_identity
 
 PERIOD = 0.4

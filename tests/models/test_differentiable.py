@@ -9,9 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import with_weighting
-from neurosym_jax.forecasting.model import forecast, predict
-from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
+from neurosym_jax.models.forecast import forecast, predict
+from neurosym_jax.models.forecaster import NoiseSpec, draw_noise, with_weighting
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import scene_identity
 from neurosym_jax.symbolic import Soft

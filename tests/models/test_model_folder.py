@@ -11,10 +11,10 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.forecasting.parameters import flat_parameters, refuse_misfit
+from neurosym_jax.models.disk import load_model, save_model
+from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecaster import Lengths
+from neurosym_jax.models.parameters import flat_parameters, refuse_misfit
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model
 

@@ -8,8 +8,13 @@ import numpy as np
 
 from neurosym_jax.errors import InputError, brief
 
-__all__ = ["flat_parameters", "leaves_by_path", "nested_parameters"]
-__all__ += ["refuse_misfit", "shapes_of"]
+__all__ = [
+    "flat_parameters",
+    "leaves_by_path",
+    "nested_parameters",
+    "refuse_misfit",
+    "shapes_of",
+]
 
 DEPTH = 32
 """Parts of a path; jax's trees overflow the stack at some ten thousand."""

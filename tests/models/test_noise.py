@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.forecasting.noise import CHUNK, NoiseSpec, draw_noise, scene_noise
+from neurosym_jax.models.forecaster import CHUNK, NoiseSpec, draw_noise, scene_noise
 
 # Few shapes: each is a second of compiling.
 GAUSSIAN, UNIFORM = NoiseSpec(2), NoiseSpec(1, per_agent=True, distribution="uniform")

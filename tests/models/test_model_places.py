@@ -7,15 +7,15 @@ import pytest
 from neurosym_jax import load_model
 from neurosym_jax.commands.models import run
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting import model_places
-from neurosym_jax.forecasting.model_folder import save_model
-from neurosym_jax.forecasting.model_places import (
+from neurosym_jax.models import disk
+from neurosym_jax.models.anchors.network import AnchorTableConfig
+from neurosym_jax.models.disk import (
     RECOMMENDED,
     find_checkpoints,
     find_model,
+    save_model,
     shipped_models,
 )
-from neurosym_jax.models.anchors.network import AnchorTableConfig
 from tests.networks import random_model
 from tests.repository import ROOT
 
@@ -89,7 +89,7 @@ def test_shipped_and_downloaded_models_are_listed(downloads, shared, capsys):
 @pytest.fixture
 def shipped(tmp_path, monkeypatch):
     """Three anchor tables as the only models that ship, two of them by the name of anchors."""
-    monkeypatch.setattr(model_places, "_shipped_folder", lambda: tmp_path)
+    monkeypatch.setattr(disk, "_shipped_folder", lambda: tmp_path)
     monkeypatch.chdir(tmp_path / "..")
     for name in ("anchors_zara1_12", "anchors_general_8", "anchor_table_zara1_12"):
         *_, dataset, pred_len = name.split("_")

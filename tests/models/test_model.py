@@ -11,20 +11,17 @@ from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting import batched
-from neurosym_jax.forecasting.batched import (
+from neurosym_jax.models.disk import load_model, save_model
+from neurosym_jax.models.forecast import (
+    Model,
+    SceneForecaster,
     batch_noise,
     forecast_batch,
+    predict,
+    predict_representatives,
     predict_scenes,
     unpacked,
 )
-from neurosym_jax.forecasting.model import (
-    Model,
-    SceneForecaster,
-    predict,
-    predict_representatives,
-)
-from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic import Quantised
@@ -126,7 +123,7 @@ def test_many_scenes_are_forecast_as_each_alone(name):
 def test_agents_are_decoded_in_parts(monkeypatch):
     model, scenes = model_of("pool_net"), [np.zeros((5, 4, 2)), np.ones((6, 4, 2))]
     complete = predict_scenes(model, scenes, samples=K)
-    monkeypatch.setattr(batched, "PART", 4)
+    monkeypatch.setattr("neurosym_jax.models.forecast.PART", 4)
     for part_forecast, expected in zip(
         predict_scenes(model, scenes, samples=K), complete
     ):

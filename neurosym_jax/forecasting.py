@@ -1,0 +1,16 @@
+"""The names of `models.forecaster`, `models.forecast` and `models.disk` under their old
+name, for one release.
+"""
+
+import importlib
+from typing import Any
+
+ROOMS = ("forecaster", "forecast", "disk")
+
+
+def __getattr__(name: str) -> Any:
+    for room in ROOMS:
+        module = importlib.import_module(f"neurosym_jax.models.{room}")
+        if name in module.__all__:
+            return getattr(module, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
