@@ -1,11 +1,11 @@
-"""The names of `models.forecaster`, `models.forecast` and `models.disk` under their old
+"""The names of `models.forecaster`, `forecast`, `distribution` and `disk` under their old
 name, for one release.
 """
 
 import importlib
 from typing import Any
 
-ROOMS = ("forecaster", "forecast", "disk")
+ROOMS = ("forecaster", "forecast", "distribution", "disk")
 
 
 def __getattr__(name: str) -> Any:

@@ -31,8 +31,6 @@ PACKAGES = (
 FAMILIES = ("models/sgan/", "models/anchors/", "models/baselines.py")
 LATER = {
     ("data/recordings.py", "simulation"),
-    ("forecasting/distribution.py", "models"),
-    ("forecasting/forecaster.py", "models"),
     ("models/disk.py", "interop"),
     ("models/forecaster.py", "training"),
     ("training/run.py", "plotting"),

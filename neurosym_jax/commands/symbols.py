@@ -17,7 +17,8 @@ from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.disk import load_model
-from neurosym_jax.models.forecast import Model, predict_distribution
+from neurosym_jax.models.distribution import predict_distribution
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import Lengths
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.scene import make_scene

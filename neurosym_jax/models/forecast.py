@@ -1,5 +1,5 @@
-"""A trained model, and its forecasts: of single scenes in the world's frame, of batches of
-scenes, and as a distribution.
+"""A trained model, and its forecasts: of single scenes in the world's frame, and of batches
+of scenes.
 """
 
 import dataclasses
@@ -8,7 +8,7 @@ import json
 import reprlib
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -46,22 +46,17 @@ from neurosym_jax.scene import (
 )
 from neurosym_jax.symbolic.weighting import Weighting
 
-if TYPE_CHECKING:
-    from neurosym_jax.models.place.mixture import Remembered
-    from neurosym_jax.models.place.place import Place
 __all__ = [
     "Model",
     "SceneForecaster",
     "batch_noise",
     "checked_scene",
     "draw_batch",
-    "draw_futures",
     "forecast",
     "forecast_batch",
     "forecast_scene",
     "forecast_windows",
     "predict",
-    "predict_distribution",
     "predict_representatives",
     "predict_scenes",
     "refuse_other_length",
@@ -631,95 +626,3 @@ def _encode(encoder, params, scenes):
 @program((0,))
 def _decode(forecaster, params, context, agents, noise):
     return forecaster.decode(params, context, agents, noise)
-
-
-# Equally probable futures of single scenes, drawn from a model's distribution.
-
-
-def predict_distribution(
-    model: Model,
-    observed: ArrayLike,
-    *,
-    draws: int = 200,
-    seed: int = 0,
-    recording: str = "",
-    frame: int = 0,
-    repair: bool = False,
-    place: "Place | None" = None,
-) -> np.ndarray:
-    """Equally probable futures of one scene, for probabilities, regions and risks.
-
-    Those of `anchors` are drawn from what it learned by a proper score. For other
-    models they are the samples of `predict`, from as many noises; a model without noise
-    has one.
-
-    Args:
-        model: see `load_model`.
-        observed: [N, obs_len, 2] metres.
-        draws: number of futures n.
-        seed: with `recording` and `frame`, determines the draws.
-        recording: name of the recording.
-        frame: index of the first observed step in the recording.
-        repair: as in `predict`.
-        place: what people did here before, which is watched with the same model; in its
-            frame are `observed` and the futures.
-
-    Returns:
-        [n, N, pred_len, 2] float64 metres.
-
-    Raises:
-        InputError: as `predict`, and for a place of another model.
-    """
-    refuse(Count, {"draws": draws})
-    if place is not None and place.model is not model:
-        raise InputError("place: it is watched with another model")
-    scene = checked_scene(model, observed, recording, frame, repair)
-    forecaster = SceneForecaster(
-        model.forecaster, model.params, samples=1, seed=seed, repair=repair
-    )
-    return draw_futures(forecaster, scene, draws, place)
-
-
-def draw_futures(
-    forecaster: SceneForecaster,
-    scene: Scene,
-    count: int,
-    place: "Place | None" = None,
-) -> np.ndarray:
-    """Draw `count` equally probable futures [n, N, pred_len, 2] of `scene`, world metres.
-
-    Of people at a `place`, some are what people did there before.
-    """
-    slots = int(bucket_of(len(scene.valid)))
-    refuse_many(forecaster.forecaster, count, slots)
-    padded = forecaster.forecaster.prepared(pad_scene(scene.bare(), slots))
-    memory = None
-    if place is not None:
-        memory = place.recalled(to_world(scene.observed, scene), scene, slots)
-    futures = _draw(
-        forecaster.forecaster,
-        forecaster.params,
-        padded,
-        forecaster.key,
-        count,
-        forecaster.repair,
-        memory,
-    )
-    return to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
-
-
-@program((0, 4, 5))
-def _draw(
-    forecaster: Forecaster,
-    params: Any,
-    scene: Scene,
-    key: Array,
-    count: int,
-    repair: bool,
-    memory: "Remembered | None",
-) -> Array:
-    if repair:
-        return forecaster.repaired_distribution(
-            params, scene, key_of(key), count, memory
-        )
-    return forecaster.distribution(params, scene, key_of(key), count, memory)

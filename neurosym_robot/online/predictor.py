@@ -18,7 +18,8 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.disk import load_model
-from neurosym_jax.models.forecast import Model, SceneForecaster, draw_futures
+from neurosym_jax.models.distribution import draw_futures
+from neurosym_jax.models.forecast import Model, SceneForecaster
 from neurosym_jax.models.tracking_errors import was_repaired
 from neurosym_jax.scene import Scene, make_scene, pad_scene, scene_identity
 from neurosym_robot.online.programs import Programs, When
