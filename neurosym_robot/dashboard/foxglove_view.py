@@ -18,6 +18,7 @@ from neurosym_robot.dashboard.view import View
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
+from neurosym_robot.tracking.names import name_of
 
 LAST = 2.0**32  # seconds that Foxglove's stamps can hold
 SEEN = 1  # seconds that a person or a forecast is shown at most
@@ -117,7 +118,9 @@ class FoxgloveView(View):
         self._numbers.log(
             {
                 **now,
-                "missing": {str(id): reason for id, reason in now["missing"].items()},
+                "missing": {
+                    name_of(id): reason for id, reason in now["missing"].items()
+                },
             },
             log_time=at,
         )
@@ -144,7 +147,11 @@ class FoxgloveView(View):
             "spheres": [kinds.SpherePrimitive(pose=ball, size=size, color=grey)],
             "texts": [
                 kinds.TextPrimitive(
-                    pose=label, color=grey, billboard=True, font_size=0.3, text=str(id)
+                    pose=label,
+                    color=grey,
+                    billboard=True,
+                    font_size=0.3,
+                    text=name_of(id),
                 )
             ],
         }

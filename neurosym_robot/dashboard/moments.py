@@ -50,6 +50,7 @@ from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.regions import Regions
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import FAR
+from neurosym_robot.tracking.names import name_of
 
 MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
 # Seconds on the page between what was before the clock was set back and what comes
@@ -135,7 +136,7 @@ class Moments:
         rows = np.flatnonzero((np.abs(frame.xy) < FAR).all(axis=1))
         near = rows[:MAX_NAMED]
         missing = itertools.islice(now["missing"].items(), MAX_NAMED)
-        status = {**now, "missing": {str(id): reason for id, reason in missing}}
+        status = {**now, "missing": {name_of(id): reason for id, reason in missing}}
         score, step = status.pop("score"), None
         is_due = not 0 <= frame.stamp - self._told < self._wait
         if is_due and forecast is not None and len(forecast.ids):
@@ -144,7 +145,7 @@ class Moments:
         return _json(
             {
                 "t": round(self._stamp - self._start, 3),
-                "ids": [str(id) for id in frame.ids[near].tolist()],
+                "ids": [name_of(id) for id in frame.ids[near].tolist()],
                 "xy": np.round(frame.xy[near], 3).ravel().tolist(),
                 "more": len(rows) - len(near),
                 "robot": None
@@ -196,7 +197,7 @@ class Moments:
             }
         return {
             "t": round(forecast.stamp - self._start, 3),
-            "ids": [str(id) for id in forecast.ids.tolist()],
+            "ids": [name_of(id) for id in forecast.ids.tolist()],
             "seen": np.round(forecast.observed, 3).reshape(people, -1).tolist(),
             "extrapolated": forecast.extrapolated.tolist(),
             "since": np.round(forecast.seen, 3).tolist(),

@@ -32,7 +32,7 @@ class FrameCheck:
                 "optical frame",
                 f"{begin}, a camera's frame, whose z axis is no vertical; {meant}",
             )
-        if anchor is None and any(name in frame.lower() for name in OWN):
+        if anchor in (None, frame) and is_own(frame):
             return "", f"{begin}, and /tf does not say if it moves; {option}"
         if anchor in (None, frame):
             return "", ""
@@ -57,3 +57,8 @@ class FrameCheck:
                 f"{begin}, which moves against {anchor!r}: {walk}; {meant}",
             )
         return "", ""
+
+
+def is_own(frame: str) -> bool:
+    """Whether a frame's name is one that a robot often carries."""
+    return any(name in frame.lower() for name in OWN)

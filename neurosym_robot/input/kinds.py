@@ -1,7 +1,6 @@
 """Where the messages of trackers hold their people: a table of types, and paths for any other."""
 
 import dataclasses
-import hashlib
 import itertools
 import re
 from collections.abc import Sequence
@@ -9,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from neurosym_jax.errors import InputError
 from neurosym_robot.ros.definitions import HUMANS, PEOPLE, seconds_of
+from neurosym_robot.tracking.names import UNNAMED, id_of_name
 
 POSES = "geometry_msgs/msg/PoseArray"
 HRI = "hri_msgs/msg/IdsList"
-UNNAMED = int(np.iinfo(np.int64).min)
-"""Id of a person who has none."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +32,7 @@ class Kind:
 
 
 _TRACKS = Kind("tracks", "pose.pose.position", "track_id", "is_occluded")
+_ZED = Kind("objects", id="label_id", only="label=Person")
 KINDS = {
     PEOPLE: Kind("people", id="name"),
     HUMANS: Kind("humans", "centroid.pose.position", "id"),
@@ -51,10 +51,49 @@ KINDS = {
         "id",
         only="classification=4",  # CLASSIFICATION_PEDESTRIAN
     ),
+    "nav2_dynamic_msgs/msg/ObstacleArray": Kind("obstacles", id="id"),
+    "autoware_perception_msgs/msg/TrackedObjects": Kind(
+        "objects",
+        "kinematics.pose_with_covariance.pose.position",
+        "object_id",
+        only="classification.0.label=7",  # PEDESTRIAN
+    ),
+    "zed_msgs/msg/ObjectsStamped": _ZED,
+    "zed_interfaces/msg/ObjectsStamped": _ZED,
     POSES: Kind("poses"),
     HRI: Kind("ids", ""),
 }
-"""Messages of people by type, as ROS 2 writes it."""
+"""Messages of people by type, as ROS 2 writes it; `register_message` adds one."""
+
+
+def register_message(name: str, kind: Kind) -> None:
+    """Read messages of the type `name`, such as "my_msgs/msg/People", as `kind` says.
+
+    Raises:
+        InputError: for a name that is no type, or that another kind has.
+    """
+    if not re.fullmatch(r"\w+/msg/\w+", name):
+        raise InputError(f"{name}: a type of messages is PACKAGE/msg/NAME")
+    if KINDS.get(name, kind) != kind:
+        raise InputError(f"{name}: is read as {KINDS[name]} already")
+    KINDS[name] = kind
+
+
+def kinds_of(name: str) -> list[str]:
+    """The types of `KINDS` that a name means: NAME, PACKAGE/NAME or PACKAGE/msg/NAME."""
+    package, _, last = name.rpartition("/")
+    package = package.removesuffix("/msg")
+    return [
+        kind
+        for kind in KINDS
+        if kind.endswith(f"/msg/{last}") and (not package or kind == full_type(name))
+    ]
+
+
+def full_type(name: str) -> str:
+    """PACKAGE/msg/NAME of a type that may be written as ROS 1 does, PACKAGE/NAME."""
+    package, _, last = name.rpartition("/")
+    return f"{package.removesuffix('/msg')}/msg/{last}"
 
 
 class Seen(NamedTuple):
@@ -71,25 +110,21 @@ class Seen(NamedTuple):
     others: int = 0  # entries that are no people
 
 
-def id_of_name(name: str) -> int:
-    """The id of a person's name: the number it is, or else a hash of it; `UNNAMED` if empty.
-
-    Hashes lie between 2**52 and 2**53, where floats and JavaScript still represent
-    every integer.
-    """
-    if re.fullmatch("0|-?[1-9][0-9]{0,17}", name):  # "007" is another name than "7".
-        return int(name)
-    digest = hashlib.blake2b(name.encode(), digest_size=6).digest()
-    return 2**52 | int.from_bytes(digest) if name else UNNAMED
-
-
 def _id_of(value: Any) -> int:
+    if isinstance(value, str):
+        return id_of_name(value)
+    if hasattr(value, "uuid"):
+        return id_of_name(bytes(value.uuid).hex())
     # A uint64 becomes the int64 with the same bits, as which negative ids are written.
-    return (
-        id_of_name(value)
-        if isinstance(value, str)
-        else (int(value) + 2**63) % 2**64 - 2**63
-    )
+    return (int(value) + 2**63) % 2**64 - 2**63
+
+
+def _xyz(point: Any) -> tuple[float, float, float]:
+    """Metres of a point or vector with fields, or of an array of two or three numbers."""
+    if hasattr(point, "x"):
+        return point.x, point.y, getattr(point, "z", 0.0)
+    x, y, *rest = point
+    return x, y, rest[0] if rest else 0.0
 
 
 def _follow(entry: Any, path: str) -> Any:
@@ -108,6 +143,16 @@ def _ids(message: Any, entries: Sequence[Any], path: str) -> list[int]:
     if "|" not in path and path and entries:
         raise AttributeError(f"people have no {path}")
     return [UNNAMED] * len(entries)
+
+
+def _header(message: Any, form: Kind) -> Any:
+    """The message's header, or that of its first entry, as of a MarkerArray."""
+    if hasattr(message, "header"):
+        return message.header
+    entries = _follow(message, form.people)
+    if not len(entries):
+        raise LookupError("neither the message nor an entry has a header")
+    return entries[0].header
 
 
 def see(kind: str | Kind, message: Any, only: str = "") -> Seen:
@@ -141,12 +186,13 @@ def see(kind: str | Kind, message: Any, only: str = "") -> Seen:
     occluded = [
         bool(form.occluded) and _follow(entry, form.occluded) for entry in entries
     ]
+    header = _header(message, form)
     return Seen(
-        seconds_of(message.header.stamp),
-        message.header.frame_id.strip("/"),
+        seconds_of(header.stamp),
+        header.frame_id.strip("/"),
         np.array(ids, np.int64),
         np.array(
-            [(p.x, p.y, p.z) for p in points] or np.zeros((len(ids), 3)), np.float64
+            [_xyz(point) for point in points] or np.zeros((len(ids), 3)), np.float64
         ),
         np.array(occluded, bool),
         [] if form.position else [f"body_{entry}" for entry in entries],

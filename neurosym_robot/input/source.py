@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.input.frames import FrameCheck
-from neurosym_robot.input.kinds import UNNAMED, Kind, Seen, see
+from neurosym_robot.input.frames import FrameCheck, is_own
+from neurosym_robot.input.kinds import Kind, Seen, see
 from neurosym_robot.input.transforms import NotYet, Transforms
 from neurosym_robot.tracking.following import FAR, RESET, Frame
 from neurosym_robot.tracking.kalman import KalmanFilter
+from neurosym_robot.tracking.names import UNNAMED
 
 SILENCE = 2.0  # seconds after which a silent publisher may be replaced by another
 REACH = 60.0  # metres
@@ -158,9 +159,9 @@ class PeopleSource:
         if not (joins or self._is_in_order(seen.stamp, received)):
             return self.release(received)
         if seen.frames and self.frame_id is None:
-            self.frame_id = self.transforms.anchor(seen.frames[0])
+            self.frame_id = self._fixed_frame_of(seen.frames[0])
         if self.frame_id is None:
-            self.frame_id = seen.frame_id
+            self.frame_id = None if seen.frames else seen.frame_id
         self._assemble(seen, received)
         return self.release(received)
 
@@ -189,6 +190,15 @@ class PeopleSource:
             self._queue.popleft()
             frames += [] if frame is None else [frame]
         return frames
+
+    def _fixed_frame_of(self, frame: str) -> str | None:
+        """The frame in which people's frames are taken; None while /tf knows none."""
+        anchor = self.transforms.anchor(frame)
+        if anchor is not None and is_own(anchor):
+            text = f"/tf knows no fixed frame above {anchor!r}; --fixed-frame names one"
+            self._say(text)
+            return None
+        return anchor
 
     def _assemble(self, seen: Seen, received: float) -> None:
         """Add a message to the moment that it belongs to, or begin one."""

@@ -12,6 +12,7 @@ import numpy as np
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import symbolic_events
 from neurosym_robot.online.predictor import Forecast
+from neurosym_robot.tracking.names import name_of
 
 AT_LEAST = 0.5  # least probability of an event that is listed
 # pairs that are looked at: those whose mean paths come nearest to each other
@@ -30,7 +31,9 @@ class LikelyEvent(NamedTuple):
     def words(self, ids: np.ndarray) -> str:
         """Such as `3 follows 5: 80 %, in 1.2 s`; `ids` [N] of the people."""
         sentence = (
-            EVENTS[self.name].in_short(self.name).format(k=ids[self.k], l=ids[self.l])
+            EVENTS[self.name]
+            .in_short(self.name)
+            .format(k=name_of(int(ids[self.k])), l=name_of(int(ids[self.l])))
         )
         return f"{sentence}: {100 * self.probability:.0f} %, in {self.seconds:.1f} s"
 

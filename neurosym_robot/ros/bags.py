@@ -26,6 +26,7 @@ from neurosym_robot.ros.bag_limits import refuse_bombs
 from neurosym_robot.ros.definitions import (
     PEOPLE_TOPICS,
     TF_TOPICS,
+    TF_TYPES,
     TOOLS,
     blank,
     is_bag,
@@ -146,11 +147,13 @@ def read_people(
     kinds = KINDS if source.form is None else None
 
     def choose(topics: dict[str, str]) -> list[str]:
-        return [_choose(path, topics, topic, kinds), *TF_TOPICS]
+        return [_choose(path, topics, topic, kinds), *_tf_topics(topics)]
 
+    taken = False
     for name, message, publisher, received in _read(paths, choose):
-        if name in TF_TOPICS:
-            source.transforms.hear(message, name == TF_TOPICS[1], received)
+        if message.__msgtype__ in TF_TYPES:
+            is_static = name.endswith("tf_static")
+            source.transforms.hear(message, is_static, received)
             frames = source.release(received) if source.waiting else []
         elif (
             kinds is None or message.__msgtype__ in kinds
@@ -161,8 +164,22 @@ def read_people(
                 raise InputError(f"{path}: {error}") from None
         else:
             continue
+        taken |= bool(frames)
         yield from frames
-    yield from source.release(math.inf)
+    last = source.release(math.inf)
+    yield from last
+    malformed = source.refused["malformed"]
+    if malformed and not (taken or last):
+        reasons = "; ".join(source.reports)
+        raise InputError(
+            f"{path}: none of {malformed} messages could be read: {reasons}"
+        )
+
+
+def _tf_topics(topics: dict[str, str]) -> list[str]:
+    """Topics of /tf and /tf_static; of a namespace, as /robot/tf, if there are no others."""
+    names = [name for name, kind in topics.items() if kind in TF_TYPES]
+    return [name for name in names if name in TF_TOPICS] or names
 
 
 def read_messages(path: Path) -> Iterator[tuple[str, Any]]:
@@ -241,7 +258,7 @@ def _choose(
 ) -> str:
     """The topic of the people, whose type is one of `kinds`; None is any."""
     usable = [name for name, kind in topics.items() if kinds is None or kind in kinds]
-    usable = [name for name in usable if name not in TF_TOPICS]
+    usable = [name for name in usable if topics[name] not in TF_TYPES]
     listed = (
         ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
     )

@@ -20,6 +20,7 @@ HUMANS_TRAJS = "darko_perception_msgs/msg/HumansTrajs"
 FORECAST = "neurosym_msgs/msg/Forecast"
 EVENTS = "neurosym_msgs/msg/Events"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
+TF_TYPES = (TRANSFORMS, "tf/msg/tfMessage")
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 GRID = "nav_msgs/msg/OccupancyGrid"
 MARKER = "visualization_msgs/msg/Marker"

@@ -122,6 +122,18 @@ class ForecastingNode(abc.ABC):
     def _now(self) -> float:
         """Seconds of ROS's clock."""
 
+    def _is_simulated(self) -> bool:
+        """Whether ROS's clock is /clock, which may run slower or stand still."""
+        return False
+
+    def _elapsed(self) -> float:
+        """Seconds of a clock that goes on as ROS's does, and is never set back."""
+        now = self._now() if self._is_simulated() else time.monotonic()
+        with self._changed:
+            self._passed += max(now - self._looked, 0.0)
+            self._looked = now
+            return self._passed
+
     @abc.abstractmethod
     def _advertise(self, topic: str, kind: str) -> Outlet:
         """Publish a topic of a type; `UNHEARD` if there is no such type."""
@@ -179,6 +191,7 @@ class ForecastingNode(abc.ABC):
         )
         self._waiting: collections.deque[Any] = collections.deque(maxlen=WAITING)
         self._changed, self._moved = threading.Condition(), False
+        self._looked = self._passed = 0.0
         self._diagnosed = 0.0
         self._forecasts = [
             (output, self._advertise(output.topic, output.kind))
@@ -192,7 +205,7 @@ class ForecastingNode(abc.ABC):
 
     def put(self, kind: str, message: Any, publisher: str = "") -> None:
         """Let a message of people wait; called in any thread."""
-        waiting, now = self._waiting, time.monotonic()
+        waiting, now = self._waiting, self._elapsed()
         with self._changed:
             dense = len(waiting) > WAITING // 2 and now - waiting[-2][-2] < SPARSE
             if dense:
@@ -204,7 +217,7 @@ class ForecastingNode(abc.ABC):
 
     def _move(self, static: bool, message: Any) -> None:
         """Take in a message of /tf; called in any thread."""
-        self.source.transforms.hear(message, static, time.monotonic())
+        self.source.transforms.hear(message, static, self._elapsed())
         if self.source.waiting:
             with self._changed:
                 self._moved = True
@@ -232,7 +245,7 @@ class ForecastingNode(abc.ABC):
             heard = list(self._waiting)
             self._waiting.clear()
         frames = [frame for message in heard for frame in self.source.take(*message)]
-        frames += self.source.release(time.monotonic())
+        frames += self.source.release(self._elapsed())
         malformed = [frame for frame in frames if not 0 <= frame.stamp < LAST]
         self.source.refused["malformed"] += len(malformed)
         frames = [frame for frame in frames if 0 <= frame.stamp < LAST]

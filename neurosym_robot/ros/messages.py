@@ -32,6 +32,7 @@ from neurosym_robot.ros.definitions import (
     PEOPLE,
 )
 from neurosym_robot.tracking.following import Frame
+from neurosym_robot.tracking.names import name_of
 
 New = Callable[..., Any]
 # Red, green and blue of people's lines, after Okabe and Ito.
@@ -100,7 +101,7 @@ def make_people(
     people = [
         filled(
             new("people_msgs/msg/Person"),
-            name=str(id),
+            name=name_of(id),
             reliability=1.0,
             position={"x": x, "y": y},
             velocity={"x": vx, "y": vy},
@@ -141,12 +142,23 @@ def make_trajectories(
     centroid, turn = empty.centroid, filled(empty.centroid.pose.orientation, w=1.0)
     place, pose, point = map(type, (centroid, centroid.pose, centroid.pose.position))
 
+    motion = type(empty.velocity), type(empty.velocity.twist)
+    vector, still = type(empty.velocity.twist.linear), empty.velocity.twist.angular
+    unknown = np.zeros(36)
+    velocity = np.gradient(positions, times, axis=1) if length > 1 else 0 * positions
+
     def human(n: int, step: int) -> Any:
         centre = place(
             pose(point(*positions[n, step].tolist(), 0.0), turn), spread[n, step]
         )
-        id = int(ids[n]) % 2**64
-        return filled(copy.copy(empty), id=id, confidence=sure[n], centroid=centre)
+        twist = motion[1](vector(*velocity[n, step].tolist(), 0.0), still)
+        return filled(
+            copy.copy(empty),
+            id=int(ids[n]) % 2**64,
+            confidence=sure[n],
+            centroid=centre,
+            velocity=motion[0](twist, unknown),
+        )
 
     def everybody(step: int) -> Any:
         return filled(
@@ -227,6 +239,7 @@ def samples_message(
         steps=futures.shape[2],
         weights=weights.astype(np.float32),
         ids=forecast.ids,
+        names=[name_of(id) for id in forecast.ids.tolist()],
         extrapolated=forecast.extrapolated.astype(np.uint32),
         position=last.ravel(),
         seen=forecast.seen.astype(np.float32),
@@ -281,7 +294,10 @@ def markers_message(
     )
     markers = [
         filled(
-            copy.copy(empty), ns=f"{model}/{id}", color=look, points=line(points, path)
+            copy.copy(empty),
+            ns=f"{model}/{name_of(id)}",
+            color=look,
+            points=line(points, path),
         )
         for id, look, path in zip(forecast.ids.tolist(), looks, xyz)
     ]

@@ -142,6 +142,9 @@ class ForecastNode(ForecastingNode):
     def _now(self) -> float:
         return time.time() if self._clock is None else self._clock
 
+    def _is_simulated(self) -> bool:
+        return self._clock is not None
+
     def close(self) -> None:
         """Leave the graph."""
         self.node.close()

@@ -91,7 +91,7 @@ class ForecastNode(ForecastingNode):
     ):
         """Join the graph; further arguments as of `ForecastingNode`.
 
-        People come on `topic` in messages of the type `kind`, a key of `people.KINDS`;
+        People come on `topic` in messages of the type `kind`, of `kinds.KINDS`, or as the source says;
         InputError if ROS 2 has no such message. Without `autostart`, a lifecycle
         manager activates the node.
         """
@@ -159,6 +159,9 @@ class ForecastNode(ForecastingNode):
 
     def _now(self) -> float:
         return 1e-9 * self.node.get_clock().now().nanoseconds
+
+    def _is_simulated(self) -> bool:
+        return self.node.get_clock().ros_time_is_active
 
     def _listen(self, topic: str, kind: str, hear: Callable[[Any], None]) -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile

@@ -7,9 +7,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.input.kinds import HRI, KINDS, POSES, UNNAMED, Kind, id_of_name, see
+from neurosym_robot.input.kinds import (
+    HRI,
+    KINDS,
+    POSES,
+    Kind,
+    kinds_of,
+    register_message,
+    see,
+)
 from neurosym_robot.input.source import WAIT, PeopleSource
 from neurosym_robot.ros.definitions import PEOPLE
+from neurosym_robot.tracking.names import UNNAMED, id_of_name, name_of
 from tests.robot.input.robot import transform
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -164,6 +173,15 @@ def test_every_kind_says_who_is_where():
         "Detection3DArray": Fields(id="4", bbox=Fields(center=pose)),
         "ObjectArray": Fields(id=4, pose=pose, classification=4),
         "PoseArray": pose,
+        "ObstacleArray": Fields(id=4, position=at),
+        "TrackedObjects": Fields(
+            object_id=4,
+            kinematics=Fields(pose_with_covariance=Fields(pose=pose)),
+            classification=[Fields(label=7)],
+        ),
+        "ObjectsStamped": Fields(
+            label_id=4, label="Person", position=np.array([1, 2, 3], np.float32)
+        ),
     }
     for kind, form in KINDS.items():
         if kind == HRI:
@@ -284,6 +302,62 @@ def test_guessed_positions_are_no_observations():
     (frame,) = source.take("pedsim_msgs/msg/TrackedPersons", message)
     assert frame.ids.tolist() == [0, 2]
     assert source.refused == {"occluded people": 1}
+
+
+def test_ids_that_are_uuids_are_names_that_come_back():
+    uuid = Fields(uuid=np.arange(16, dtype=np.uint8))
+    entry = Fields(id=uuid, position=point(1.0, 2.0))
+    header = Fields(stamp=stamp(1.0), frame_id="map")
+    message = Fields(header=header, obstacles=[entry])
+    (id,) = see("nav2_dynamic_msgs/msg/ObstacleArray", message).ids.tolist()
+    assert 2**52 <= id < 2**53
+    assert name_of(id) == "000102030405060708090a0b0c0d0e0f"
+    assert (name_of(id_of_name("Ada")), name_of(id_of_name("12"))) == ("Ada", "12")
+    assert name_of(2**52 + 1) == str(2**52 + 1)
+
+
+def test_markers_have_the_header_of_the_first():
+    form = Kind("markers", "pose.position", "id")
+    header = Fields(stamp=stamp(3.0), frame_id="odom")
+    marker = Fields(header=header, id=5, pose=Fields(position=point(1.0, 2.0)))
+    seen = see(form, Fields(markers=[marker]))
+    assert (seen.stamp, seen.frame_id, seen.ids.tolist()) == (3.0, "odom", [5])
+    source = PeopleSource(report=lambda text: None, form=form)
+    assert source.take("a/msg/B", Fields(markers=[])) == []
+    assert source.refused == {"malformed": 1}
+
+
+def test_a_plugin_adds_a_message_and_names_may_be_short():
+    kind = Kind("crowd", "at")
+    register_message("my_msgs/msg/Crowd", kind)
+    assert KINDS["my_msgs/msg/Crowd"] == kind
+    for name in ("Crowd", "my_msgs/Crowd", "my_msgs/msg/Crowd"):
+        assert kinds_of(name) == ["my_msgs/msg/Crowd"]
+    assert len(kinds_of("TrackedPersons")) == 2
+    assert kinds_of("pedsim_msgs/TrackedPersons") == ["pedsim_msgs/msg/TrackedPersons"]
+    assert kinds_of("Nothing") == []
+    register_message("my_msgs/msg/Crowd", kind)
+    for name, other in (("my_msgs/msg/Crowd", Kind("people")), ("Crowd", kind)):
+        with pytest.raises(InputError, match="Crowd: "):
+            register_message(name, other)
+
+
+@pytest.mark.parametrize(("root", "count"), [("base_link", 0), ("hall", 1)])
+def test_a_robot_s_own_frame_is_no_fixed_one(root, count, notices):
+    """Bodies are known below base_link alone: standing people would seem to walk."""
+    source = PeopleSource(report=notices.append)
+    ids = Fields(header=Fields(stamp=stamp(1.0), frame_id=""), ids=["a"])
+    for at in (0.9, 1.1):
+        source.transforms.hear(transform(at, root, "body_a", 2.0))
+    frames = source.take(HRI, ids) + source.release(9.0)
+    assert len(frames) == count
+    said = f"/tf knows no fixed frame above '{root}'; --fixed-frame names one"
+    assert (said in notices) == (count == 0)
+    # People of other messages are taken, with a doubt that is said.
+    source = PeopleSource(report=notices.append)
+    source.transforms.hear(transform(0.9, "base_link", "laser", 0.0))
+    source.take(PEOPLE, people(1.0, "base_link"))
+    assert any("does not say if it moves" in text for text in notices)
 
 
 def test_bodies_of_ros4hri_are_frames_of_tf():

@@ -6,12 +6,13 @@ import warnings
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.recordings import data_files, files_in, is_folder, read_any
 from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_robot.input.kinds import see
+from neurosym_robot.input.kinds import Kind, see
+from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.ros import bag_limits, messages
 from neurosym_robot.ros.bags import BagWriter, read_frames, read_messages, read_people
 from neurosym_robot.ros.definitions import (
@@ -20,7 +21,7 @@ from neurosym_robot.ros.definitions import (
     seconds_of,
     shared_typestore,
 )
-from neurosym_robot.ros.messages import make_trajectories
+from neurosym_robot.ros.messages import make_people, make_trajectories
 from neurosym_robot.tracking.following import Frame, tracks_of_frames
 from tests.repository import exhaustive
 from tests.robot.recordings import walkers, write_people
@@ -216,3 +217,33 @@ def test_text_files_are_streams_too(tmp_path):
     assert [frame.ids.tolist() for frame in got] == [[1], [1, 2], [2]]
     assert [frame.stamp for frame in got] == pytest.approx([0, 0.4, 0.8])
     assert_array_equal(tracks_of_frames(iter(got), "again").id, [1, 1, 2, 2])
+
+
+def test_a_bag_of_which_nothing_can_be_read_is_an_error(tmp_path):
+    path = write_people(tmp_path / "run.bag", walkers(1.0))
+    source = PeopleSource(report=lambda text: None, form=Kind("people", "nowhere"))
+    with pytest.raises(InputError, match="none of 11 messages could be read: people_"):
+        list(read_people(path, source=source))
+    empty = [frame._replace(ids=frame.ids[:0], xy=frame.xy[:0]) for frame in walkers(1)]
+    path = write_people(tmp_path / "empty.bag", empty)
+    assert len(list(read_people(path))) == 11
+
+
+@pytest.mark.parametrize("topic", ["/tf", "/robot_1/tf"])
+def test_tf_may_be_in_a_namespace(tmp_path, topic):
+    with BagWriter(tmp_path / "run.bag") as bag:
+        for frame in walkers(2.0):
+            bag.write("/people", frame.stamp, make_people(bag.new, frame, "laser"))
+            move = bag.new("tf2_msgs/msg/TFMessage")
+            row = bag.new("geometry_msgs/msg/TransformStamped")
+            row.header.stamp.sec, nanosec = divmod(round(frame.stamp * 1e9), 10**9)
+            row.header.stamp.nanosec = nanosec
+            row.header.frame_id, row.child_frame_id = "map", "laser"
+            row.transform.translation.x, row.transform.rotation.w = 100.0, 1.0
+            move.transforms.append(row)
+            bag.write(topic, frame.stamp, move)
+    source = PeopleSource("map", report=lambda text: None)
+    moved = list(read_people(tmp_path / "run.bag", source=source))
+    expected = walkers(2.0)
+    assert len(moved) == len(expected)
+    assert_allclose(moved[5].xy, np.add(expected[5].xy, [100.0, 0.0]), atol=1e-6)

@@ -86,6 +86,9 @@ def test_a_forecast_is_the_observed_and_the_most_central_future(store, new, fore
     for n, frame in enumerate(frames):
         assert frame.ids.tolist() == [4, -8]
         assert_array_equal(frame.xyz[:, :2], path[:, n])
+    speed = np.gradient(path, 0.4, axis=1)[1, 4]
+    twist = message.trajs[4].humans[1].velocity.twist.linear
+    assert_allclose((twist.x, twist.y), speed)
     covariance = message.trajs[6].humans[1].centroid.covariance.reshape(6, 6)
     assert_allclose(covariance[:2, :2], np.cov(samples[:, 1, 3].T, bias=True))
     assert [human.confidence for human in message.trajs[6].humans] == [
