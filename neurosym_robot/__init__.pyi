@@ -2,6 +2,8 @@ from .dashboard.dashboard import Dashboard as Dashboard
 from .dashboard.dashboard import ReplayFile as ReplayFile
 from .dashboard.moments import Moments as Moments
 from .dashboard.view import View as View
+from .input.kinds import Kind as Kind
+from .input.kinds import register_message as register_message
 from .input.kinds import see as see
 from .online.predictor import Forecast as Forecast
 from .online.predictor import ModelForecast as ModelForecast

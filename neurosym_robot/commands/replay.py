@@ -16,6 +16,7 @@ from neurosym_jax.errors import InputError, InputWarning
 from neurosym_robot import (
     Analytics,
     Predictor,
+    ReplayEvent,
     ReplayFile,
     Status,
     View,
@@ -84,13 +85,9 @@ def run(options: Options) -> None:
     When interrupted, it finishes its files, says that they are parts, and raises
     KeyboardInterrupt.
     """
-    rate = (
-        options.rate
-        if options.rate is not None
-        else 1.0
-        if options.dashboard
-        else "max"
-    )
+    rate = options.rate
+    if rate is None:
+        rate = 1.0 if options.dashboard else "max"
     first = options.recording[0]
 
     def warn(text: str) -> None:
@@ -123,20 +120,11 @@ def run(options: Options) -> None:
             stitcher=stitcher,
             robot=source.robot,
         )
-        interruption = None
-        try:
-            print(*titles, sep="\n", end="\n" * bool(titles), flush=True)
-            for event in events:
-                stream.heard(event.frame.stamp, event.age)
-                if event.forecast is not None:
-                    stream.published(event.age)
-                for view in (*written, *live):
-                    view.show(event, stream.now())
-        except KeyboardInterrupt as error:
-            interruption = error
-            print(
-                "until the interruption:", *(view.where for view in written), flush=True
-            )
+        print(*titles, sep="\n", end="\n" * bool(titles), flush=True)
+        interruption = _show(events, stream, [*written, *live])
+        if interruption:
+            places = (view.where for view in written)
+            print("until the interruption:", *places, flush=True)
         scored = analytics.finish()
         for view in (*written, *live):
             view.end(analytics.summary(), scored)
@@ -152,6 +140,22 @@ def run(options: Options) -> None:
         if options.dashboard or isinstance(options.foxglove, int):
             print("live until interrupted", flush=True)
             wait_for_signal()
+
+
+def _show(
+    events: Iterator[ReplayEvent], stream: Status, views: list[View]
+) -> KeyboardInterrupt | None:
+    """Show what follows from each frame; return what interrupted it, if anything did."""
+    try:
+        for event in events:
+            stream.heard(event.frame.stamp, event.age)
+            if event.forecast is not None:
+                stream.published(event.age)
+            for view in views:
+                view.show(event, stream.now())
+    except KeyboardInterrupt as interruption:
+        return interruption
+    return None
 
 
 def wait_for_signal() -> None:

@@ -172,7 +172,8 @@ def see(kind: str | Kind, message: Any, only: str = "") -> Seen:
         else [id_of_name(e) for e in entries]
     )
     count = len(entries)
-    if only := only or form.only:
+    only = only or form.only
+    if only:
         path, _, values = only.partition("=")
         is_person = [
             str(_follow(entry, path)) in values.split(",") for entry in entries

@@ -198,10 +198,10 @@ class Transforms:
     def _to_root(self, frame: str) -> list[str]:
         """The frame, its parent, and so on; each once, should they form a circle."""
         frames = [frame]
-        while (
-            edge := self._edges.get(frames[-1])
-        ) is not None and edge.parent not in frames:
+        edge = self._edges.get(frame)
+        while edge is not None and edge.parent not in frames:
             frames.append(edge.parent)
+            edge = self._edges.get(edge.parent)
         return frames
 
     def _along(

@@ -134,33 +134,22 @@ class Predictor:
         `models` are one, called by its own name, or several by name; their `samples`
         are k futures each, and the `period` in seconds is by default that of their
         training data. The nearest `max_people` are forecast. Noise depends on `seed`,
-        `recording` and the index of the first observed step, as in `predict`. With
-        `repair`, SGAN and NeuroSyM see plausible tracks in place of tracking errors;
-        anchors always do. `report` is called with one line before each program is compiled, after which the
-        process's objects are frozen (`gc.freeze`). InputError for numbers out of range,
-        no model, or models that observe different spans.
+        `recording` and the index of the first observed step, as in `predict`; that of
+        draws on no step. With `repair`, SGAN and NeuroSyM see plausible tracks in place
+        of tracking errors; anchors always do. `report` is called with one line before
+        each program is compiled, after which the process's objects are frozen
+        (`gc.freeze`). InputError for numbers out of range, no model, or models that
+        observe different spans.
         """
         self.models = (
             {models.name: models} if isinstance(models, Model) else dict(models)
         )
-        configs = [model.config for model in self.models.values()]
-        lengths = {config.obs_len for config in configs}
-        periods = {config.period for config in configs} if period is None else {period}
-        if len(lengths) != 1:
-            raise InputError(
-                f"models must observe the same number of steps, not {sorted(lengths)}"
-            )
-        if len(periods) != 1:
-            raise InputError(
-                f"models must have steps of one length, not {sorted(periods)} s"
-            )
+        steps, step = _common_steps(self.models, period)
         refuse(Count, {"max_people": max_people})
-        step = float(periods.pop())
-        self.seconds_ahead = step * max(config.pred_len for config in configs)
+        ahead = max(model.config.pred_len for model in self.models.values())
+        self.seconds_ahead = step * ahead
         """Seconds from the newest frame to the end of the longest forecast."""
-        self.window = Window(
-            lengths.pop(), step, memory=self.seconds_ahead + GRACE, **window
-        )
+        self.window = Window(steps, step, memory=self.seconds_ahead + GRACE, **window)
         self.health = self.window.health
         """Counts of what was wrong with the stream so far, by the names in `window.HEALTH`."""
         self.max_people, self.recording = max_people, recording
@@ -313,6 +302,26 @@ class Predictor:
         return ModelForecast(
             np.zeros((samples, 0, length, 2)), np.zeros((0, length, 2)), 0
         )
+
+
+def _common_steps(
+    models: Mapping[str, Model], period: float | None
+) -> tuple[int, float]:
+    """Steps that all models observe, and seconds between them, by default the models'."""
+    configs = [model.config for model in models.values()]
+    lengths = {config.obs_len for config in configs}
+    if len(lengths) != 1:
+        raise InputError(
+            f"models must observe the same number of steps, not {sorted(lengths)}"
+        )
+    periods = {config.period for config in configs}
+    if period is not None:
+        periods = {period}
+    if len(periods) != 1:
+        raise InputError(
+            f"models must have steps of one length, not {sorted(periods)} s"
+        )
+    return lengths.pop(), float(periods.pop())
 
 
 def _draw(model: SceneForecaster, padded: Scene, people: int) -> np.ndarray:

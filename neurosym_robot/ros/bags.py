@@ -63,7 +63,8 @@ def read_frames(
                 f"{path}: is a bag, not {option('format', options.format)}"
             )
         refuse_useless(path, form, options)
-        if frame := getattr(form, "fixed_frame", ""):
+        frame = getattr(form, "fixed_frame", "")
+        if frame:
             raise InputError(
                 f"{path}: the frame of a stream is {option('fixed_frame', frame)}"
             )
@@ -198,20 +199,13 @@ def _read(
             raise InputError(f"{path}: no such file or folder")
         inside = [path] if path.is_file() else sorted(path.iterdir())
         files += [file for file in inside if file.suffix in TOOLS]
-    path, store = (
-        paths[0],
-        shared_typestore(2),
-    )  # Recorders before ROS 2 Iron stored no types.
+    path = paths[0]
+    store = shared_typestore(2)  # Recorders before ROS 2 Iron stored no types.
     try:
         from rosbags.highlevel import AnyReader
 
         for file in files:
-            if file.suffix == ".db3":  # rosbags would read a part of a damaged one.
-                uri = f"{file.absolute().as_uri()}?mode=ro"
-                with contextlib.closing(sqlite3.connect(uri, uri=True)) as base:
-                    (state,) = base.execute("PRAGMA quick_check(1)").fetchone()
-                if state != "ok":
-                    raise ValueError(f"its database is damaged: {state}")
+            _check_database(file)
         is_whole = all(
             path.is_file() or (path / "metadata.yaml").is_file() for path in paths
         )
@@ -220,15 +214,7 @@ def _read(
         with AnyReader(parts, default_typestore=store) as reader:
             chosen = choose({row.topic: row.msgtype for row in reader.connections})
             connections = [row for row in reader.connections if row.topic in chosen]
-            # In ROS 1 another index finds the messages than counts them.
-            chunks = [
-                info
-                for row in reader.readers
-                for info in getattr(row, "chunk_infos", ())
-            ]
-            counted = sum(sum(info.connection_counts.values()) for info in chunks)
-            missing = sum(row.msgcount for row in connections)
-            missing += counted - reader.message_count if chunks else 0
+            missing = sum(row.msgcount for row in connections) + _unlisted(reader)
             for connection, stamp, data in reader.messages(connections=connections):
                 missing -= 1
                 message = reader.deserialize(data, connection.msgtype)
@@ -242,12 +228,31 @@ def _read(
         # A damaged file makes rosbags, its databases and its decompressors raise
         # anything at all.
         reason = " ".join(str(error).split()) or type(error).__name__
-        advice = (
-            f"; if it was cut short, `{TOOLS[files[0].suffix]}` may mend it"
-            if files
-            else ""
-        )
+        advice = ""
+        if files:
+            advice = f"; if it was cut short, `{TOOLS[files[0].suffix]}` may mend it"
         raise InputError(f"{path}: cannot be read as a bag: {reason}{advice}") from None
+
+
+def _check_database(file: Path) -> None:
+    """ValueError for a damaged `.db3`, of which rosbags would read a part."""
+    if file.suffix != ".db3":
+        return
+    uri = f"{file.absolute().as_uri()}?mode=ro"
+    with contextlib.closing(sqlite3.connect(uri, uri=True)) as base:
+        (state,) = base.execute("PRAGMA quick_check(1)").fetchone()
+    if state != "ok":
+        raise ValueError(f"its database is damaged: {state}")
+
+
+def _unlisted(reader: Any) -> int:
+    """Messages that are counted but not found: in ROS 1 by two indices."""
+    counted, has_chunks = 0, False
+    for part in reader.readers:
+        for info in getattr(part, "chunk_infos", ()):
+            has_chunks = True
+            counted += sum(info.connection_counts.values())
+    return counted - reader.message_count if has_chunks else 0
 
 
 def _choose(

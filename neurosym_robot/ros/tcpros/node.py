@@ -243,7 +243,8 @@ def local_host(master: str) -> str:
     With the master on this computer it is the computer's name, as with rospy, because
     other computers cannot reach the loopback address.
     """
-    if named := os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP"):
+    named = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
+    if named:
         return named
     parts = urlsplit(master)
     try:

@@ -215,7 +215,8 @@ class _Link(threading.Thread):
             raise Mismatch(
                 f"it publishes {type_and_md5}, not {topic.type} with md5 {topic.md5}"
             )
-        if reason := self._subscriber.refuse(header):
+        reason = self._subscriber.refuse(header)
+        if reason:
             raise Mismatch(f"it publishes {type_and_md5}, {reason}")
         connection.settimeout(None)
         return header
