@@ -4,8 +4,7 @@ python -m studies.bands SHARED/data [OPENTRAJ/datasets]
 
 Bounds of the pace: doubted is what the range of ETH/UCY and THÖR (without SGAN's eth,
 whose clock is wrong) widened by 1.15 below and 1.2 above leaves out; refused, by 1.35
-and 2.2. Bounds of the distance are that range below, divided by 1.3 and 2.3. The bounds
-were not made from OpenTraj's recordings, https://github.com/crowdbotp/OpenTraj: what is
+and 2.2. The bounds were not made from OpenTraj's recordings, https://github.com/crowdbotp/OpenTraj: what is
 refused or doubted of them is a false alarm, or a recording of cyclists or with a fault,
 and is named.
 """
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.data import ReadOptions, Tracks, read_any
-from neurosym_jax.data.evidence import APART, DOUBTED, REFUSED, apart_of, judge, pace_of
+from neurosym_jax.data.evidence import DOUBTED, REFUSED, Doubt, judge, pace_of
 from neurosym_jax.data.tables import GUARDS
 from neurosym_jax.errors import InputError
 
@@ -68,23 +67,21 @@ SCALES = {
 }
 
 
-def outcomes(tracks: Tracks, options: ReadOptions) -> Iterator[str]:
+def outcomes(tracks: Tracks) -> Iterator[str]:
     """What is said of a recording with each of the mistakes."""
     for length, time in SCALES.values():
         position = tracks.position - tracks.position.mean(axis=0)
         wrong = dataclasses.replace(
             tracks, position=position * length(position), stamp=tracks.stamp * time
         )
-        judgements = [refused for _, refused, _ in judge(wrong, options)]
+        judgements = [refused for _, refused, _ in judge(wrong)]
         yield "refused" if any(judgements) else "doubted" if judgements else "silent"
 
 
 def main(places: list[str]) -> None:
     """Print what is said of each collection in `places`, and of all recordings with mistakes."""
-    print(
-        "| collection | recordings | pace, m/s | apart, m | refused | clock or unit doubted |"
-    )
-    print("|---|---:|---|---|---|---|")
+    print("| collection | recordings | pace, m/s | refused | clock or unit doubted |")
+    print("|---|---:|---|---|---|")
     everything = []
     for folder in (
         Path(place) / name for place, name in itertools.product(places, FORMATS)
@@ -93,43 +90,31 @@ def main(places: list[str]) -> None:
         if not recordings:
             continue
         everything += recordings
-        values = zip(
-            *((pace_of(tracks)[1], apart_of(tracks)) for _, tracks in recordings)
-        )
-        ranges = [
-            f"{np.nanmin(column):.2f} to {np.nanmax(column):.2f}" for column in values
-        ]
-        named = [
-            [
-                tracks.recording
-                for options, tracks in recordings
-                if outcome(judge(tracks, options))
+        paces = [pace_of(tracks)[1] for _, tracks in recordings]
+        cells = [f"{np.nanmin(paces):.2f} to {np.nanmax(paces):.2f}"]
+        for counts in (_refuses, _of_scale):
+            names = [
+                tracks.recording for _, tracks in recordings if counts(judge(tracks))
             ]
-            for outcome in (
-                lambda judgements: any(refused for _, refused, _ in judgements),
-                _of_scale,
-            )
-        ]
-        cells = [
-            *ranges,
-            *(f"{len(names)} {' '.join(names)}".strip() for names in named),
-        ]
+            cells.append(" ".join([str(len(names)), *names]))
         print(f"| {folder.name} | {len(recordings)} | {' | '.join(cells)} |")
-    print(
-        f"\npace: doubted outside {DOUBTED}, refused outside {REFUSED}; apart: below {APART}\n"
-    )
+    print(f"\npace: doubted outside {DOUBTED}, refused outside {REFUSED}\n")
     kinds = ("refused", "doubted", "silent")
     print(f"| mistake | {' | '.join(kinds)} |\n|---|---:|---:|---:|")
     for name, judgements in zip(
-        SCALES, zip(*(outcomes(t, options) for options, t in everything))
+        SCALES, zip(*(outcomes(tracks) for _, tracks in everything))
     ):
         print(
             f"| {name} | {' | '.join(str(judgements.count(kind)) for kind in kinds)} |"
         )
 
 
-def _of_scale(judgements: Iterable[tuple[str, bool, str]]) -> bool:
-    return any(guard in ("slow", "fast", "near") for guard, *_ in judgements)
+def _refuses(doubts: Iterable[Doubt]) -> bool:
+    return any(doubt.refuses for doubt in doubts)
+
+
+def _of_scale(doubts: Iterable[Doubt]) -> bool:
+    return any(doubt.guard in ("slow", "fast") for doubt in doubts)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import glob
 import itertools
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,20 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.evidence import roughness
+from neurosym_jax.data.evidence import doubts_of, roughness
 from neurosym_jax.data.tables import (
+    METRES,
     STEPS,
+    Question,
     ReadOptions,
     Table,
+    Unsaid,
     absent,
     metres_in,
     read_table,
     read_text_file,
 )
-from neurosym_jax.data.tracks import common
+from neurosym_jax.data.tracks import Tracks, common, make_tracks
 from neurosym_jax.errors import InputError, option
 
 __all__ = [
@@ -52,9 +55,10 @@ __all__ = [
     "role_of",
     "schema_of",
     "stamps_of",
-    "usual_frames",
-    "velocity_ratio",
+    "unfolded",
+    "usual_step",
     "vocabulary",
+    "with_frames_of_names",
 ]
 
 
@@ -65,77 +69,150 @@ ROUGHEST = 0.5
 most 0.06, of boxes of one moment in seven cameras 1.3."""
 SET_BACK = 10.0
 """Roughness that is added to what may be a height; that of a track is less."""
+SAMPLED, MOST = 20_000, 12  # rows and columns that are looked at
+JUDGED = 24  # smoothest readings whose people are judged
+SMOOTHER = (
+    0.7  # share of the roughness of an earlier reading that makes a later one better
+)
 
 
 def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
-    """Columns for the roles that are missing, by values: the reading whose tracks are smoothest.
+    """Columns for the roles that are missing, by values: the reading with the fewest doubts.
 
     The id repeats, the clock is a number; x and y follow each other, perhaps with one
-    between.
+    between. Of readings that are doubted alike the smoothest is taken, of those as
+    smooth the first.
     """
-    part, columns = (
-        table.take(np.arange(len(table.row)) < 20_000),
-        range(min(len(table.names), 12)),
-    )
-    is_complete = ~np.any(
-        [absent(part.column(at)).to_numpy() for at in columns], axis=0
-    )
-    if is_complete.mean() > 0.25:  # Of people who are not seen there is no position.
-        part = part.take(is_complete)
-    free = [at for at in columns if at not in places.values()]
+    part = _complete(table.take(np.arange(len(table.row)) < SAMPLED))
+    readings = []
+    for reading in _possible(part, places):
+        rough = reading.roughness
+        if rough < np.inf and rough % SET_BACK <= ROUGHEST:
+            readings.append(reading)
+    readings.sort(key=lambda reading: reading.roughness)
+    doubts = {
+        reading.columns: doubts_of(reading.tracks()) for reading in readings[:JUDGED]
+    }
+    if not doubts:
+        return {}
+    fewest = min(doubts.values())
+    readings = [
+        reading for reading in readings[:JUDGED] if doubts[reading.columns] == fewest
+    ]
+    limit = readings[0].roughness / SMOOTHER
+    best = min((r for r in readings if r.roughness <= limit), key=lambda r: r.columns)
+
+    moment, person, x, y = best.columns
+    clock = "frame" if (best.moment % 1 == 0).all() else "time"
+    roles = {clock: moment, "id": person, "x": x, "y": y}
+    if {"time", "frame"} & places.keys():
+        del roles[clock]
+    if "left" in places:
+        del roles["x"], roles["y"]
+    return {role: at for role, at in roles.items() if role not in places}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Candidate:
+    """Columns that may be the clock, the id and positions."""
+
+    columns: tuple[int, int, int, int]
+    moment: np.ndarray  # [R]
+    ids: np.ndarray  # [R]
+    position: np.ndarray  # [R, 2]
+    roughness: float
+
+    def tracks(self) -> Tracks:
+        """The tracks that it gives, at steps of a second or so and about their middle."""
+        moments = np.unique(self.moment)
+        stamp = (self.moment - moments[0]) / np.median(np.diff(moments))
+        position = self.position - self.position.mean(axis=0)
+        return make_tracks("proposal", stamp, self.ids, position)
+
+
+def _complete(table: Table) -> Table:
+    """The rows without an empty field if there are some: others have no position."""
+    columns = range(min(len(table.names), MOST))
+    is_empty = [absent(table.column(at)).to_numpy() for at in columns]
+    is_complete = ~np.any(is_empty, axis=0)
+    return table.take(is_complete) if is_complete.mean() > 0.25 else table
+
+
+def _possible(table: Table, places: Mapping[str, int]) -> Iterator[_Candidate]:
+    """The readings of a table in which nobody is at two places at one moment."""
+    free = [
+        at for at in range(min(len(table.names), MOST)) if at not in places.values()
+    ]
     clock = places.get("time", places.get("frame"))
     x, y = places.get("x", places.get("left")), places.get("y", places.get("top"))
+    columns = {at: _numbers(table, at) for at in {*free, clock, x, y} - {None}}
     numbers = {
-        at: values
-        for at in dict.fromkeys([*free, clock, x, y])
-        if at is not None and (values := _numbers(part, at)) is not None
+        at: values for at, values in sorted(columns.items()) if values is not None
     }
-    moments: list[int] = (
-        [clock] if clock is not None else [at for at in free if at in numbers]
-    )
-    people = (
-        [places["id"]] if "id" in places else [at for at in free if _repeats(part, at)]
-    )
-    pairs = [
-        (a, b) for a, b in itertools.combinations(sorted(numbers), 2) if b - a <= 2
-    ]
-    pairs = [
-        (a, b)
-        for a, b in pairs
-        if a in (x, a * (x is None)) and b in (y, b * (y is None))
-    ]
-    pairs: Any = pairs if x is None or y is None else [(x, y)]
-    lowest, best = np.inf, dict[str, Any]()
+    moments = [at for at in free if at in numbers] if clock is None else [clock]
+    people = [at for at in free if _repeats(table, at)]
+    if "id" in places:
+        people = [places["id"]]
+    pairs = []
+    for pair in itertools.combinations(numbers, 2):
+        if x in (None, pair[0]) and y in (None, pair[1]) and pair[1] - pair[0] <= 2:
+            pairs.append(pair)
+    if x is not None and y is not None:
+        pairs = [(x, y)]
+
     for moment, person in itertools.product(moments, people):
         if moment == person or moment not in numbers:
             continue
-        ids = part.column(person).rank("dense").to_numpy()
-        bends = roughness(numbers[moment], ids, np.column_stack(list(numbers.values())))
-        # One number at a moment, whoever is there, is another clock; one of a person
-        # may be a height, and is taken for a coordinate only where nothing else is
-        # left.
-        bend = dict[int, float]()
-        for at, value in zip(numbers, bends):
-            at_once, in_all = (
-                len(np.unique(key + 1j * numbers[at])) > 1.2 * len(np.unique(key))
-                for key in (numbers[moment], ids)
-            )
-            if at_once:
-                bend[at] = value + SET_BACK * (not in_all)
+        ids = table.column(person).rank("dense").to_numpy()
+        bends = _bends(numbers, numbers[moment], ids)
         for pair in pairs:
-            if {moment, person} & set(pair) or not all(at in bend for at in pair):
-                continue
-            if (
-                score := bend[pair[0]] + bend[pair[1]]
-            ) < 0.7 * lowest:  # Of readings alike the first.
-                lowest, is_whole = score, (numbers[moment] % 1 == 0).all()
-                best = {"frame" if is_whole else "time": moment, "id": person}
-                best |= {"x": pair[0], "y": pair[1]}
-    if lowest % SET_BACK > ROUGHEST:
+            if {moment, person}.isdisjoint(pair) and bends.keys() >= set(pair):
+                position = np.column_stack([numbers[at] for at in pair])
+                roughest = bends[pair[0]] + bends[pair[1]]
+                columns = (moment, person, *pair)
+                yield _Candidate(columns, numbers[moment], ids, position, roughest)
+
+
+def _bends(
+    numbers: Mapping[int, np.ndarray], moment: np.ndarray, ids: np.ndarray
+) -> dict[int, float]:
+    """The roughness of each column along tracks.
+
+    One number at a moment, whoever is there, is another clock; one of a person may be a
+    height, and is taken for a coordinate only where nothing else is left.
+    """
+    bends = {}
+    rough = roughness(moment, ids, np.column_stack(list(numbers.values())))
+    for at, bend in zip(numbers, rough):
+        if _varies(moment, numbers[at]):
+            bends[at] = bend if _varies(ids, numbers[at]) else bend + SET_BACK
+    return bends
+
+
+def _varies(keys: np.ndarray, values: np.ndarray) -> bool:
+    """Whether there are several of the values for a key."""
+    return len(np.unique(keys + 1j * values)) > 1.2 * len(np.unique(keys))
+
+
+def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
+    """The columns x and y and the two behind them as those of a box in a picture, if these are as
+    its other corner or its size; else nothing."""
+    left, top = places.get("x", -1), places.get("y", -1)
+    behind = (top + 1, top + 2)
+    if top != left + 1 or top < 1 or behind[1] >= len(table.names):
         return {}
-    occupied = {*places, *(("time", "frame") if clock is not None else ())}
-    occupied |= {"x", "y"} if "left" in places else set()
-    return {role: at for role, at in best.items() if role not in occupied}
+    if not set(behind).isdisjoint(places.values()):
+        return {}
+    corner = np.column_stack([table.extra(at, texts=False) for at in (left, top)])
+    other = np.column_stack([table.extra(at, texts=False) for at in behind])
+    for size, names in (
+        (other - corner, ("right", "bottom")),
+        (other, ("width", "height")),
+    ):
+        if (size > 0).all():
+            others = {role: at for role, at in places.items() if role not in "xy"}
+            return others | dict(zip(("left", "top", *names), (left, top, *behind)))
+    return {}
 
 
 def _numbers(table: Table, at: int) -> Any:
@@ -159,14 +236,16 @@ def _repeats(table: Table, at: int) -> bool:
 # values, as a command to paste; it is never read without that.
 
 BOX = ("left", "top", "right", "bottom", "width", "height")
-FLAGS = ("lost", "valid", "confidence")  # rows that are no positions
+FLAGS = ("lost", "valid", "state", "confidence")  # rows that are no positions
 ROLES = ("time", "frame", "id", "x", "y", *BOX, *FLAGS, "label", "vx", "vy")
+DEGREES = "deg"  # unit of longitudes and latitudes
 _UNITS = {
     # unit as names write it: as options do
     **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), "m"),
     **{unit: unit for unit in ("cm", "mm", "s", "ms", "us", "ns")},
     **dict.fromkeys(("px", "pix", "pixel", "pixels"), "px"),
     **dict.fromkeys(("sec", "secs", "seconds"), "s"),
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), DEGREES),
     "ft": "0.3048",
     "feet": "0.3048",
     "km": "1000",
@@ -174,6 +253,7 @@ _UNITS = {
     "msec": "ms",
     "usec": "us",
 }
+_GLOBE = ("lon", "lng", "longitude", "lat", "latitude")  # columns in degrees
 _UNIT = re.compile(r"^(.*?\w)\s*(?:[\[(](.+?)[\])]|[\s_/.-](\w+))$")
 
 
@@ -185,7 +265,10 @@ class Schema:
     units: Mapping[str, str] = dataclasses.field(
         default_factory=dict
     )  # of time, x, y by name
+    flags: tuple[tuple[str, int], ...] = ()  # roles and columns of `FLAGS`
     labels: tuple[int, ...] = ()  # further columns of kinds, by their names
+    sizes: tuple[int, ...] = ()  # columns of a width and a height beside x and y
+    heights: tuple[int, ...] = ()  # columns of z beside x and y
     recordings: tuple[int, ...] = ()  # columns that tell recordings apart
     declared: frozenset[str] = frozenset()  # the roles that the user gave
 
@@ -197,12 +280,17 @@ class Schema:
     @property
     def is_box(self) -> bool:
         """Whether positions are boxes in a picture."""
-        return "x" not in self.places
+        return not {"left", "height"}.isdisjoint(self.places)
 
     @property
     def in_picture(self) -> bool:
         """Whether positions are pixels."""
         return self.is_box or "px" in self.units.values()
+
+    @property
+    def in_degrees(self) -> bool:
+        """Whether positions are a longitude and a latitude."""
+        return self.units.get("x") == DEGREES
 
     @property
     def extras(self) -> dict[str, int]:
@@ -225,16 +313,25 @@ def vocabulary() -> dict[str, frozenset[str]]:
 def plain_name(name: str) -> tuple[str, str]:
     """A column's name in lower-case letters and digits, and its unit, else nothing."""
     name = name.strip().lower()[:60]
-    match, unit = _UNIT.match(name), ""
-    if match and (unit := _UNITS.get((match[2] or match[3]).strip(), "")):
-        name = match[1]
-    return re.sub(r"[\W_]", "", name), unit
+    unit = ""
+    match = _UNIT.match(name)
+    if match:
+        unit = _UNITS.get((match[2] or match[3]).strip(), "")
+        name = match[1] if unit else name
+    word = re.sub(r"[\W_]", "", name)
+    return word, DEGREES if word in _GLOBE else unit
 
 
 def role_of(name: str) -> str:
     """The role that a column's name says, else nothing."""
-    word = plain_name(name)[0]
-    return next((role for role, words in vocabulary().items() if word in words), "")
+    word = short = plain_name(name)[0]
+    parts = name.split(".")
+    if len(parts) > 2:  # As `field.pose.position.x` of `rostopic echo -p`.
+        short = plain_name(".".join(parts[-2:]))[0]
+    for role, words in vocabulary().items():
+        if word in words or short in words:
+            return role
+    return ""
 
 
 def parse_columns(columns: Iterable[str]) -> tuple[dict[str, str], bool | None]:
@@ -284,53 +381,195 @@ def names_in_comments(comments: Sequence[str], width: int) -> list[str]:
     return []
 
 
-def schema_of(table: Table, stated: Mapping[str, str]) -> Schema:
-    """The columns that the user has `given`, by name or number from 1, and those whose names say.
+IMAGE = r"^(.*?)(\d+)\.(?:jpe?g|png|bmp|tiff?|ppm|webp)$"
+"""The name of a picture that ends in the number of its frame."""
+_WIDE = re.compile(r"(.*?)[ _.-]?(\d+)[ _.-]?(.*)")
+
+
+def with_frames_of_names(table: Table) -> Table:
+    """The table with the frames of a column of names of pictures, unless it has a clock.
+
+    What stands before the numbers tells recordings apart, if it differs.
+    """
+    roles = list(map(role_of, table.names))
+    for at, role in enumerate(roles):
+        texts = table.column(at) if role in ("recording", "frame") else pl.Series([""])
+        if not texts.str.contains(IMAGE).all():
+            continue
+        names = list(table.names)
+        names[at] = f"name of {names[at]}"
+        table = dataclasses.replace(table, names=names)
+        if role == "frame" or not {"time", "frame"} & set(roles):
+            table = table.with_column("frame", texts.str.extract(IMAGE, 2))
+            table = table.noted(f"frames are in the names of {names[at][8:]!r}")
+        before = texts.str.extract(IMAGE, 1)
+        if before.n_unique() > 1:
+            table = table.with_column("recording", before)
+        return table
+    return table
+
+
+def unfolded(table: Table) -> Table:
+    """A row for each person, of a table whose columns x and y differ by an index and that has no
+    column of ids: `t, x1, y1, x2, y2`."""
+    people = dict[str, dict[str, int]]()
+    others = list[int]()
+    for at, name in enumerate(table.names):
+        match = _WIDE.fullmatch(name)
+        roles = {role_of(match[1]), role_of(match[3])} if match else set()
+        role = "x" if "x" in roles else "y" if "y" in roles else ""
+        if match and role:
+            people.setdefault(match[2], {})[role] = at
+        else:
+            others.append(at)
+    roles = {role_of(table.names[at]) for at in others}
+    is_wide = len(people) > 1 and all(len(places) == 2 for places in people.values())
+    if not is_wide or "id" in roles:
+        return table
+    parts = []
+    for person, places in people.items():
+        columns = [table.column(at) for at in (*others, places["x"], places["y"])]
+        columns.append(pl.Series([person]).new_from_index(0, len(table.row)))
+        columns = [texts.alias(str(at)) for at, texts in enumerate(columns)]
+        parts.append(pl.DataFrame(columns).select(pl.concat_list(pl.all())).to_series())
+    first = next(iter(people.values()))
+    names = [table.names[at] for at in others]
+    names += [_WIDE.sub(r"\1\3", table.names[first[role]]) for role in "xy"]
+    return dataclasses.replace(
+        table,
+        names=[*names, "id"],
+        fields=pl.concat(parts),
+        row=np.tile(table.row, len(people)),
+    ).noted(f"columns of {len(people)} people side by side")
+
+
+def schema_of(
+    table: Table, stated: Mapping[str, str], in_picture: bool = False
+) -> Schema:
+    """The columns that the user has `stated`, by name or number from 1, and those whose names say.
+
+    Positions are pixels where `in_picture` says so.
 
     Raises:
-        InputError: naming every role that is missing or stands twice, with a command to
-            paste.
+        Question: naming every role that is missing or stands twice.
+        InputError: for a column that is not there.
     """
-    places = {key: _place(table, key, name) for key, name in stated.items()}
-    taken = {at for role, at in places.items() if role in ROLES}
-    named = dict[str, list[int]]()
-    for at, name in enumerate(table.names):
-        if at not in taken and (role := role_of(name)):
-            named.setdefault(role, []).append(at)
-    clocks = {"time", "frame"} & stated.keys()
-    if {"x", "y"} & stated.keys() or (
-        not set(BOX) & stated.keys() and {"x", "y"} <= named.keys()
-    ):
-        named = {role: at for role, at in named.items() if role not in BOX}
-    elif set(BOX) & stated.keys() or _has_position(named.keys() - {"x", "y"}):
-        named = {role: at for role, at in named.items() if role not in ("x", "y")}
+    given = dict[str, int]()
+    for role, name in stated.items():
+        if name != "none" or "none" in table.names:
+            given[role] = _place(table, role, name)
+    named = _named(table, stated, given)
+    sizes = (*named.get("width", [])[:1], *named.get("height", [])[:1])
+    named = _without_other_positions(named, stated)
+
+    places = dict(given)
+    clocks = {"time", "frame"}
     for role in ROLES:
-        columns = named.get(role, []) if role not in places else []
-        if role in ("time", "frame") and clocks:
+        columns = named.get(role, [])
+        if role == "id" and len(columns) > 1:  # The number of a row is nobody's.
+            columns = [at for at in columns if _repeats(table, at)]
+        if role in places or (role in clocks and clocks & stated.keys()):
             continue
         if len(columns) == 1 or (columns and role in ("vx", "vy", *FLAGS)):
             places[role] = columns[0]
-    required = [] if {"time", "frame"} & places.keys() else ["time"]
-    required += [role for role in ("id",) if role not in places]
-    if not _has_position(places):
-        required += [role for role in ("x", "y") if role not in places]
-    if required:
-        raise _refusal(table, places, required, named)
-    points = {role: at for role, at in places.items() if role in (*ROLES[:5], *BOX)}
-    if len(set(points.values())) < len(points):
+    _refuse_missing(table, places, named, in_picture)
+    points = [role for role in (*ROLES[:5], *BOX) if role in places]
+    if len({places[role] for role in points}) < len(points):
         raise InputError(
             f"{table.path}: {', '.join(points)} must be {len(points)} columns"
         )
-    labels = () if "label" in stated else tuple(named.get("label", ()))
-    units = {
-        role: unit
-        for role in ("time", "x", "y", "left", "vx")
-        if role in places and (unit := plain_name(table.names[places[role]])[1])
-    }
-    recordings = tuple(
-        at for at in named.get("recording", ()) if at not in places.values()
+
+    flags = {(role, places[role]) for role in FLAGS if role in places}
+    flags |= {(role, at) for role in FLAGS for at in named.get(role, [])}
+    units = {}
+    for role in ("time", "x", "y", "left", "vx"):
+        unit = plain_name(table.names[places[role]])[1] if role in places else ""
+        if unit:
+            units[role] = unit
+    is_named = not {"x", "y"} & stated.keys()
+    return Schema(
+        places,
+        units,
+        flags=tuple(sorted(flags)),
+        labels=() if "label" in stated else tuple(named.get("label", ())),
+        sizes=sizes if is_named and len(sizes) == 2 else (),
+        heights=tuple(named.get("z", ())) if is_named else (),
+        recordings=tuple(
+            at for at in named.get("recording", ()) if at not in given.values()
+        ),
+        declared=frozenset(stated),
     )
-    return Schema(places, units, labels, recordings, frozenset(stated))
+
+
+def _named(
+    table: Table, stated: Mapping[str, str], given: Mapping[str, int]
+) -> dict[str, list[int]]:
+    """The columns whose names say a role that the user has not stated."""
+    taken = {at for role, at in given.items() if role in ROLES}
+    named = dict[str, list[int]]()
+    for at, name in enumerate(table.names):
+        role = role_of(name)
+        if role and role not in stated and at not in taken:
+            named.setdefault(role, []).append(at)
+    return named
+
+
+def _without_other_positions(
+    named: dict[str, list[int]], stated: Iterable[str]
+) -> dict[str, list[int]]:
+    """The columns without those of boxes, or without x and y, where the others are the positions."""
+    by_points, by_boxes = {"x", "y"} & set(stated), set(BOX) & set(stated)
+    others = ()
+    if by_points or (not by_boxes and {"x", "y"} <= named.keys()):
+        others = BOX
+    elif by_boxes or _has_position(named.keys() - {"x", "y"}):
+        others = ("x", "y")
+    return {role: columns for role, columns in named.items() if role not in others}
+
+
+def _refuse_missing(
+    table: Table,
+    places: Mapping[str, int],
+    named: Mapping[str, Sequence[int]],
+    in_picture: bool,
+) -> None:
+    """Ask for the clock, the id and the position where they are missing, with what values propose."""
+    required = [] if {"time", "frame"} & places.keys() else ["time or frame"]
+    required += [] if "id" in places else ["id"]
+    if not _has_position(places):
+        required += [role for role in ("x", "y") if role not in places]
+    if not required:
+        return
+    if len(table.names) < 3:
+        what = f"only the columns {_shown(table)}: separate columns"
+        raise InputError(f"{table.path}: {what} by commas, semicolons, tabs or blanks")
+
+    # Of columns with one role each is tried; their values are compared by who asks.
+    unclear = [role for role in ("time", "frame", "id", "x", "y") if role not in places]
+    choices = [named.get(role, [None]) for role in unclear]
+    answers = {}
+    for choice in itertools.islice(itertools.product(*choices), 16):
+        guess = dict(places)
+        for role, at in zip(unclear, choice):
+            if at is not None and not (role == "frame" and "time" in guess):
+                guess[role] = at
+        guess |= propose(table, guess)
+        boxed = as_box(table, guess)
+        if not (boxed and in_picture):
+            answers[_written(table, guess)] = ""
+        if boxed:
+            answers[_written(table, boxed)] = "where they are of a box in a picture"
+    raise Question(
+        f"{table.path}: which column is {', '.join(required)}? There are {_shown(table)}",
+        answers,
+    )
+
+
+def _written(table: Table, places: Mapping[str, int]) -> tuple[str, ...]:
+    """What a user writes of columns; without an id all rows are one person's."""
+    roles = [role for role in dict.fromkeys((*ROLES, *places)) if role in places]
+    written = [f"{role}={column_name(table, places[role])}" for role in roles]
+    return (*written, *([] if "id" in places else ["id=none"]))
 
 
 def _place(table: Table, key: str, name: str) -> int:
@@ -353,40 +592,6 @@ def _shown(table: Table) -> str:
     return ", ".join(repr(name[:30]) for name in table.names[:12])
 
 
-def _refusal(
-    table: Table,
-    places: Mapping[str, int],
-    required: Sequence[str],
-    named: Mapping[str, Sequence[int]],
-) -> InputError:
-    """What names leave open, the whole command that values propose, and rows as read so."""
-    if len(table.names) < 3:
-        what = f"only the columns {_shown(table)}: separate columns"
-        return InputError(f"{table.path}: {what} by commas, semicolons, tabs or blanks")
-    guess = dict(places) | {role: named[role][0] for role in required if role in named}
-    guess |= propose(table, guess)
-    columns = [
-        f"{role}={column_name(table, at)}"
-        for role in dict.fromkeys(("time", "frame", *ROLES, *guess))
-        if (at := guess.get(role)) is not None
-    ]
-    words = {"time": "time or frame"}
-    lacking = [role for role in required if role not in guess]
-    lacking = [role for role in lacking if role != "time" or "frame" not in guess]
-    columns += [f"{role}={'none' if role == 'id' else 'NAME'}" for role in lacking]
-    error = InputError(
-        f"{table.path}: which column is {', '.join(words.get(role, role) for role in required)}? "
-        f"There are {_shown(table)}: say {option('columns', tuple(columns))}"
-    )
-    if not lacking:
-        rows = zip(*(table.column(at).head(5) for at in guess.values()))
-        previews = (
-            " ".join(f"{role} {text}" for role, text in zip(guess, row)) for row in rows
-        )
-        error.add_note("the first rows, read so:\n  " + "\n  ".join(previews))
-    return error
-
-
 def column_name(table: Table, at: int) -> str:
     """The name of a column as `columns` takes it, or its number from 1."""
     name = table.names[at]
@@ -404,6 +609,8 @@ def column_name(table: Table, at: int) -> str:
 # Positions have x to the right, y up, so that left is counter-clockwise. In pictures y
 # points down.
 
+FLAT = 0.05  # share of the spread of x and of z below which y may be a height
+EARTH = 6_371_008.8  # its mean radius in metres
 SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -458,51 +665,29 @@ def outside(matrix: np.ndarray, points: np.ndarray, width: int, height: int) -> 
 
 def positions_of(
     table: Table, schema: Schema, options: ReadOptions, unit: str | None
-) -> tuple[Table, np.ndarray, np.ndarray, list[str]]:
-    """The rows with a position, [R, 2] metres, [R, 2] in the file's unit, and what to warn of.
+) -> tuple[Table, np.ndarray, np.ndarray]:
+    """The rows with a position, [R, 2] metres, and [R, 2] in the file's unit.
 
     `unit` is what the file says of itself.
 
     Raises:
         InputError: where no row has one, or their unit is not known or said twice.
     """
-    places, lines = schema.places, list[str]()
-    roles = [role for role in (BOX if schema.is_box else ("x", "y")) if role in places]
-    values = table.numbers(*(places[role] for role in roles), missing=True)
-    has_position: Any = ~np.isnan(values).any(axis=1)
-    if has_position.sum() < len(values):
-        if not has_position.any():
-            raise InputError(f"{table.path}: no row has a position")
-        lines.append(
-            f"{np.sum(~has_position)} rows have no position, and are taken as not seen"
-        )
-        table, values = table.take(has_position), values[has_position]
-    column = dict(zip(roles, values.T))
-    if schema.is_box:
-        right = (
-            column["right"] if "right" in column else column["left"] + column["width"]
-        )
-        bottom = (
-            column["bottom"] if "bottom" in column else column["top"] + column["height"]
-        )
-        wrong = (right < column["left"]) | (bottom < column["top"])
-        table.refuse(
-            wrong, lambda at: "the box ends before it begins (left top right bottom)"
-        )
-        raw = np.column_stack([(column["left"] + right) / 2, bottom])
-    else:
-        raw = values
+    table, raw = _points_of(table, schema, options)
     stated = options.unit_of(table.path.stem)
-    if unit and stated and abs(metres_in(stated) / metres_in(unit) - 1) > 1e-6:
+    if stated and unit and abs(metres_in(stated) / metres_in(unit) - 1) > 1e-6:
+        said = option("unit", stated)
         if "scale" not in options.allow:
             raise InputError(
-                f"{table.path}: the file says that coordinates are {unit}, "
-                f"{option('unit', stated)}: which is right? ({option('allow', ('scale',))} takes "
-                "the option)"
+                f"{table.path}: the file says that coordinates are {unit}, {said}: which is "
+                f"right? ({option('allow', ('scale',))} takes the option)"
             )
-        lines.append(f"allowed scale: the file says {unit}, {option('unit', stated)}")
-    if schema.in_picture and not (stated or unit or options.homography):
-        raise InputError(
+        table = table.warned(f"allowed scale: the file says {unit}, {said}")
+    if schema.in_degrees:
+        return _local_metres(table, raw, options)
+    has_scale = stated or unit or options.homography
+    if schema.in_picture and not has_scale:
+        raise Unsaid(
             f"{table.path}: positions are pixels of a picture: say what they are in metres, by "
             f"{option('homography', 'FILE')} or metres of a pixel, {option('unit', '0.032')}"
         )
@@ -515,13 +700,89 @@ def positions_of(
         position = position * metres_in(stated or "m")
     else:
         position = raw * metres_in(stated or unit or "m")
-        if schema.in_picture:
-            position = position * [1, -1]  # Rows of pictures count downward.
-    if options.flip_y or (schema.in_picture and not options.homography):
-        table = dataclasses.replace(
-            table, notes=(*table.notes, "y is turned round, to point up")
+    # Rows of pictures count downward; a homography turns them itself.
+    is_turned = schema.in_picture and not options.homography
+    if options.flip_y or is_turned:
+        table = table.noted("y is turned round, to point up")
+    if options.flip_y != is_turned:
+        position = position * [1, -1]
+    return table, position, raw
+
+
+def _points_of(
+    table: Table, schema: Schema, options: ReadOptions
+) -> tuple[Table, np.ndarray]:
+    """The rows with a position, and [R, 2] points, or middles of the lower edges of boxes."""
+    _refuse_other_points(table, schema, options)
+    roles = [role for role in ("x", "y", *BOX) if role in schema.places]
+    values = table.numbers(*(schema.places[role] for role in roles), missing=True)
+    values[values == options.missing] = np.nan
+    is_seen: Any = ~np.isnan(values).any(axis=1)
+    if not is_seen.any():
+        raise InputError(f"{table.path}: no row has a position")
+    table = table.take(is_seen, "without a position")
+    column = dict(zip(roles, values[is_seen].T))
+    if "x" in column:
+        # Of a box, x and y are the middle; in metres nobody gives its height.
+        below = column["height"] / 2 if "height" in column else 0.0
+        return table, np.column_stack([column["x"], column["y"] + below])
+
+    left, top = column["left"], column["top"]
+    right = column["right"] if "right" in column else left + column["width"]
+    bottom = column["bottom"] if "bottom" in column else top + column["height"]
+    table.refuse(
+        (right < left) | (bottom < top),
+        lambda at: "the box ends before it begins (left top right bottom)",
+    )
+    return table, np.column_stack([(left + right) / 2, bottom])
+
+
+def _refuse_other_points(table: Table, schema: Schema, options: ReadOptions) -> None:
+    """Ask whether x and y are of a box in a picture, and whether y is a height."""
+    if "x" not in schema.places:
+        return
+    x, y = (column_name(table, schema.places[role]) for role in "xy")
+    is_scaled = (options.unit or "m") not in METRES or options.homography
+    if schema.sizes and (is_scaled or schema.in_picture):
+        width, height = (column_name(table, at) for at in schema.sizes)
+        size = (f"width={width}", f"height={height}")
+        raise Question(
+            f"{table.path}: {x}, {y}, {width} and {height} are of a box",
+            {
+                (f"left={x}", f"top={y}", *size): "where x, y is its upper left corner",
+                (f"x={x}", f"y={y}", *size): "where it is its middle",
+            },
         )
-    return table, position * [1, -1 if options.flip_y else 1], raw, lines
+    if len(schema.heights) == 1:
+        columns = schema.places["x"], schema.places["y"], *schema.heights
+        values = table.numbers(*columns, missing=True)
+        spread = np.nanstd(values, axis=0)
+        if spread[1] < FLAT * min(spread[0], spread[2]):
+            z = column_name(table, schema.heights[0])
+            raise Question(
+                f"{table.path}: {y} hardly varies beside {x} and {z}, as a height does",
+                {(f"x={x}", f"y={z}"): ""},
+            )
+
+
+def _local_metres(
+    table: Table, degrees: np.ndarray, options: ReadOptions
+) -> tuple[Table, np.ndarray, np.ndarray]:
+    """Metres east and north of the middle, of [R, 2] longitudes and latitudes."""
+    table.refuse(
+        (np.abs(degrees) > [180, 90]).any(axis=1),
+        lambda at: f"{degrees[at]} is no longitude and latitude",
+    )
+    if options.unit or options.homography:
+        raise InputError(
+            f"{table.path}: longitudes and latitudes have no {option('unit')} or homography"
+        )
+    middle = np.median(degrees, axis=0)
+    scale = EARTH * np.array([np.cos(np.radians(middle[1])), 1.0])
+    position = np.radians(degrees - middle) * scale
+    east, north = middle
+    table = table.noted(f"degrees, as metres east and north of {north:.6f}, {east:.6f}")
+    return table, position, position
 
 
 # What a table says of its own clock, scale and kinds, beside positions: the witnesses.
@@ -563,7 +824,7 @@ def facts_of(table: Table, schema: Schema) -> dict[str, str]:
 
     for role in ("x", "y", "left"):
         unit = schema.units.get(role)
-        if unit and unit != "px":
+        if unit and unit not in ("px", DEGREES):
             add("unit", unit, f"the name {table.names[schema.places[role]]!r}")
     for key, value in table.facts.items():
         add(key, value, "the file")
@@ -642,54 +903,22 @@ def kinds_beside(table: Table, schema: Schema) -> tuple[str, pl.Series] | None:
     return None
 
 
-def velocity_ratio(
-    table: Table,
-    schema: Schema,
-    ids: np.ndarray,
-    stamp: np.ndarray,
-    position: np.ndarray,
-) -> float | None:
-    """Units of `stamp` in a second by the columns vx, vy: velocity over displacement per stamp.
-
-    Over four rows, so that rounding and noise matter little; None without columns that
-    point where people go. `ids`, `stamp` are [R], `position` is [R, 2].
-    """
-    if not {"vx", "vy"} <= schema.places.keys():
-        return None
-    velocity = table.numbers(schema.places["vx"], schema.places["vy"], missing=True)
-    order = np.lexsort((stamp, ids))
-    ids, stamp = ids[order], stamp[order]
-    position, velocity = position[order], np.nan_to_num(velocity[order])
-    same = np.flatnonzero((ids[4:] == ids[:-4]) & (stamp[4:] > stamp[:-4]))
-    if len(same) < ENOUGH:
-        return None
-    moved = (position[same + 4] - position[same]) / (stamp[same + 4] - stamp[same])[
-        :, None
-    ]
-    weights = np.array([0.125, 0.25, 0.25, 0.25, 0.125])
-    mean = np.einsum("l,lnd->nd", weights, velocity[same + np.arange(5)[:, None]])
-    pairs = (mean, moved), (moved, moved), (mean, mean)
-    across, length, speed = ((first * other).sum(axis=1) for first, other in pairs)
-    moving = (length > 0.01 * np.median(length)) & (speed > 0) & (length > 0)
-    if not moving.any():
-        return None
-    across, length, speed = across[moving], length[moving], speed[moving]
-    # Medians, for velocities are wrong where tracks begin or are exchanged.
-    cosine = np.median(across / np.sqrt(length * speed))
-    return float(np.median(across / length)) if cosine > 0.9 else None
-
-
 # The clock of a table: seconds of its times or frames, as far as its witnesses agree.
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-DATE = "as 2024-05-01 12:30:00.4 (or use seconds)"
-AGREE = 0.15  # share by which witnesses of one rate may differ: velocities are smoothed
-USUAL_RATES = (
-    29.97,
-    23.976,
-    59.94,
-    12.5,
-)  # frames a second of videos that are no whole numbers
+AGREE = 0.15  # share by which witnesses of one rate may differ
+CLOSE = 0.02  # share by which velocities may miss a usual rate
+USUAL_RATES = (2.5, 3.75, 7.5, 12.5, 14.985, 23.976, 29.97, 59.94)
+"""Frames a second of recordings that are no whole numbers."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Witness:
+    """Who says a rate, and how many frames a second."""
+
+    source: str
+    rate: float
+    is_option: bool = False  # the user, whose words need no note
 
 
 def stamps_of(
@@ -701,8 +930,8 @@ def stamps_of(
     part: np.ndarray,
     position: np.ndarray,
     facts: Mapping[str, str],
-) -> tuple[np.ndarray, list[str], list[str]]:
-    """[R] seconds, and what to warn of and to note: of the clock that its witnesses agree on.
+) -> tuple[Table, np.ndarray]:
+    """The table with notes on its clock, and [R] seconds, as the witnesses of its rate agree.
 
     Args:
         table: the rows.
@@ -718,115 +947,152 @@ def stamps_of(
         InputError: for witnesses that contradict each other, or a clock that none
             decides.
     """
-    place = schema.places[schema.clock]
-    warnings, notes = list[str](), list[str]()
     unit = facts.get("unit")
     if unit and options.unit_of(table.path.stem) is None:
-        notes.append(f"coordinates in {unit} ({facts['unit_by']})")
-    metres = metres_in(options.unit_of(table.path.stem) or unit or "m")
+        table = table.noted(f"coordinates in {unit} ({facts['unit_by']})")
     if schema.clock == "time":
-        stamp = _seconds(table, place, options, schema.units.get("time"), notes)
+        table, stamp = _seconds(table, schema, options)
         if "time" not in schema.declared:
-            _refuse_other_frames(table, place, stamp, part)
-        rate, fps = 1.0, {"the clock": 1.0}
-    elif options.time_unit:
+            _refuse_other_frames(table, schema.places["time"], stamp, part)
+        return table, stamp
+    if options.time_unit:
         raise InputError(
             f"{table.path}: {option('time_unit')} is of no use: it counts frames"
         )
-    else:
-        stamp = table.whole_numbers(place)
-        stated_rate = options.fps_of(table.path.stem)
-        fps = {option("fps"): stated_rate} if stated_rate else {}
-        if options.eth_stride and table.path.stem.startswith("biwi_eth"):
-            fps = {option("eth_stride"): options.eth_stride / period}
-        stated = set(fps)
-        if "fps" in facts:
-            fps[facts["fps_by"]] = float(facts["fps"])
-    ratio = velocity_ratio(table, schema, ids, stamp, position)
-    if ratio is not None:
-        columns = (
-            f"{table.names[schema.places['vx']]}, {table.names[schema.places['vy']]}"
-        )
-        # Velocities are in the unit of the coordinates, or in metres.
-        scale = 1 / metres if not options.homography else 1.0
-        rates = (ratio, ratio * scale)
-        reference = next(iter(fps.values()), None)
-        if reference is None:
-            ratio = next((rate for rate in rates if 0.9 < rate < 130), ratio)
-        else:
-            ratio = min(rates, key=lambda rate: abs(np.log(rate / reference)))
-        usual = np.array([round(ratio), *USUAL_RATES])
-        nearest = float(usual[abs(usual - ratio).argmin()])
-        ratio = nearest if abs(ratio / (nearest or 1) - 1) < 0.02 else ratio
-        fps[f"columns {columns}"] = float(ratio)
-    if fps:
-        witness, rate = next(iter(fps.items()))
-        for other, value in fps.items():
-            if abs(np.log(value / rate)) <= np.log1p(AGREE):
-                continue
-            line = (
-                f"{witness} says {rate:g} frames a second, {other} {value:g}"
-                if schema.clock == "frame"
-                else f"{other} say that people move {value:.3g} times as fast as the clock and "
-                "positions do"
-            )
-            if "clock" not in options.allow:
-                raise InputError(
-                    f"{table.path}: {line}: which is right? ({option('fps')}, "
-                    f"{option('time_unit')}, {option('unit')}, or {option('allow', ('clock',))} "
-                    "takes the first)"
-                )
-            warnings.append(f"allowed clock: {line}")
-        if schema.clock == "frame":
-            if len(fps) == 1 and ratio is not None:
-                witness += (
-                    f" alone, which may err by a twentieth: {option('fps')} corrects it"
-                )
-            if witness not in stated:
-                notes.append(f"{rate:g} frames a second ({witness})")
-            # In this order 10 frames at 25 a second are 0.4 s exactly.
-            stamp = stamp / (rate * period) * period
-        if ratio is not None and not any(
-            line.startswith("allowed") for line in warnings
-        ):
-            notes.append(f"{columns} agree with the clock")
-    elif schema.clock == "frame":
-        if schema.in_picture and np.any(np.diff(np.unique(stamp)) == 1):
+    frame = table.whole_numbers(schema.places["frame"])
+    witnesses = _stated_rates(table, options, period, facts)
+    if not witnesses:
+        witnesses = _rate_of_velocities(table, schema, ids, frame, position)
+    if not witnesses:
+        return _assumed(table, schema, frame, ids, period)
+    table = _agreed(table, witnesses, options)
+    first = witnesses[0]
+    if not first.is_option:
+        table = table.noted(f"{first.rate:g} frames a second ({first.source})")
+    # In this order 10 frames at 25 a second are 0.4 s exactly.
+    return table, frame / (first.rate * period) * period
+
+
+def _stated_rates(
+    table: Table, options: ReadOptions, period: float, facts: Mapping[str, str]
+) -> list[Witness]:
+    """The rates that the user and the file say."""
+    witnesses = []
+    rate = options.fps_of(table.path.stem)
+    if rate:
+        witnesses.append(Witness(option("fps"), rate, is_option=True))
+    if options.eth_stride and table.path.stem.startswith("biwi_eth"):
+        rate = options.eth_stride / period
+        witnesses.append(Witness(option("eth_stride"), rate, is_option=True))
+    if "fps" in facts:
+        witnesses.append(Witness(facts["fps_by"], float(facts["fps"])))
+    return witnesses
+
+
+def _agreed(table: Table, witnesses: Sequence[Witness], options: ReadOptions) -> Table:
+    """The table, with a warning if its user allows that the witnesses of its rate differ."""
+    first, *others = witnesses
+    for other in others:
+        if abs(np.log(other.rate / first.rate)) <= np.log1p(AGREE):
+            continue
+        line = f"{first.source} says {first.rate:g} frames a second, {other.source} {other.rate:g}"
+        if "clock" not in options.allow:
             raise InputError(
-                f"{table.path}: it has every frame of a video: say how many a second "
-                f"({option('fps', 30)})"
+                f"{table.path}: {line}: which is right? ({option('fps')}, or "
+                f"{option('allow', ('clock',))} takes the first)"
             )
-        stamp = usual_frames(table, stamp, ids) * period
-    return stamp, warnings, notes
+        table = table.warned(f"allowed clock: {line}")
+    return table
 
 
-def usual_frames(
+def _rate_of_velocities(
+    table: Table,
+    schema: Schema,
+    ids: np.ndarray,
+    frame: np.ndarray,
+    position: np.ndarray,
+) -> list[Witness]:
+    """The rate by which the columns vx, vy fit what people move in four frames, if they do.
+
+    Over four rows, so that rounding and noise matter little. `ids`, `frame` are [R],
+    `position` is [R, 2].
+    """
+    if not {"vx", "vy"} <= schema.places.keys():
+        return []
+    columns = schema.places["vx"], schema.places["vy"]
+    order = np.lexsort((frame, ids))
+    ids, frame, position = ids[order], frame[order], position[order]
+    velocity = np.nan_to_num(table.numbers(*columns, missing=True)[order])
+    same = np.flatnonzero((ids[4:] == ids[:-4]) & (frame[4:] > frame[:-4]))
+    if len(same) < ENOUGH:
+        return []
+    frames = (frame[same + 4] - frame[same])[:, None]
+    moved = (position[same + 4] - position[same]) / frames
+    weights = np.array([0.125, 0.25, 0.25, 0.25, 0.125])
+    mean = np.einsum("l,lnd->nd", weights, velocity[same + np.arange(5)[:, None]])
+    across = (mean * moved).sum(axis=1)
+    length, speed = (moved**2).sum(axis=1), (mean**2).sum(axis=1)
+    moving = (length > 0.01 * np.median(length)) & (speed > 0) & (length > 0)
+    if not moving.any():
+        return []
+    # Medians, for velocities are wrong where tracks begin or are exchanged.
+    cosine = np.median((across / np.sqrt(length * speed))[moving])
+    rate = float(np.median((across / length)[moving]))
+    if cosine < 0.9 or not 0.9 < rate < 130:
+        return []
+    usual = np.array([round(rate), *USUAL_RATES])
+    nearest = float(usual[abs(usual - rate).argmin()])
+    if abs(rate / nearest - 1) < CLOSE:
+        rate = nearest
+    names = ", ".join(table.names[at] for at in columns)
+    hint = f"columns {names} alone, which may err by a twentieth: {option('fps')} corrects it"
+    return [Witness(hint, rate)]
+
+
+def _assumed(
+    table: Table, schema: Schema, frame: np.ndarray, ids: np.ndarray, period: float
+) -> tuple[Table, np.ndarray]:
+    """[R] seconds of frames whose most common step is taken for `period` seconds."""
+    if schema.in_picture and np.any(np.diff(np.unique(frame)) == 1):
+        raise Unsaid(
+            f"{table.path}: it has every frame of a video: say how many a second "
+            f"({option('fps', 30)})"
+        )
+    step = usual_step(table, frame, ids)
+    frames = "a frame is" if step == 1 else f"{step:g} frames are"
+    table = table.noted(
+        f"{frames} taken for {period:g} s, which nothing says: {option('fps')}"
+    )
+    return table, frame / step * period
+
+
+def usual_step(
     table: Table, frame: np.ndarray, ids: np.ndarray, any_step: bool = False
-) -> np.ndarray:
-    """[R] frames in their most common step of people.
+) -> float:
+    """The most common step of people's frames [R].
 
     Raises:
         InputError: where that step is unusual, unless `any_step` will do.
     """
     order = np.lexsort((frame, ids))
-    steps = np.diff(frame[order])[
-        (np.diff(ids[order]) == 0) & (np.diff(frame[order]) > 0)
-    ]
+    steps = np.diff(frame[order])
+    steps = steps[(np.diff(ids[order]) == 0) & (steps > 0)]
     steps = steps if len(steps) else np.diff(np.unique(frame))
     stride = common(steps) if len(steps) else 1.0
     if not any_step and stride not in STEPS:
-        raise InputError(
+        raise Unsaid(
             f"{table.path}: its frames are {stride:g} apart, at 25 a second {stride / 25:.2f} s: "
             f"say how many make a second ({option('fps', 25)})"
         )
-    return frame / stride
+    return stride
 
 
 def _seconds(
-    table: Table, place: int, options: ReadOptions, named: str | None, notes: list[str]
-) -> np.ndarray:
-    """[R] seconds in a column of times."""
-    path, name, unit = table.path, table.names[place], options.time_unit
+    table: Table, schema: Schema, options: ReadOptions
+) -> tuple[Table, np.ndarray]:
+    """[R] seconds in the column of times."""
+    path, place, named = table.path, schema.places["time"], schema.units.get("time")
+    name, unit = table.names[place], options.time_unit
     if options.fps_of(path.stem) is not None:
         raise InputError(
             f"{path}: {option('fps')} counts frames, and {name!r} is a time"
@@ -836,25 +1102,74 @@ def _seconds(
             stated = option("time_unit", unit)
             raise InputError(f"{path}: the name {name!r} says {named}, {stated}")
         if unit is None and named != "s":
-            notes.append(f"times in {named} (the name {name!r})")
+            table = table.noted(f"times in {named} (the name {name!r})")
         unit = named
     texts = table.column(place)
-    if re.match(r"\d{4}-\d\d-", texts[0]) and not options.time_unit:
-        moments = texts.str.to_datetime(time_unit="us", time_zone="UTC", strict=False)
-        wrong = moments.is_null().to_numpy()
-        table.refuse(
-            wrong, lambda at: f"{texts[at][:40]!r} is not a date and time, {DATE}"
-        )
-        return moments.dt.timestamp("us").to_numpy() / 1e6
+    if not options.time_unit and re.search(r"\d[:-]\d", texts[0]):
+        return table, _moments(table, texts)
     stamp = table.numbers(place)[:, 0] * _SECONDS[unit or "s"]
     counts = np.unique(stamp)
     if not unit and len(counts) > 10 and (counts == np.rint(counts)).all():
-        raise InputError(
+        frames = option("columns", (f"frame={column_name(table, place)}",))
+        raise Unsaid(
             f"{path}: all of {name!r} are whole numbers: do they count frames "
-            f"({option('columns', (f'frame={name}',))} {option('fps', 25)}), or is that their unit "
+            f"({frames} {option('fps', 25)}), or is that their unit "
             f"({option('time_unit', 's')} or ms)?"
         )
-    return stamp
+    return table, stamp
+
+
+_CLOCK = r"^(?:(\d+) days? |(.*\d) )?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)$"
+DATE = "as 2024-05-01 12:30:00.4, or 12:30:00.4"
+DAYS = ("%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y")
+DAY = 86_400.0
+
+
+def _moments(table: Table, texts: pl.Series) -> np.ndarray:
+    """[R] seconds of dates and clocks, or of clocks alone, which may pass midnight."""
+
+    def wrong(at: int) -> str:
+        return f"{texts[at][:40]!r} is not a date and time, {DATE}"
+
+    if re.match(r"\d{4}-\d\d-", texts[0]):
+        moments = texts.str.to_datetime(time_unit="us", time_zone="UTC", strict=False)
+        table.refuse(moments.is_null().to_numpy(), wrong)
+        return moments.dt.timestamp("us").to_numpy() / 1e6
+    parts = texts.str.extract_groups(_CLOCK).struct.unnest()
+    count, date, hours, minutes, seconds = parts.get_columns()
+    table.refuse(hours.is_null().to_numpy(), wrong)
+    factors = {
+        3600.0: hours,
+        60.0: minutes,
+        1.0: seconds.str.replace(",", "."),
+        DAY: count,
+    }
+    stamp = np.zeros(len(texts))
+    for factor, column in factors.items():
+        stamp += factor * column.cast(pl.Float64).fill_null(0.0).to_numpy()
+    if date.null_count() == 0:
+        return stamp + DAY * _days(table, date)
+    if stamp.max() >= DAY:
+        return stamp
+    return stamp + DAY * np.cumsum(np.diff(stamp, prepend=stamp[0]) < -DAY / 2)
+
+
+def _days(table: Table, texts: pl.Series) -> np.ndarray:
+    """[R] days since 1970 of dates, whose day and month one of them must tell apart."""
+    readings = []
+    for form in DAYS:
+        days = texts.str.to_date(form, strict=False)
+        if not days.null_count():
+            readings.append(days.cast(pl.Int32).to_numpy())
+    if not readings:
+        raise InputError(
+            f"{table.path}: {texts[0][:40]!r} is no date: write 2024-05-01"
+        )
+    if any(np.ptp(days) != np.ptp(readings[0]) for days in readings):
+        raise InputError(
+            f"{table.path}: {texts[0][:40]!r}: which is the day, which the month? Write 2024-05-01"
+        )
+    return readings[0].astype(float)
 
 
 def _refuse_other_frames(
@@ -876,7 +1191,10 @@ def _refuse_other_frames(
         off = np.max(np.abs(stamp[at] - start - rate * (frame[at] - first[0])))
         if rate <= 0 or off > 0.1 + 2 * rate + 1e-3 * np.ptp(stamp[at]):
             frames, times = table.names[places[0]], table.names[clock]
-            raise InputError(
-                f"{table.path}: columns {frames!r} and {times!r} disagree: say which is right, "
-                f"{option('columns', (f'frame={frames}',))} or time={times}"
+            raise Question(
+                f"{table.path}: columns {frames!r} and {times!r} disagree",
+                {
+                    (f"frame={frames}",): "where that is right",
+                    (f"time={times}",): "where that is",
+                },
             )

@@ -4,20 +4,22 @@ Speeds are taken over steps of about 0.4 s, so that noise of a fast tracker is n
 walking.
 """
 
+import dataclasses
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.tables import ReadOptions
+from neurosym_jax.data.tables import GUARDS
 from neurosym_jax.data.tracks import GAP, PERIOD, Tracks
 from neurosym_jax.errors import option
 
 __all__ = [
-    "APART",
     "DOUBTED",
     "REFUSED",
-    "apart_of",
+    "Doubt",
+    "doubts_of",
     "judge",
     "pace_of",
     "roughness",
@@ -27,9 +29,7 @@ __all__ = [
 REFUSED, DOUBTED = (0.9, 4.5), (1.05, 2.5)
 """Outside these paces, m/s, a recording is refused or doubted. Those of ETH/UCY and THÖR are 1.22
 to 2.06, SGAN's eth 3.23 (`python -m studies.bands`)."""
-APART = (0.2, 0.35)
-"""Below these distances to the nearest person, metres, of a quarter of the points, a recording is
-refused and doubted, whatever its clock says. Those of ETH/UCY and THÖR are 0.46 to 2.23."""
+WALK = 1.5  # m/s, a usual pace
 FEW, ENOUGH = 10, 100  # steps that say anything of a recording, and that may refuse one
 MANY = 20  # fewest people of whom a share is judged
 
@@ -62,24 +62,6 @@ def pace_of(tracks: Tracks) -> tuple[int, float]:
     pace = float(np.quantile(length / time, 0.95))
     # In a moment anybody may stand.
     return len(starts), pace if pace > 1 or np.median(time) > PERIOD / 2 else np.nan
-
-
-def apart_of(tracks: Tracks) -> float:
-    """Metres to the nearest person that a quarter of the points are within, at 200 moments or so.
-
-    NaN where few people are there at one moment.
-    """
-    from scipy.spatial import KDTree  # It takes a third of a second to import.
-
-    moment, position = _moments(tracks)
-    moments, moment = np.unique(moment, return_inverse=True)
-    is_sampled = moment % max(1, len(moments) // 200) == 0
-    # Moments are further apart than any two people; of people at one place the tree
-    # would be slow.
-    points = np.unique(np.column_stack([position, 1e10 * moment])[is_sampled], axis=0)
-    near = KDTree(points).query(points, 2, distance_upper_bound=1e9)[0][:, 1]
-    near = near[np.isfinite(near)]
-    return float(np.quantile(near, 0.25)) if len(near) >= ENOUGH else np.nan
 
 
 def _moments(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
@@ -136,123 +118,154 @@ def _is_crowded(position: np.ndarray) -> bool:
     )
 
 
-def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[str, bool, str]]:
-    """Yield the name of a guard, whether it refuses a recording or only doubts it, and why."""
+class Doubt(NamedTuple):
+    """What the moves of people say against a recording."""
+
+    guard: str
+    refuses: bool  # or only doubts
+    line: str
+
+
+def judge(tracks: Tracks) -> Iterator[Doubt]:
+    """What is doubted of a recording, and what refuses it, in the order of the guards."""
     steps, pace = pace_of(tracks)
     enough = steps >= ENOUGH
-    notes = tracks.reading.notes if tracks.reading else ()
-    agreed = next((note for note in notes if note.endswith("agree with the clock")), "")
-    if pace < DOUBTED[0] or pace > DOUBTED[1]:
-        guard, unit = (
-            ("slow", "more than metres") if pace < 2 else ("fast", "cm, mm or pixels")
-        )
-        yield (
-            guard,
-            enough
-            and not REFUSED[0] <= pace <= REFUSED[1]
-            and not (agreed and guard == "slow"),
-            f"one step in twenty is faster than {pace:.2f} m/s, of walking people 1.2 to 2.1: is "
-            f"the clock too {guard} ({option('fps')}, {option('time_unit')}; SGAN's eth needs "
-            f"{option('eth_stride', 6)}), or are coordinates {unit} ({option('unit')})?"
-            + f" {agreed}"
-            * bool(agreed),
-        )
     thin = _every_period(tracks)
-    length = np.linalg.norm(np.diff(thin.position, axis=0), axis=1)
-    length[np.diff(thin.id) != 0] = np.nan
-    usual = np.median(length[length > 0]) if np.any(length > 0) else np.inf
-    stay, leap, after = length[:-2], length[1:-1], length[2:]
-    leaps = (stay == 0) & (leap > np.maximum(1.6 * after, 0.5 * usual))
-    held = np.sum(leaps) / len(thin.id)
-    if steps >= FEW and held > 0.01:
-        yield (
-            "held",
-            enough and held > 0.1,
-            f"{held:.1%} of the points repeat the one before and are followed by a leap: are "
-            "positions held until the next is there?",
-        )
-    are_whole = np.all(tracks.position == np.rint(tracks.position))
-    unscaled = options.unit is None and options.homography is None
-    if are_whole and unscaled and len(tracks.id) > 20 and np.ptp(tracks.position) > 20:
-        units = f"{option('unit', 'm')}, cm, mm, .."
-        line = f"all coordinates are whole numbers, as pixels are: say {units}"
-        yield "pixels", enough, line
-    ids, first, count = np.unique(thin.id, return_index=True, return_counts=True)
-    last = first + count - 1
-    padded = np.pad(length, 3, constant_values=np.nan)
-    stays = [
-        padded[at[:, None] + np.arange(3)].sum(axis=1) == 0 for at in (first + 3, last)
-    ]
-    went = np.linalg.norm(thin.position[last] - thin.position[first], axis=1) > 1
-    start_share = np.unique(thin.position[first], axis=0, return_counts=True)[
-        1
-    ].max() / len(ids)
-    together = thin.stamp[first] == thin.stamp.min()
-    together &= len(np.unique(thin.stamp[last])) > len(ids) / 4
-    crowded = together.any() and _is_crowded(thin.position[first[together]])
-    for guard, share, doubted, refused, line in (
-        (
-            "ends",
-            went & (stays[0] | stays[1]),
-            0.2,
-            0.5,
-            "walk but stay at an end: are positions held?",
-        ),
-        (
-            "origins",
-            start_share,
-            0.5,
-            0.5,
-            "begin at one place: has each an own origin?",
-        ),
-        ("together", together, 0.9, 0.9, "begin at one moment: has each an own clock?"),
-    ):
-        if len(ids) >= MANY and np.mean(share) > doubted:
-            refuse = (
-                enough and np.mean(share) > refused and (guard != "together" or crowded)
-            )
-            yield guard, refuse, f"{np.mean(share):.0%} of the people {line}"
+    length = _strides(thin)
+
+    yield from _walking(pace, enough)
+    if steps >= FEW:
+        yield from _held(length, enough)
+    yield from _ends(thin, length, enough)
+    yield from _starts(thin, enough)
+    if enough:
+        yield from _line(tracks)
+    yield from _twins(tracks, enough)
+    yield from _leaps(tracks)
+
+
+def doubts_of(tracks: Tracks) -> int:
+    """How many guards doubt tracks whatever their unit and rate, as columns do that are no positions.
+
+    Steps along one line are a doubt more: a coordinate that stands twice.
+    """
+    same = np.diff(tracks.id) == 0
+    if same.sum() < FEW:
+        return len(GUARDS)
+    step = np.median(np.diff(tracks.stamp)[same])
+    tracks = dataclasses.replace(tracks, stamp=tracks.stamp / step * PERIOD)
+    pace = pace_of(tracks)[1]
+    if pace > 0:
+        tracks = dataclasses.replace(tracks, position=tracks.position * WALK / pace)
+    variances = np.linalg.eigvalsh(np.cov(np.diff(tracks.position, axis=0)[same].T))
+    doubts = int(variances[0] < 1e-4 * variances[1])
+    for doubt in judge(tracks):
+        doubts += doubt.guard not in ("slow", "fast")
+    return doubts
+
+
+def _strides(tracks: Tracks) -> np.ndarray:
+    """[R - 1] metres to the next row of the same person; NaN to another's."""
     length = np.linalg.norm(np.diff(tracks.position, axis=0), axis=1)
     length[np.diff(tracks.id) != 0] = np.nan
-    across = np.sqrt(
-        np.abs(np.linalg.eigvalsh(np.cov(tracks.position.T, bias=True))[0])
+    return length
+
+
+def _walking(pace: float, enough: bool) -> Iterator[Doubt]:
+    if not (pace < DOUBTED[0] or pace > DOUBTED[1]):
+        return
+    guard, unit = "fast", "cm, mm or pixels"
+    if pace < 2:
+        guard, unit = "slow", "more than metres"
+    line = (
+        f"one step in twenty is faster than {pace:.2f} m/s, of walking people 1.2 to 2.1: is "
+        f"the clock too {guard} ({option('fps')}, {option('time_unit')}; SGAN's eth needs "
+        f"{option('eth_stride', 6)}), or are coordinates {unit} ({option('unit')})?"
     )
-    if enough and len(ids) > 1 and across < 0.2:
-        yield (
-            "line",
-            False,
-            f"all are within {across:.2f} m of a line: is x or y a height, or both alike?",
+    yield Doubt(guard, enough and not REFUSED[0] <= pace <= REFUSED[1], line)
+
+
+def _held(length: np.ndarray, enough: bool) -> Iterator[Doubt]:
+    """A position that is held repeats, and the next one makes up for it."""
+    usual = np.inf
+    if np.any(length > 0):
+        usual = np.median(length[length > 0])
+    stay, leap, after = length[:-2], length[1:-1], length[2:]
+    is_held = (stay == 0) & (leap > np.maximum(1.6 * after, 0.5 * usual))
+    share = np.sum(is_held) / (len(length) + 1)
+    if share > 0.01:
+        line = (
+            f"{share:.1%} of the points repeat the one before and are followed by a leap: are "
+            "positions held until the next is there?"
         )
+        yield Doubt("held", enough and share > 0.1, line)
+
+
+def _ends(tracks: Tracks, length: np.ndarray, enough: bool) -> Iterator[Doubt]:
+    """People who walk, and stay for three steps where their tracks begin or end."""
+    _, first, count = np.unique(tracks.id, return_index=True, return_counts=True)
+    if len(first) < MANY:
+        return
+    last = first + count - 1
+    padded = np.pad(length, 3, constant_values=np.nan)
+    three = np.arange(3)
+    begins = padded[first[:, None] + 3 + three].sum(axis=1) == 0
+    ends = padded[last[:, None] + three].sum(axis=1) == 0
+    way = np.linalg.norm(tracks.position[last] - tracks.position[first], axis=1)
+    share = np.mean((way > 1) & (begins | ends))
+    if share > 0.2:
+        line = f"{share:.0%} of the people walk but stay at an end: are positions held?"
+        yield Doubt("ends", enough and share > 0.5, line)
+
+
+def _starts(tracks: Tracks, enough: bool) -> Iterator[Doubt]:
+    """People who begin at one place, or at one moment without leaving at one."""
+    _, first, count = np.unique(tracks.id, return_index=True, return_counts=True)
+    people = len(first)
+    if people < MANY:
+        return
+    _, counts = np.unique(tracks.position[first], axis=0, return_counts=True)
+    share = counts.max() / people
+    if share > 0.5:
+        line = f"{share:.0%} of the people begin at one place: has each an own origin?"
+        yield Doubt("origins", enough, line)
+
+    together = tracks.stamp[first] == tracks.stamp.min()
+    moments = len(np.unique(tracks.stamp[first + count - 1]))
+    share = np.mean(together)
+    if share > 0.9 and moments > people / 4:
+        line = f"{share:.0%} of the people begin at one moment: has each an own clock?"
+        crowded = _is_crowded(tracks.position[first[together]])
+        yield Doubt("together", enough and crowded, line)
+
+
+def _line(tracks: Tracks) -> Iterator[Doubt]:
+    variances = np.linalg.eigvalsh(np.cov(tracks.position.T, bias=True))
+    across = np.sqrt(np.abs(variances[0]))
+    if across < 0.2 and len(np.unique(tracks.id)) > 1:
+        line = f"all are within {across:.2f} m of a line: is x or y a height, or both alike?"
+        yield Doubt("line", False, line)
+
+
+def _twins(tracks: Tracks, enough: bool) -> Iterator[Doubt]:
     moment, position = _moments(tracks)
     twins = pl.DataFrame([moment, *position.T]).is_duplicated()
     if twins.any():
-        yield (
-            "twins",
-            enough and twins.sum() > 0.1 * len(twins),
-            f"{twins.sum()} points are another person's, too: is everybody there twice?",
+        line = (
+            f"{twins.sum()} points are another person's, too: is everybody there twice?"
         )
-    spacing = apart_of(tracks)
-    if spacing < APART[1]:
-        yield (
-            "near",
-            enough and spacing < APART[0],
-            f"a quarter of the people are within {spacing:.2f} m of another, usually 0.5 m or "
-            f"more: are coordinates more than metres ({option('unit')}), or is everybody there "
-            "twice?",
-        )
+        yield Doubt("twins", enough and twins.sum() > 0.1 * len(twins), line)
+
+
+def _leaps(tracks: Tracks) -> Iterator[Doubt]:
+    length = _strides(tracks)
     step = np.where(np.isnan(length), np.nan, np.diff(tracks.stamp))
     count = np.isfinite(step).sum()
-    fast = (
-        np.flatnonzero((length > 10 * step) & (step <= GAP * np.nanmedian(step)))
-        if count
-        else []
-    )
-    if count >= FEW and 0 < len(fast) < count / 2:
-        first = (
-            f"the first by person {tracks.id[fast[0]]} at {tracks.stamp[fast[0]]:.2f} s"
-        )
-        yield (
-            "leaps",
-            False,
-            f"{len(fast)} steps are faster than 10 m/s, {first}: is a person two?",
-        )
+    if count < FEW:
+        return
+    is_leap = (length > 10 * step) & (step <= GAP * np.nanmedian(step))
+    at = np.flatnonzero(is_leap)
+    if 0 < len(at) < count / 2:
+        first = f"the first by person {tracks.id[at[0]]} at {tracks.stamp[at[0]]:.2f} s"
+        line = f"{len(at)} steps are faster than 10 m/s, {first}: is a person two?"
+        yield Doubt("leaps", False, line)

@@ -149,7 +149,7 @@ def read_any(
                     *lines,
                     f"{option(name, text)} does not name {printable(path.stem)}",
                 )
-        for guard, refused, line in judge(tracks, options):
+        for guard, refused, line in judge(tracks):
             if refused and guard not in options.allow:
                 waive = option("allow", (guard,))
                 raise InputError(

@@ -33,8 +33,10 @@ __all__ = [
     "STEPS",
     "Format",
     "Head",
+    "Question",
     "ReadOptions",
     "Table",
+    "Unsaid",
     "absent",
     "header_in",
     "metres_in",
@@ -53,12 +55,10 @@ GUARDS = {
     "slow": "people move more slowly than people walk",
     "fast": "people move faster than people walk",
     "held": "positions stay and then leap",
-    "pixels": "all coordinates are whole numbers",
     "ends": "people stay where their tracks begin or end",
     "origins": "people begin at one place",
     "together": "people begin at one moment",
     "twins": "two people are at one place",
-    "near": "people are too near to each other",
     "clock": "two columns, options or files disagree about the clock",
     "scale": "two columns, options or files disagree about the unit",
     "seen": "a model is validated or tested on what it learns from",
@@ -73,9 +73,10 @@ class ReadOptions:
     """Format of the files, NAME or NAME,OPTION=VALUE,...; default: detected from the content."""
     columns: tuple[str, ...] = ()
     """Columns of a table by name, or by number from 1: time=t (or frame=3) id=who x=px y=py; boxes
-    left top right bottom (or width height), of which the middle of the lower edge is read; lost,
-    valid, confidence, which say what is no position; label; vx vy. Any other NAME=column is kept as
-    an extra of each agent, as group=g. header=no: the first row is data."""
+    left top right bottom (or width height), of which the middle of the lower edge is read, or x y
+    width height, of whose middle they are; lost, valid, state, confidence, which say what is no
+    position; label; vx vy. ROLE=none: no column is that. Any other NAME=column is kept as an extra
+    of each agent, as group=g. header=no: the first row is data."""
     unit: str | None = None
     """Unit of the coordinates, where the file does not say it: m (default), cm, mm, or metres as
     a number, such as 0.032 for pixels of 3.2 cm; or one of each recording, gates=0.03,quad=0.04."""
@@ -95,6 +96,8 @@ class ReadOptions:
     eth_stride: float | None = None
     """Frames per 0.4 s of files called biwi_eth* only: 6 gives the true time of SGAN's eth, whose
     frames are 10 apart in a video of 15 frames per second. Published numbers use the wrong one."""
+    missing: float | None = None
+    """Coordinate of rows without a position, such as -9999; it is found where people share it."""
     max_gap: float = 1.0
     """Longest gap in a person's track that is filled by interpolation, seconds."""
     allow: tuple[str, ...] = ()
@@ -149,6 +152,20 @@ def _value_of(text: str, recording: str) -> str | None:
 def metres_in(unit: str) -> float:
     """Metres in a unit of coordinates."""
     return METRES.get(unit) or float(unit)
+
+
+class Unsaid(InputError):
+    """A fact is missing that a file does not say and an option gives."""
+
+
+class Question(InputError):
+    """Columns have more than one meaning, or none that is known; `answers` are tried before they
+    are printed."""
+
+    def __init__(self, text: str, answers: Mapping[tuple[str, ...], str]):
+        """Ask `text`; each of the `answers` is a value of `columns` and the case it is for."""
+        super().__init__(text)
+        self.answers = answers
 
 
 AS_IT_SAYS = ReadOptions()  # everything is taken from the files
@@ -308,7 +325,7 @@ def separator_of(line: str) -> str:
 
 MOST = 1_000_000  # columns of a table
 BLANKS = ' "\t\r'  # around a field
-UNITS = {"", *METRES, "m/s", "s", "ms", "us", "ns", "deg", "rad", "frame"}
+UNITS = {"", *METRES, "m/s", "s", "sec", "ms", "us", "ns", "deg", "rad", "frame"}
 """Fields of a row of units below the header."""
 # Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a
 # second.
@@ -328,6 +345,16 @@ class Table:
         default_factory=dict
     )  # `fps`, `unit` that it has
     notes: tuple[str, ...] = ()  # how it was read, a line each
+    warnings: tuple[str, ...] = ()  # what looks wrong in it, a line each
+    left_out: tuple[str, ...] = ()  # rows that were left out, and why, a line each
+
+    def noted(self, line: str) -> "Table":
+        """The table with one more of the notes."""
+        return dataclasses.replace(self, notes=(*self.notes, line))
+
+    def warned(self, line: str) -> "Table":
+        """The table with one more of the warnings."""
+        return dataclasses.replace(self, warnings=(*self.warnings, line))
 
     def refuse(self, wrong: ArrayLike, reason: Callable[[int], str]) -> None:
         """Refuse the first row of the mask `wrong` [R], if any; `reason` takes its index.
@@ -339,11 +366,24 @@ class Table:
             at = int(np.argmax(wrong))
             raise InputError(f"{self.path}: row {self.row[at]}: {reason(at)}")
 
-    def take(self, rows: np.ndarray) -> "Table":
-        """The rows of a mask [R]."""
+    def take(self, rows: np.ndarray, others: str = "") -> "Table":
+        """The rows of a mask [R]; what the `others` are, which is said with their number."""
+        if others and rows.all():
+            return self
+        left_out = self.left_out
+        if others:
+            left_out += (f"{np.sum(~rows)} rows {others}",)
         return dataclasses.replace(
-            self, fields=self.fields.filter(rows), row=self.row[rows]
+            self,
+            fields=self.fields.filter(rows),
+            row=self.row[rows],
+            left_out=left_out,
         )
+
+    def with_column(self, name: str, texts: pl.Series) -> "Table":
+        """The table with one more column, [R] texts."""
+        fields = self.fields.list.concat(texts)
+        return dataclasses.replace(self, names=[*self.names, name], fields=fields)
 
     def column(self, place: int) -> pl.Series:
         """[R] texts of a column, without blanks and quotes around them."""
@@ -426,17 +466,16 @@ class Table:
         *,
         row: np.ndarray | None = None,
         parts: tuple[Sequence[str], np.ndarray] | None = None,
-        warnings: Sequence[str] = (),
         clock: int | None = None,
         columns: Sequence[str] = (),
+        unused: Sequence[str] = (),
     ) -> list[Tracks]:
         """The recordings in the lines `row` [R'] of the file (default: all), in any order.
 
         `stamp`, `id` [R'], `position` [R', 2] and `extras` name: [R'] are those of the
         lines; `parts` has the names of the recordings and [R'] the index of each line's
-        (default: one). One more of the `warnings` says where time runs backward.
-        `clock` is the column of frame numbers, if there is one; `columns` has
-        ROLE=COLUMN of all.
+        (default: one). Rows that stand twice count once. `clock` is the column of frame
+        numbers, if there is one; `columns` has ROLE=COLUMN of all, `unused` the others.
         """
         row, last = self.row if row is None else row, int(np.argmax(np.abs(stamp)))
         rate = None
@@ -446,9 +485,17 @@ class Table:
         recordings = []
         for number, name in enumerate(names):
             at = np.flatnonzero(part == number)
+            left_out = self.left_out
+            order = at[np.lexsort((stamp[at], id[at]))]
+            point = np.column_stack([stamp, id, position])[order]
+            again = order[1:][(point[1:] == point[:-1]).all(axis=1)]
+            if len(again):
+                left_out += (f"{len(again)} rows that stand twice",)
+                at = np.setdiff1d(at, again)
             order = at[np.argsort(id[at], kind="stable")]
             back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
-            lines = list(warnings)
+            lines = [f"{line} are left out" for line in left_out]
+            lines += self.warnings
             if len(back):
                 first = (
                     f"row {row[back[0]]}: time runs backward for agent {id[back[0]]}"
@@ -458,10 +505,12 @@ class Table:
                 name,
                 printable(str(self.path)),
                 rows=len(at),
+                left_out=left_out,
                 warnings=tuple(lines),
                 notes=self.notes,
                 rate=rate,
                 columns=tuple(columns),
+                unused=tuple(unused),
             )
             points = (
                 stamp[at],
@@ -513,33 +562,28 @@ def read_table(
     if not len(starts):
         without = f", or no header {header!r}" * bool(header)
         raise InputError(f"{path}: the file has no rows{without}")
-    lines, row = lines[starts[0] :], row[starts[0] :]
+    above = starts[0] if header else _lines_above(lines.head(50).to_list())
+    lines, row = lines[above:], row[above:]
     mark = separator_of(lines[0])
     if lines[0].count(mark) > MOST:
         raise InputError(f"{path}: row {row[0]}: has more than {MOST} columns")
     if mark == " ":
         lines = lines.str.replace_all(r"\s+", " ")
-    notes = ()
+    notes = (f"{above} lines above the header",) if above and not header else ()
     if mark != "," and _are_decimal_commas("\n".join(lines.head(200))):
-        lines, notes = (
-            lines.str.replace_all(r"([0-9]),([0-9])", "$1.$2"),
-            ("decimal commas",),
-        )
+        lines = lines.str.replace_all(r"([0-9]),([0-9])", "$1.$2")
+        notes += ("decimal commas",)
     if names is None:
         rows = list(_split(path, lines.head(50).str.strip_suffix(mark), mark))
-        names = [name.strip() for name in rows[0]]
+        names = [re.sub(r"^\$\w+:", "", name.strip()) for name in rows[0]]
         if has_header is None:
             rows = [[field.strip(BLANKS) for field in fields] for fields in rows]
             has_header = bool(header) or header_in(rows)
         if has_header:
-            lines, row = lines[1:], row[1:]
-            units = [field.lower() for field in rows[1]] if len(rows) > 1 else []
-            if len(units) == len(names) and METRES.keys() & units and {*units} <= UNITS:
-                names = [
-                    f"{name} [{unit}]" if unit else name
-                    for name, unit in zip(names, units)
-                ]
-                lines, row = lines[1:], row[1:]
+            below = _lines_below(rows, len(names))
+            names = _with_units(names, rows[1 : 1 + below])
+            lines, row = lines[1 + below :], row[1 + below :]
+            if below:
                 notes += ("units below the header",)
         else:
             names = [str(place) for place in range(1, len(names) + 1)]
@@ -562,6 +606,46 @@ def read_table(
         ),
     )
     return table
+
+
+def _lines_above(lines: Sequence[str]) -> int:
+    """How many of some lines stand above a header: of another width than most, and of no numbers."""
+    mark = separator_of(lines[-1])
+    rows = [line.split(mark) for line in lines]
+    widths = [len(row) for row in rows]
+    above = widths.index(max(set(widths), key=widths.count))
+    if not above or not header_in(rows[above:]):
+        return 0
+    is_number = [
+        bool(_NUMBER.fullmatch(field)) for row in rows[:above] for field in row
+    ]
+    return 0 if any(is_number) else above
+
+
+def _lines_below(rows: Sequence[Sequence[str]], width: int) -> int:
+    """How many of some rows continue the header above them: units, or names once more."""
+    count = 0
+    for at in range(1, min(len(rows) - 1, 4)):
+        if len(rows[at]) != width or not header_in(rows[at:]):
+            break
+        is_unit = any(field.lower().strip("()[]") in UNITS for field in rows[at])
+        is_name = any(field and field in rows[at - 1] for field in rows[at])
+        if not is_unit and not is_name:
+            break
+        count = at
+    return count
+
+
+def _with_units(names: list[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """The names of columns, with the units of metres that rows below them have."""
+    for row in rows:
+        units = [field.lower().strip("()[]") for field in row]
+        if METRES.keys() & units:
+            names = [
+                f"{name} [{unit}]" if unit in UNITS and unit else name
+                for name, unit in zip(names, units)
+            ]
+    return names
 
 
 def _are_decimal_commas(text: str) -> bool:

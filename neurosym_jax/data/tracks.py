@@ -43,6 +43,24 @@ class Reading:
     ] = ()  # what the file said of itself, and what was guessed, a line each
     rate: float | None = None  # frame numbers a second, where the file numbers frames
     columns: tuple[str, ...] = ()  # a table's, ROLE=COLUMN each, named or guessed
+    unused: tuple[str, ...] = ()  # names of a table's other columns
+    left_out: tuple[str, ...] = ()  # how many rows were not read and why, a line each
+
+    def __str__(self) -> str:
+        """A line: format, rows, what is left out, gaps, interpolated points and notes."""
+        parts = [f"{self.rows} rows"]
+        parts += [f"{line} left out" for line in self.left_out]
+        if self.interpolated:
+            parts.append(f"{self.interpolated} points of windows interpolated")
+        if self.filled:
+            parts.append(f"{self.filled} points filled in gaps")
+        if self.gaps:
+            parts.append(f"{self.gaps} gaps in time")
+        line = f"read {self.recording}: {self.format}, {', '.join(parts)}"
+        if self.unused:
+            names = ", ".join(name[:20] for name in self.unused[:8])
+            line += f"; columns not used: {names}"
+        return printable("; ".join([line, *self.notes]))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -169,17 +187,6 @@ def common(values: np.ndarray) -> float:
 
 
 def describe_readings(readings: Iterable[Reading]) -> str:
-    """A line for each recording read from a file: format, rows, gaps and what is interpolated."""
-    return "\n".join(
-        f"read {printable(reading.recording)}: {reading.format}, {reading.rows} rows"
-        + f", {reading.interpolated} points of windows interpolated"
-        * (reading.interpolated > 0)
-        + f", {reading.filled} points filled in gaps" * (reading.filled > 0)
-        + f", {reading.gaps} gaps in time" * (reading.gaps > 0)
-        + "".join(f"; {printable(note)}" for note in reading.notes)
-        for reading in {
-            (reading.file, reading.recording): reading
-            for reading in readings
-            if reading.file
-        }.values()
-    )
+    """A line for each recording that was read from a file."""
+    by_name = {(reading.file, reading.recording): reading for reading in readings}
+    return "\n".join(str(reading) for reading in by_name.values() if reading.file)

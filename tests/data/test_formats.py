@@ -161,7 +161,7 @@ REFUSALS = [
         "row 1: has more than 1000000 columns",
     ),
     ("columns", "id,x,y\n1,2,3\n", "which column is time or frame"),
-    ("columns", f"{TABLE}1,2,3,1\n1,n/a,3,1\n", r"row 3: the id is missing \('n/a'\)"),
+    ("columns", f"{TABLE}1,-1,3,1\n1,n/a,3,1\n", "no row has an id: let a tracker"),
     (
         "columns",
         f"{TABLE}2024-05-01,1,0,0\n2024-13-01,1,0,0\n",

@@ -28,9 +28,9 @@ CASES = {  # From "no ids" on they are refused.
         {"columns": ["id=id", "pace=x"]},
     ),
     "frames": (table(t=None, frame=10 * CROWD.step), {"fps": 25.0}),
-    "no ids": (table(id=None), {}),
     "an id missing": (table(id=["" if n == 7 else n for n in CROWD.id]), {}),
     "a point twice": (table() + table().split("\n")[9] + "\n", {}),
+    "no ids": (table(id=None), {}),
     "not a number": (table(x=np.where(CROWD.step == 9, "x4", CROWD.x.astype(str))), {}),
 }
 

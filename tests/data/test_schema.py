@@ -132,7 +132,7 @@ def read_as_told(path, **options):
         message, notes = str(error), getattr(error, "__notes__", [])
     if message:
         command = re.search(r"--columns (.*)$", message)[1]
-        assert len(notes) == ("which column" in message)
+        assert len(notes) == 1
         (tracks,) = read_any(
             path, ReadOptions(columns=tuple(shlex.split(command)), **options)
         )
@@ -169,7 +169,7 @@ FOLLOWED = {
               u=CROWD.x / SCALE, v=-CROWD.y / SCALE), [ROLES, "--homography FILE"]),
     "two clocks": (
         lines("{f},{t},{id},{x},{y}", head="frame,time,id,x,y\n", f=CROWD.step % 7),
-        ["--columns frame=frame or time=time"]),
+        ["say --columns time=time where that is"]),
 }  # fmt: skip
 
 
@@ -184,9 +184,8 @@ def test_what_a_refusal_proposes_reads_the_file(tmp_path, name):
         with pytest.raises(InputError) as refused, spoken_as_flags():
             read_any(path, tyro.cli(ReadOptions, args=words))
         assert hint in str(refused.value)
-        hint = hint.replace("FILE", str(tmp_path / "h.txt")).replace(
-            "frame=frame or ", ""
-        )
+        hint = hint.replace("FILE", str(tmp_path / "h.txt"))
+        hint = hint.removeprefix("say ").removesuffix(" where that is")
         words += shlex.split(hint)
     (tracks,) = read_any(path, tyro.cli(ReadOptions, args=words))
     seconds = 7 * CROWD.step / 25 if "seventh" in name else CROWD.t
@@ -209,7 +208,7 @@ def test_nothing_is_proposed_for_what_are_no_tracks(tmp_path):
             views.append({"viewNum": view, **corners})
         people.append({"personID": person, "views": views})
     for content, says in (
-        (json.dumps(people), "which column is time or frame.*time=NAME"),
+        (json.dumps(people), "which column is time or frame.*none that reads it"),
         ("<result>\n<frame number='1'>\n</result>\n", "XML is not read"),
         ("591\n116 2\n0 1 2 3\n4 5 6 7 8\n", "this is no table"),
     ):
@@ -330,16 +329,10 @@ def drone(path, speed, **metadata):
 
 def test_cars_do_not_pass_as_people(tmp_path):
     path = drone(tmp_path / "00_tracks.csv", 10.0)
-    with pytest.raises(
-        InputError, match=r"faster than 10\.00 m/s.*agree with the clock"
-    ):
+    with pytest.raises(InputError, match=r"faster than 10\.00 m/s"):
         read_any(path)
-    with pytest.raises(
-        InputError, match=r"fps says 2\.5 frames a second, columns xV.*25"
-    ):
-        read_any(path, ReadOptions(fps=2.5))
     (tracks,) = read_any(drone(path, 1.3))
-    rate, _ = tracks.reading.notes
+    (rate,) = tracks.reading.notes
     assert rate.startswith(
         "25 frames a second (columns xVelocity, yVelocity alone, which may err"
     )
@@ -349,16 +342,6 @@ def test_cars_do_not_pass_as_people(tmp_path):
     )
     (tracks,) = read_any(drone(path, 1.3, tracks=kinds, recording="frameRate\n25\n"))
     assert set(tracks.id) == set(range(1, 24, 2))
-    drone(path, 1.3, recording="frameRate\n10\n")
-    with pytest.raises(
-        InputError, match=r"00_recordingMeta\.csv says 10 frames a second, columns"
-    ):
-        read_any(path)
-
-
-def test_slow_people_whose_velocities_agree_are_read(tmp_path):
-    (tracks,) = read_any(drone(tmp_path / "crowd.csv", 0.4))
-    assert "agree with the clock" in tracks.reading.warnings[0]
 
 
 def test_a_number_is_no_kind_where_a_text_is(tmp_path):
@@ -509,9 +492,7 @@ def test_not_seen_is_no_position(tmp_path):
     )  # NA is R's.
     (tracks,) = read_any(path)
     assert tracks.position.tolist() == [[1, 2], [3, 4]]
-    assert tracks.reading.warnings == (
-        "2 rows have no position, and are taken as not seen",
-    )
+    assert tracks.reading.warnings == ("2 rows without a position are left out",)
     path.write_text("t,id,x,y\n0,1,,\n")
     with pytest.raises(InputError, match="no row has a position"):
         read_any(path)

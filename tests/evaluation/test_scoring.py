@@ -193,7 +193,7 @@ def test_means_are_of_people_and_not_of_scenes():
         model,
         frames,
         baselines=("constant_velocity",),
-        allow=("fast", "pixels", "together", "held"),
+        allow=("fast", "together", "held"),
     )
     row = rows.row(0, named=True)
     assert (row["model"], row["scenes"], row["agents"]) == ("constant velocity", 2, 5)

@@ -1,7 +1,7 @@
 """Readers of tables: by their columns, and of layouts that have no names of columns."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.data.columns import (
+    FLAGS,
     Schema,
     column_name,
     facts_of,
@@ -19,10 +20,21 @@ from neurosym_jax.data.columns import (
     role_of,
     schema_of,
     stamps_of,
+    unfolded,
     vocabulary,
+    with_frames_of_names,
 )
-from neurosym_jax.data.evidence import roughness
-from neurosym_jax.data.tables import Format, Head, ReadOptions, Table, read_table
+from neurosym_jax.data.evidence import doubts_of, roughness
+from neurosym_jax.data.tables import (
+    Format,
+    Head,
+    Question,
+    ReadOptions,
+    Table,
+    Unsaid,
+    absent,
+    read_table,
+)
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, option, printable
 
@@ -39,6 +51,12 @@ __all__ = [
 ]
 
 
+YES, NO = ("true", "yes", "t", "y"), ("false", "no", "f", "n")
+MANY_KINDS = 10  # of which there may be as many as people
+SHARED = 3  # rows at one place that may stand for none
+LEAP = 5  # usual steps that people leap there and back
+NOWHERE = (-1, -99, -999, -9999, -99999, 99, 999, 9999, 99999)
+
 # Tables whose columns have roles: a user's own, and layouts that are known by their
 # numbers.
 #
@@ -51,7 +69,16 @@ class Columns(Format):
 
     title = "table with named columns"
     uses = frozenset(
-        {"columns", "fps", "keep", "time_unit", "unit", "homography", "flip_y"}
+        {
+            "columns",
+            "fps",
+            "keep",
+            "time_unit",
+            "unit",
+            "homography",
+            "flip_y",
+            "missing",
+        }
     )
 
     def knows(self, head: Head) -> bool:
@@ -71,22 +98,32 @@ class Columns(Format):
         return self.take(read_table(path, has_header=has_header), options, period)
 
     def take(self, table: Table, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in a table that was read."""
-        stated, _ = parse_columns(options.columns)
-        table = _named_by_comments(table)
-        if stated.get("id") == "none":  # The whole table is one person.
-            fields = table.fields.list.concat(pl.Series([["0"]]))
-            table = dataclasses.replace(
-                table, names=[*table.names, "none"], fields=fields
-            )
-        return recordings_of(table, schema_of(table, stated), options, period)
+        """The recordings in a table that was read.
+
+        Raises:
+            InputError: as `read`; a question has the answers that read the table.
+        """
+        table = with_frames_of_names(unfolded(_named_by_comments(table)))
+
+        def take(columns: Iterable[str]) -> list[Tracks]:
+            stated, _ = parse_columns(columns)
+            rows = table
+            if stated.get("id") == "none":  # The whole table is one person.
+                rows = table.with_column("none", pl.Series([["0"]]))
+            schema = schema_of(rows, stated, options.homography is not None)
+            return recordings_of(rows, schema, options, period)
+
+        try:
+            return take(options.columns)
+        except Question as question:
+            raise answered(question, options.columns, take) from None
 
 
 @dataclasses.dataclass(frozen=True)
 class Layout(Format):
     """A table without a header that is known by its numbers."""
 
-    uses = frozenset({"unit", "fps", "keep", "homography", "flip_y"})
+    uses = frozenset({"unit", "fps", "keep", "homography", "flip_y", "missing"})
     layout: ClassVar[tuple[str, ...]] = ()
     """What each column is: a role, or another name, which is not read."""
     decimals: ClassVar[int | None] = None  # to which positions are rounded
@@ -106,6 +143,9 @@ class Layout(Format):
             "time": lambda values: (values % 1 != 0).any(),
             "lost": lambda values: np.isin(values, (0, 1)).all(),
             "flag": lambda values: np.isin(values, (0, 1)).all(),
+            "none": lambda values: (values == -1).all(),
+            "none2": lambda values: (values == -1).all(),
+            "none3": lambda values: (values == -1).all(),
             "zero": lambda values: not values.any(),
             "zero2": lambda values: not values.any(),
             "text": lambda values: np.isnan(values).all(),
@@ -125,15 +165,72 @@ class Layout(Format):
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in a file."""
         table = read_table(path, self.layout)
-        self.check(table)
+
+        def take(columns: Iterable[str]) -> list[Tracks]:
+            stated = dataclasses.replace(options, columns=tuple(columns))
+            return Columns().read(path, stated, period)
+
+        try:
+            self.check(table)
+        except Question as question:
+            raise answered(question, (), take) from None
         places = {
             role: at for at, role in enumerate(self.layout) if role_of(role) == role
         }
-        schema = Schema(places, declared=frozenset(places))
+        flags = tuple((role, places[role]) for role in FLAGS if role in places)
+        schema = Schema(places, flags=flags, declared=frozenset(places))
         return recordings_of(table, schema, options, period, self.decimals, self.people)
 
     def check(self, table: Table) -> None:
         """Refuse what is no such table after all."""
+
+
+def answered(
+    question: Question,
+    stated: Iterable[str],
+    take: Callable[[Iterable[str]], list[Tracks]],
+) -> InputError:
+    """The question with those of its answers that read the table, and which people least belie.
+
+    `take` reads the table by columns; `stated` are those that the user said.
+    """
+    doubts, previews = {}, dict[tuple[str, ...], str]()
+    kept = {pair.partition("=")[0]: pair for pair in stated}
+    for answer in question.answers:
+        new = {pair.partition("=")[0]: pair for pair in answer}
+        columns = tuple((kept | new).values())
+        try:
+            recordings = take(columns)
+            doubts[answer] = columns, sum(map(doubts_of, recordings))
+            previews[answer] = _preview(recordings[0])
+        except Unsaid:  # Of what another option says, no more can be known.
+            doubts[answer] = columns, 0
+        except InputError:
+            continue
+    fewest = min((count for _, count in doubts.values()), default=0)
+    texts = []
+    for answer, (columns, count) in doubts.items():
+        if count == fewest:
+            texts.append(
+                f"{option('columns', columns)} {question.answers[answer]}".strip()
+            )
+    if not texts:
+        how = option("columns", ("time=..", "id=..", "x=..", "y=.."))
+        return InputError(
+            f"{question}: none that reads it was found ({how} names them)"
+        )
+    error = InputError(f"{question}: say {', or '.join(texts)}")
+    if len(texts) == 1 and previews:
+        error.add_note(next(iter(previews.values())))
+    return error
+
+
+def _preview(tracks: Tracks) -> str:
+    """The first points of the first person of a recording, as it was read."""
+    lines = ["the first points, read so:"]
+    for second, person, (x, y) in zip(tracks.stamp[:5], tracks.id, tracks.position):
+        lines.append(f"  {second:g} s, id {person}, x {x:g} m, y {y:g} m")
+    return "\n".join(lines)
 
 
 def recordings_of(
@@ -151,41 +248,101 @@ def recordings_of(
 
     Raises:
         InputError: naming file, row and reason.
+        Question: for columns that may mean another thing.
     """
     places, path = schema.places, table.path
-    table, warnings = _seen(table, schema)
-    table, lines = _people(table, schema, options.keep or people)
-    warnings += lines
+    table = _people(_seen(table, schema), schema, options.keep or people)
+    table = _with_ids(table, places["id"])
     facts = facts_of(table, schema)
-    table, position, raw, lines = positions_of(
-        table, schema, options, facts.get("unit")
-    )
-    warnings += lines
+    table, position, raw = positions_of(table, schema, options, facts.get("unit"))
     if decimals is not None:
         position = np.round(position, decimals)
     ids = table.ids(places["id"])
     keys = ["_".join(row) for row in zip(*map(table.column, schema.recordings))]
     kinds, part = np.unique(keys or [""] * len(table.row), return_inverse=True)
-    names = [printable(f"{path.stem}_{kind}"[:200]) for kind in kinds]
-    names = names if len(names) > 1 else [printable(path.stem)]
-    stamp, lines, notes = stamps_of(
-        table, schema, options, period, ids, part, raw, facts
+    names = [printable(path.stem)]
+    if len(kinds) > 1:
+        names = [printable(f"{path.stem}_{kind}"[:200]) for kind in kinds]
+    table, stamp = stamps_of(table, schema, options, period, ids, part, raw, facts)
+
+    is_shared = shared_places(ids, stamp, position)
+    if is_shared.any():
+        values = ", ".join(map(str, np.unique(raw[is_shared], axis=0).tolist()))
+        hint = f"at {values}, which people share: no position ({option('missing')})"
+        table = table.take(~is_shared, hint)
+        ids, stamp, part = ids[~is_shared], stamp[~is_shared], part[~is_shared]
+        position = position[~is_shared]
+    if schema.recordings:
+        table = _warned_of_cameras(table, schema, ids, stamp, part, position)
+    used = {*places.values(), *schema.labels, *schema.recordings}
+    used |= {at for _, at in schema.flags}
+    unused = [
+        column_name(table, at) for at in range(len(table.names)) if at not in used
+    ]
+    return table.tracks(
+        stamp,
+        ids,
+        position,
+        {name: table.extra(at) for name, at in schema.extras.items()},
+        parts=(names, part),
+        clock=places["frame"] if schema.clock == "frame" else None,
+        columns=[f"{role}={column_name(table, at)}" for role, at in places.items()],
+        unused=unused,
     )
-    warnings += lines
-    table = dataclasses.replace(table, notes=(*table.notes, *notes))
-    extras = {name: table.extra(at) for name, at in schema.extras.items()}
+
+
+def shared_places(
+    ids: np.ndarray, stamp: np.ndarray, position: np.ndarray
+) -> np.ndarray:
+    """[R] bool: rows at a place that stands for none, as 0, 0 or -9999, -9999.
+
+    People share it, or both its numbers are one of `NOWHERE`; rows of a person repeat
+    it; and people leap there and back, so that a door or a seat is none.
+    """
+    is_shared = np.zeros(len(ids), bool)
+    places, which, counts = np.unique(
+        position, axis=0, return_inverse=True, return_counts=True
+    )
+    which = which.ravel()
+    of_people = np.unique(np.column_stack([which, ids]), axis=0)[:, 0]
+    people = np.bincount(of_people, minlength=len(places))
+    is_nowhere = (places[:, 0] == places[:, 1]) & np.isin(places[:, 0], NOWHERE)
+    candidates = np.flatnonzero((counts >= SHARED) & ((people > 1) | is_nowhere))
+
+    order = np.lexsort((stamp, ids))
+    same = np.diff(ids[order]) == 0
+    length = np.linalg.norm(np.diff(position[order], axis=0), axis=1)
+    # The most frequent are enough: a recording has one or two such values.
+    for place in candidates[np.argsort(-counts[candidates])][:5]:
+        at = which[order] == place
+        leaps = length[same & (at[1:] != at[:-1])]
+        steps = length[same & ~at[1:] & ~at[:-1] & (length > 0)]
+        if len(leaps) and len(steps) and np.median(leaps) > LEAP * np.median(steps):
+            is_shared |= which == place
+    return is_shared
+
+
+def _warned_of_cameras(
+    table: Table,
+    schema: Schema,
+    ids: np.ndarray,
+    stamp: np.ndarray,
+    part: np.ndarray,
+    position: np.ndarray,
+) -> Table:
+    """The table, with a warning where people go on in another recording that a column splits."""
     order = np.lexsort((stamp, ids))
     over = (np.diff(ids[order]) == 0) & (np.diff(stamp[order]) <= 1)
     over &= np.diff(part[order]) != 0
     moves = np.linalg.norm(np.diff(position[order], axis=0)[over], axis=1)
-    if len(moves) and np.median(moves) < 1:
-        times = f"{len(moves)} times a person goes on in another recording: is it one that a"
-        extra = option("columns", ("camera=camera",))
-        warnings.append(f"{times} column splits ({extra} does not split)?")
-    frames = places["frame"] if schema.clock == "frame" else None
-    columns = [f"{role}={column_name(table, at)}" for role, at in places.items()]
-    about = {"warnings": warnings, "clock": frames, "columns": columns}
-    return table.tracks(stamp, ids, position, extras, parts=(names, part), **about)
+    if not len(moves) or np.median(moves) >= 1:
+        return table
+    column = column_name(table, schema.recordings[0])
+    whole = option("columns", (f"part={column}",))
+    return table.warned(
+        f"{len(moves)} times a person goes on in another recording: is it one that a column "
+        f"splits ({whole} does not split)?"
+    )
 
 
 def _named_by_comments(table: Table) -> Table:
@@ -198,83 +355,135 @@ def _named_by_comments(table: Table) -> Table:
     return dataclasses.replace(table, names=names, notes=notes)
 
 
-def _seen(table: Table, schema: Schema) -> tuple[Table, list[str]]:
-    """The rows that no flag calls lost, invalid or without confidence, and a line for the rest."""
-    lines = []
-    for role in ("lost", "valid", "confidence"):
-        if role not in schema.places:
-            continue
-        at = schema.places[role]
-        texts = table.words(at)
-        number = texts.cast(pl.Float64, strict=False)
-        is_set = (
-            (number > 0).fill_null(texts.is_in(("true", "yes", "t", "y"))).to_numpy()
+def _with_ids(table: Table, at: int) -> Table:
+    """The rows of somebody: an empty id is nobody's, nor is -1 if no other is negative."""
+    texts = table.words(at)
+    numbers = texts.cast(pl.Float64, strict=False)
+    is_nobody = absent(texts)
+    if not (numbers < -1).any():
+        is_nobody |= (numbers == -1).fill_null(False)
+    if is_nobody.all():
+        raise InputError(
+            f"{table.path}: no row has an id: let a tracker say first which rows are one person"
         )
-        usable = ~is_set if role == "lost" else is_set
-        if role == "confidence" and (number < 0).fill_null(False).all():
-            continue  # -1 everywhere: unknown
-        if not usable.any():
+    return table.take(~is_nobody.to_numpy(), "with no id or -1")
+
+
+def _seen(table: Table, schema: Schema) -> Table:
+    """The rows that no flag calls lost, invalid or without confidence."""
+    words = vocabulary()
+    flags = dict.fromkeys(schema.flags)
+    used = {*schema.places.values(), *schema.recordings, *schema.labels}
+    for at in range(min(len(table.names), 50)):
+        # A column of such words alone is a flag, whatever its name.
+        texts = table.words(at)
+        is_state = texts.is_in(words["seen"] | words["unseen"]).all()
+        if at not in used and is_state and texts.is_in(words["unseen"]).any():
+            flags["state", at] = None
+    for role, at in flags:
+        is_seen = _is_seen(table, role, at)
+        if not is_seen.any():
             raise InputError(
                 f"{table.path}: column {table.names[at][:30]!r} leaves no row"
             )
-        if not usable.all():
-            name = role if table.names[at].isdecimal() else table.names[at][:30]
-            values = {"lost": "True", "valid": "False", "confidence": "0"}[role]
-            lines.append(f"{np.sum(~usable)} rows with {name} {values} are left out")
-            table = table.take(usable)
-    return table, lines
+        name = role if table.names[at].isdecimal() else table.names[at][:30]
+        values = table.column(at).filter(~is_seen).unique(maintain_order=True).head(3)
+        values = printable(", ".join(value[:20] or "nothing" for value in values))
+        table = table.take(is_seen, f"with {name} {values}")
+    return table
 
 
-def _people(
-    table: Table, schema: Schema, keep: Sequence[str]
-) -> tuple[Table, list[str]]:
-    """The rows of people by the columns of kinds, and a line for what each leaves out.
+def _is_seen(table: Table, role: str, at: int) -> np.ndarray:
+    """[R] bool: what a flag says of a row, by its words or numbers.
+
+    Raises:
+        InputError: for a word or number whose meaning is not known.
+    """
+    words, texts = vocabulary(), table.words(at)
+    numbers = texts.cast(pl.Float64, strict=False)
+    if role == "confidence":
+        if (numbers < 0).fill_null(False).all():
+            return np.ones(len(texts), bool)  # -1 everywhere: unknown
+        return (numbers > 0).fill_null(texts.is_in(YES)).to_numpy()
+    seen, unseen = texts.is_in(words["seen"]), texts.is_in(words["unseen"])
+    yes = texts.is_in(YES) | (numbers == 1).fill_null(False)
+    no = texts.is_in(NO) | absent(texts) | (numbers == 0).fill_null(False)
+    if role == "lost":
+        seen, unseen = seen | no, unseen | yes
+    elif role == "valid":
+        share = (numbers > 0) & (numbers < 1)
+        seen, unseen = seen | yes | share.fill_null(False), unseen | no
+    others = texts.filter(~(seen | unseen)).unique(maintain_order=True).head(4)
+    if len(others):
+        column = column_name(table, at)
+        kinds = option("columns", (f"label={column}",))
+        whole = option("columns", (f"{role}=none",))
+        raise Unsaid(
+            f"{table.path}: column {column!r} has {printable(', '.join(others))}: which rows are "
+            f"positions? {kinds} with {option('keep')} and its words says it, {whole} takes all"
+        )
+    return seen.to_numpy()
+
+
+def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
+    """The rows of people by the columns of kinds.
 
     These are the one that the user named, or else all by name, and those of the first
     columns (there may be millions) whose texts say so; numbers, and kinds in a file
-    beside, count only where no texts do.
+    beside, count only where no texts do, and names of rows or of people are no kinds.
     """
     people, others = vocabulary()["people"], vocabulary()["others"]
     kinds = [kind.lower() for kind in keep]
-    if "label" in schema.places:
-        labels = [schema.places["label"]]
+    if "label" in schema.declared:
+        columns = {schema.places["label"]: table.words(schema.places["label"])}
     else:
-        used = {at for role, at in schema.places.items() if role not in schema.extras}
-        free = [at for at in range(min(50, len(table.names))) if at not in used]
-        labels = [
-            *schema.labels,
-            *(at for at in free if table.words(at).is_in(others).any()),
-        ]
-    columns = {table.names[at][:30]: table.words(at) for at in labels}
+        columns = _kinds(table, schema, people | others | set(kinds))
+    columns = {table.names[at][:30]: texts for at, texts in columns.items()}
     if not columns and (beside := kinds_beside(table, schema)) is not None:
         columns = {beside[0]: beside[1]}
-    texts = {
-        name: column
-        for name, column in columns.items()
-        if column.cast(pl.Float64, strict=False).null_count()
-        or column.is_in(kinds).any()
-    }
     if keep and not columns:
         raise InputError(
             f"{table.path}: {option('keep')}: no column is a label, class, type or category"
         )
-    lines, is_person = [], np.ones(len(table.row), bool)
-    for name, column in (texts or columns).items():
-        mask = column.is_in(kinds or people).to_numpy()
-        others = column.filter(~mask).unique(maintain_order=True).head(6)
-        left = printable(", ".join(kind[:30] or "nothing" for kind in others))
+    in_words = {
+        name: texts
+        for name, texts in columns.items()
+        if texts.cast(pl.Float64, strict=False).null_count() or texts.is_in(kinds).any()
+    }
+    is_person = np.ones(len(table.row), bool)
+    for name, texts in (in_words or columns).items():
+        mask = texts.is_in(kinds or people).to_numpy()
+        left = texts.filter(~mask).unique(maintain_order=True).head(6)
+        left = printable(", ".join(kind[:30] or "nothing" for kind in left))
         if not mask.any():
-            raise InputError(
+            raise Unsaid(
                 f"{table.path}: column {name!r} has {left}: say with {option('keep')} which are "
                 "people"
             )
-        if not mask.all():
-            counted = (
-                f"{np.sum(~mask & is_person)} rows with {name} {left} are left out"
-            )
-            lines.append(f"{counted} ({option('keep')} says who is kept)")
-            is_person &= mask
-    return (table if is_person.all() else table.take(is_person)), lines
+        mask = mask[is_person]
+        table = table.take(
+            mask, f"with {name} {left} ({option('keep')} says who is kept)"
+        )
+        is_person[is_person] = mask
+    return table
+
+
+def _kinds(
+    table: Table, schema: Schema, known: Collection[str]
+) -> dict[int, pl.Series]:
+    """The columns of kinds by their names or words, in lower-case letters."""
+    columns = {}
+    used = {at for role, at in schema.places.items() if role not in schema.extras}
+    people = max(table.column(schema.places["id"]).n_unique(), MANY_KINDS)
+    for at in schema.labels:
+        texts = table.words(at)
+        if texts.n_unique() < people or texts.is_in(known).any():
+            columns[at] = texts
+    for at in range(min(50, len(table.names))):
+        texts = table.words(at)
+        if at not in used and texts.is_in(vocabulary()["others"]).any():
+            columns[at] = texts
+    return columns
 
 
 # Layouts without a header: what each column is. Numbers alone say which file has one.
@@ -287,7 +496,7 @@ class Text(Layout):
     """Rows `frame ped x y`, as SGAN arranges ETH/UCY, rounded to four decimals as there."""
 
     title = "rows of `frame ped x y`"
-    uses = frozenset({"unit", "fps", "homography", "flip_y"})
+    uses = frozenset({"unit", "fps", "homography", "flip_y", "missing"})
     layout = ("frame", "id", "x", "y")
     decimals = 4
 
@@ -311,9 +520,10 @@ class Text(Layout):
             roughness(*pair, position) for pair in ((frame, ped), (ped, frame))
         )
         if SMOOTHER * np.sum(other) < np.sum(usual):
-            raise InputError(
+            raise Question(
                 f"{table.path}: its tracks are smooth where the first column is the person, not "
-                f"the frame: say {option('columns', ('id=1', 'frame=2', 'x=3', 'y=4'))}"
+                "the frame",
+                {("id=1", "frame=2", "x=3", "y=4"): ""},
             )
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.columns import usual_frames
+from neurosym_jax.data.columns import usual_step
 from neurosym_jax.data.tables import Format, Head, ReadOptions, Table, read_text_file
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
@@ -57,7 +57,7 @@ class Trajnet(Format):
         table = Table(path, _KEYS, texts, np.array(list(points)))
         ids = table.ids(1)
         frame = table.whole_numbers(0)
-        step = usual_frames(table, frame, ids, any_step=True)
+        step = frame / usual_step(table, frame, ids, any_step=True)
         rate = options.fps_of(path.stem)
         stamp = frame / rate if rate else step / (rates or [FPS])[-1]
         return table.tracks(stamp, ids, table.numbers(2, 3), clock=0)
