@@ -25,6 +25,7 @@ from neurosym_jax.data.recordings import Source, Synthetic, open_source
 from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
+from neurosym_jax.runtime.foreign import read_yaml
 
 __all__ = [
     "Positional",
@@ -192,11 +193,7 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
     if not arguments or not arguments[0].endswith((".yaml", ".yml")):
         return list(arguments)
     path, *others = arguments
-    try:
-        values = yaml.load(Path(path).read_text(encoding="utf-8"), _Texts)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise InputError(f"{path}: cannot be read: {reason}") from None
+    values = read_yaml(path, "a file of options", loader=_Texts)
     if not isinstance(values, dict):
         raise InputError(f"{path}: must have a line `option: value` for each option")
     listed = [

@@ -7,7 +7,6 @@ import dataclasses
 import functools
 import glob
 import itertools
-import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
@@ -32,6 +31,7 @@ from neurosym_jax.data.tables import (
 )
 from neurosym_jax.data.tracks import Tracks, common, make_tracks
 from neurosym_jax.errors import InputError, option
+from neurosym_jax.runtime.foreign import SETTINGS, read_json
 
 __all__ = [
     "BOX",
@@ -865,8 +865,8 @@ def _facts_in(path: Path) -> dict[str, str]:
     """A rate and a unit in a file of metadata; nothing where it cannot be read."""
     fields = {}
     if path.suffix.lower() == ".json":
-        with contextlib.suppress(OSError, ValueError):
-            fields = json.loads(path.read_text(encoding="utf-8"))
+        with contextlib.suppress(InputError):
+            fields = read_json(path, limit=SETTINGS)
         fields = fields if isinstance(fields, dict) else {}
     elif (table := _table_in(path)) and len(table.row) == 1:
         fields = {name: table.column(at)[0] for at, name in enumerate(table.names)}

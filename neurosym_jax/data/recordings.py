@@ -20,6 +20,7 @@ from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
 from neurosym_jax.data.windows import Windows, cut_windows, on_grid, resample
 from neurosym_jax.errors import InputError, InputWarning, brief, option, printable
 from neurosym_jax.plugins import Registry, load_entry_points
+from neurosym_jax.runtime.foreign import reading
 
 __all__ = [
     "FORMATS",
@@ -127,6 +128,14 @@ def read_any(
         InputWarning: of what looks wrong, which is in `reading` too.
     """
     path = FRAME if is_frame(data) else Path(data)
+    with reading(path, "a recording"):
+        return _read_any(data, path, options, frame_period)
+
+
+def _read_any(
+    data: Any, path: Path, options: ReadOptions, frame_period: float
+) -> list[Tracks]:
+    """See `read_any`, whose door stands around this."""
     form = columns.Columns() if is_frame(data) else format_of(path, options)
     if is_frame(data) and options.format not in (None, "columns"):
         raise InputError(
@@ -139,10 +148,10 @@ def read_any(
         recordings = form.read(path, options, frame_period)
     judged = []
     for tracks in recordings:
-        reading = tracks.reading or Reading(
+        report = tracks.reading or Reading(
             tracks.recording, printable(str(path)), rows=len(tracks.id)
         )
-        lines = reading.warnings
+        lines = report.warnings
         for name, value in (("unit", options.unit_of), ("fps", options.fps_of)):
             if (text := getattr(options, name)) and value(path.stem) is None:
                 lines = (
@@ -157,10 +166,10 @@ def read_any(
                 )
             lines = (*lines, f"allowed {guard}: {line}" if refused else line)
         for line in lines:
-            warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
-        file, name = None if is_frame(data) else reading.file, FORMATS.name_of(form)
-        reading = dataclasses.replace(reading, file=file, format=name, warnings=lines)
-        judged.append(dataclasses.replace(tracks, reading=reading))
+            warnings.warn(f"{path}: {line}", InputWarning, stacklevel=3)
+        file, name = None if is_frame(data) else report.file, FORMATS.name_of(form)
+        report = dataclasses.replace(report, file=file, format=name, warnings=lines)
+        judged.append(dataclasses.replace(tracks, reading=report))
     return judged
 
 

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from neurosym_jax.configuration import NotNegative, Positive, refuse
 from neurosym_jax.data.tracks import Reading, Tracks, make_tracks
 from neurosym_jax.errors import InputError, option, printable
+from neurosym_jax.runtime.foreign import TIMES, UNPACKED
 
 __all__ = [
     "AS_IT_SAYS",
@@ -287,13 +288,25 @@ def _bytes_of(path: Path, size: int = -1) -> bytes:
             raise InputError(f"{path}: is a folder, pipe or device, not a file")
         with path.open("rb") as file:
             if file.read(2) == b"\x1f\x8b":
-                return gzip.open(path).read(size)
+                return _unpacked(path, size)
             file.seek(0)
             return file.read(size)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(
             f"{path}: cannot be read ({getattr(error, 'strerror', 0) or error})"
         ) from None
+
+
+def _unpacked(path: Path, size: int) -> bytes:
+    """The first `size` bytes of a file packed by gzip, which must not be a bomb."""
+    limit = max(UNPACKED, TIMES * path.stat().st_size)
+    with gzip.open(path) as file:
+        content = file.read(limit + 1 if size < 0 else size)
+    if len(content) > limit:
+        raise InputError(
+            f"{path}: unpacks to more than {limit / 1e6:.0f} MB, the most of a file of its size"
+        )
+    return content
 
 
 def read_head(path: Path) -> Head:

@@ -62,6 +62,7 @@ from neurosym_jax.models.disk import find_model, load_model, shipped_name
 from neurosym_jax.models.forecast import Model, SceneForecaster, unpacked
 from neurosym_jax.models.forecaster import FORECASTERS, Forecaster
 from neurosym_jax.runtime import files
+from neurosym_jax.runtime.foreign import read_json, reading
 from neurosym_jax.runtime.process import cpu_cores, progress_of
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 
@@ -748,12 +749,13 @@ def read_report(path: Path) -> pl.DataFrame:
     Raises:
         InputError: for a file that is missing or no report of this version.
     """
-    report = _report(path)
     if not path.exists():
         raise InputError(f"{path}: no such file")
+    report = _report(path)
     if report.get("format") != FORMAT:
         raise InputError(f"{path}: is not a report of ours of format {FORMAT}")
-    return rows_frame(report["rows"])
+    with reading(path, "a report"):
+        return rows_frame(report["rows"])
 
 
 def check_report(path: Path) -> bool:
@@ -783,8 +785,8 @@ def check_report(path: Path) -> bool:
 def _report(path: Path) -> dict[str, Any]:
     """The content of a report; nothing for anything else."""
     try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError, RecursionError):
+        content = read_json(path)
+    except InputError:
         return {}
     if isinstance(content, dict) and {"format", "rows"} <= set(content):
         return content

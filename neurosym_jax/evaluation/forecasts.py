@@ -16,8 +16,9 @@ import numpy as np
 from neurosym_jax.data.readers.trajnet import read_predictions
 from neurosym_jax.data.tracks import Reading
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.errors import InputError, InputWarning, printable
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.tables import unique_suffixes
+from neurosym_jax.runtime.foreign import read_arrays, reading
 from neurosym_jax.scene import scene_identity
 
 __all__ = ["ForecastFile", "Forecasts", "last_frames", "match", "matched"]
@@ -28,6 +29,7 @@ JUMP = 5.0
 """Speed to the first forecast position, m/s, that no test set's median reaches."""
 SHIFT = 0.05
 """Metres of error at the first step above which a shift by one step can be told."""
+KINDS = ".npz or .ndjson"
 NEEDED = ("samples", "ids", "frames")
 """Arrays that a file must have."""
 
@@ -89,16 +91,14 @@ def read_forecasts(path: Path) -> ForecastFile:
     Raises:
         InputError: naming the file and what is wrong.
     """
-    if path.suffix.lower() == ".ndjson":
-        return ForecastFile(path, *read_predictions(path))
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError) as error:
-        reason = printable(str(error))[:200]
-        raise InputError(
-            f"{path}: cannot be read as .npz or .ndjson ({reason})"
-        ) from None
+    with reading(path, KINDS):
+        if path.suffix.lower() == ".ndjson":
+            return ForecastFile(path, *read_predictions(path))
+        return _checked(path, read_arrays(path, KINDS))
+
+
+def _checked(path: Path, arrays: dict[str, np.ndarray]) -> ForecastFile:
+    """The forecasts of these arrays, which may be anything."""
     missing = [name for name in NEEDED if name not in arrays]
     if missing:
         names = ", ".join(sorted(arrays)[:12]) or "none"
@@ -146,6 +146,12 @@ def windows_of(file: ForecastFile) -> Windows:
     Raises:
         InputError: for a file without them.
     """
+    with reading(file.path, "forecasts with what happened"):
+        return _windows_of(file)
+
+
+def _windows_of(file: ForecastFile) -> Windows:
+    """See `windows_of`, whose door stands around this."""
     names = ("observed", "truth", "scene", "start", "period")
     missing = [name for name in names if name not in file.truth]
     if missing:
@@ -217,6 +223,14 @@ def match(
     Raises:
         InputError: with counts, for what does not match.
     """
+    with reading(file.path, "forecasts of these windows"):
+        return _match(file, windows, partial)
+
+
+def _match(
+    file: ForecastFile, windows: Windows, partial: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """See `match`, whose door stands around this."""
     names, own = _recordings(file, windows), recording_names(windows)
     if file.recordings is None and len(set(own)) > 1:
         raise InputError(

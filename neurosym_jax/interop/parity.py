@@ -12,7 +12,6 @@ import math
 import re
 import subprocess
 import tempfile
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -37,6 +36,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.forecast import Model, refuse_other_length
 from neurosym_jax.models.sgan.pooling import LSTM, LSTMNetwork
 from neurosym_jax.models.sgan.torch_names import torch_names
+from neurosym_jax.runtime.foreign import read_arrays, read_json, reading
 from neurosym_jax.scene import checked_positions
 
 __all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_torch"]
@@ -113,33 +113,33 @@ def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
             wrong.
     """
     refuse(NotNegative, {"tolerance": tolerance})
-    rows, path = [], directory / "manifest.json"
-    try:
-        for row in json.loads(path.read_text(encoding="utf-8")):
-            path = directory / row["file"]
-            # The name of a row's kind of case: its model's, else its file's.
-            kind, classes = row.get("model", path.stem), row.get("layers", {})
-            if kind not in CASES:
-                raise InputError(
-                    f"{brief(kind)} is none of the cases {', '.join(CASES)}"
-                )
-            with np.load(path, allow_pickle=False) as archive:
-                arrays = dict(archive)
-            layers = (
-                _compared_layers(read_case(row, arrays), classes) if classes else {}
-            )
-            rows += _compare(
-                path.name, tolerance, CASES[kind](row, arrays), layers, classes
-            )
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    except KeyError as error:
-        raise InputError(f"{path}: {error} is missing") from None
-    except (OSError, EOFError, ValueError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path}: is no case ({' '.join(str(error).split())[:300]})"
-        ) from None
+    path, rows = directory / "manifest.json", []
+    with reading(path, "a list of cases"):
+        cases = []
+        for row in read_json(path):
+            if "file" not in row:
+                raise InputError("'file' is missing")
+            cases.append((directory / row["file"], row))
+    for path, row in cases:
+        with reading(path, "a case"):
+            rows += _rows_of_case(path, row, tolerance)
     return Parity(tuple(rows), tolerance)
+
+
+def _rows_of_case(path: Path, row: Mapping[str, Any], tolerance: float) -> list[Any]:
+    """The outputs of a stored case, compared."""
+    # The name of a row's kind of case: its model's, else its file's.
+    kind, classes = row.get("model", path.stem), row.get("layers", {})
+    if kind not in CASES:
+        raise InputError(f"{brief(kind)} is none of the cases {', '.join(CASES)}")
+    arrays = read_arrays(path, "a case")
+    try:
+        layers = {}
+        if classes:
+            layers = _compared_layers(read_case(row, arrays), classes)
+        return _compare(path.name, tolerance, CASES[kind](row, arrays), layers, classes)
+    except KeyError as error:
+        raise InputError(f"{error} is missing") from None
 
 
 def run_torch(

@@ -23,11 +23,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models.parameters import leaves_by_path, nested_parameters
 from neurosym_jax.models.tracking_errors import repair_scene, settle
 from neurosym_jax.plugins import Registry
-from neurosym_jax.runtime.process import (
-    COMPILED_QUICKLY,
-    refuse_beyond_memory,
-    refuse_forked,
-)
+from neurosym_jax.runtime.memory import refuse_beyond_memory
+from neurosym_jax.runtime.process import COMPILED_QUICKLY, refuse_forked
 from neurosym_jax.runtime.programs import kept_json, program
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters

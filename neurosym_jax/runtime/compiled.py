@@ -56,7 +56,8 @@ class SealedCache(CacheInterface):
         try:
             content = path.read_bytes()
             if content[:SEAL] == _seal(key, content[SEAL:]):
-                os.utime(path)
+                with contextlib.suppress(OSError):  # A folder that is only read.
+                    os.utime(path)
                 return content[SEAL:]
             path.unlink()
         except OSError:

@@ -20,7 +20,7 @@ import numpy as np
 
 from neurosym_jax.configuration import parse_json
 from neurosym_jax.errors import InputError, printable
-from neurosym_jax.runtime.process import refuse_beyond_memory
+from neurosym_jax.runtime.memory import refuse_beyond_memory
 
 __all__ = [
     "read_arrays",
@@ -32,8 +32,8 @@ __all__ = [
     "refuse_twins",
 ]
 
-SMALL = 64_000_000
-"""Bytes of a file of settings, of a report or of a case: ours have kilobytes."""
+SMALL, SETTINGS = 64_000_000, 1_000_000
+"""Bytes of a report or of a list of cases, and of a file of settings: ours have kilobytes."""
 UNPACKED, TIMES = 256_000_000, 100
 """Bytes that a packed file may hold, or as many times its own if that is more."""
 VALUES, DENSITY = 2_000_000, 50
@@ -54,9 +54,6 @@ def reading(path: Path | str, what: str = "") -> Iterator[None]:
     `what` says what the file should be, such as "a report". An InputError goes on, with
     the name in front unless it begins with it. The error of a library is the cause of
     ours, so that Python shows both.
-
-    Raises:
-        InputError: in place of what is raised, a wish of the user's to stop excepted.
     """
     name = printable(str(path))
     try:
@@ -66,7 +63,7 @@ def reading(path: Path | str, what: str = "") -> Iterator[None]:
             raise
         raise type(error)(f"{name}: {error}") from None
     except OSError as error:
-        raise InputError(f"{name}: {_words(error)}") from None
+        raise InputError(f"{name}: cannot be read: {_words(error)}") from None
     except Exception as error:
         raise _damaged(name, what, error) from error
     except BaseException as error:
@@ -95,7 +92,6 @@ def read_bytes(path: Path | str, limit: float = SMALL) -> bytes:
     """The content of a file, which may have `limit` bytes.
 
     Raises:
-
         InputError: naming the file: it cannot be read, or is larger.
     """
     with reading(path), open(path, "rb") as file:
@@ -113,27 +109,27 @@ def read_json(path: Path | str, what: str = "JSON", limit: float = SMALL) -> Any
     """The value of a file in JSON, without keys that stand twice.
 
     Raises:
-
         InputError: naming the file: as `read_bytes`, and for other text.
     """
     with reading(path, what):
         return parse_json(read_bytes(path, limit), printable(str(path)))
 
 
-def read_yaml(path: Path | str, what: str = "YAML", limit: float = SMALL / 64) -> Any:
+def read_yaml(path: Path | str, what: str = "YAML", loader: Any = None) -> Any:
     """The value of a file in YAML, without aliases, of which a few lines make gigabytes.
 
-    Raises:
+    `loader` is one of PyYAML's that makes plain values; default: its safe one.
 
+    Raises:
         InputError: naming the file: as `read_bytes`, and for other text.
     """
     import yaml
 
     with reading(path, what):
-        text = read_bytes(path, limit).decode("utf-8")
+        text = read_bytes(path, SETTINGS).decode("utf-8")
         if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
             raise InputError("has an alias (*name), which may stand for any amount")
-        return yaml.safe_load(text)
+        return yaml.load(text, loader or yaml.SafeLoader)
 
 
 def read_arrays(path: Path | str, what: str = "arrays of numpy") -> dict[str, Any]:
@@ -143,7 +139,6 @@ def read_arrays(path: Path | str, what: str = "arrays of numpy") -> dict[str, An
     unpacked, and a header with the bytes that follow it.
 
     Raises:
-
         InputError: naming the file, and the array where one is wrong.
     """
     with reading(path, what), open(path, "rb") as file:

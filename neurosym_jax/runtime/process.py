@@ -1,4 +1,4 @@
-"""This process: its settings, its progress, its memory, and what its results depend on.
+"""This process: its settings, its progress, and what its results depend on.
 
 Scripts and commands switch settings (compilation cache, memory allocator, XLA flags)
 on, never `import neurosym_jax`.
@@ -28,7 +28,6 @@ from neurosym_jax.runtime.programs import keep_whole
 
 __all__ = [
     "COMPILED_QUICKLY",
-    "available_memory",
     "cache_folder",
     "code_version",
     "cpu_cores",
@@ -37,7 +36,6 @@ __all__ += [
     "enable_compilation_cache",
     "progress_of",
     "provenance",
-    "refuse_beyond_memory",
 ]
 __all__ += ["refuse_forked"]
 __all__ += ["run_environment", "tune"]
@@ -52,8 +50,6 @@ _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
 """Parameters of mallopt in glibc's malloc.h."""
 _forked: list[int] = []
 """This process, if it was forked once JAX ran in its parent, whose threads it lacks."""
-SURE = 50e6
-"""Bytes that are free wherever JAX runs."""
 _PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
 _INSTRUCTIONS = ("avx512f", "avx2", "avx", "sse4_2", "sve2", "sve", "asimd")
 
@@ -200,15 +196,6 @@ def _digests(paths: Iterable[Path | str]) -> dict[str, str]:
     return digests
 
 
-def available_memory() -> float:
-    """Bytes available without swapping; infinite where that is not known."""
-    info = Path("/proc/meminfo")
-    if not info.exists():
-        return float("inf")
-    fields = dict(line.split(":") for line in info.read_text().splitlines())
-    return 1024.0 * int(fields["MemAvailable"].split()[0])
-
-
 def _note_fork() -> None:
     if xla_bridge.backends_are_initialized():
         _forked[:] = [os.getpid()]
@@ -228,18 +215,4 @@ def refuse_forked() -> None:
         raise InputError(
             "forked after its parent had used JAX, this process would wait for ever: start it with "
             "multiprocessing's 'spawn' or 'forkserver'"
-        )
-
-
-def refuse_beyond_memory(work: str, needed: float, remedy: str) -> None:
-    """Refuse work that needs more bytes than are available.
-
-    Raises:
-        InputError: naming the work, both sizes and the remedy.
-    """
-    # What is certainly there is not looked up: a robot asks before each forecast.
-    if needed > SURE and needed > (free := available_memory()):
-        raise InputError(
-            f"{work} needs some {needed / 1e9:.1f} GB of memory, and {free / 1e9:.1f} GB are "
-            f"free: {remedy}"
         )

@@ -1,6 +1,5 @@
 """Trainings of several seeds and data sets, and the report of their tests."""
 
-import json
 import os
 import subprocess
 import sys
@@ -27,6 +26,7 @@ from neurosym_jax.evaluation.tables import format_table, markdown_table, rows_fr
 from neurosym_jax.models.disk import load_model, replace_card
 from neurosym_jax.runtime.ending import when_ended
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
+from neurosym_jax.runtime.foreign import read_arrays, read_json, reading
 from neurosym_jax.runtime.process import cpu_cores, progress_of, provenance
 from neurosym_jax.training.run import differences_between, model_card
 
@@ -140,18 +140,19 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
     runs: Runs = {}
     columns = trained.select("at", "model", "dataset", "training_seed")
     try:
-        with np.load(folder / ERRORS) as arrays:
+        with reading(folder / ERRORS, "the errors of a sweep"):
+            arrays = read_arrays(folder / ERRORS)
             for at, model, dataset, seed in columns.iter_rows():
                 row = f"{at}/"
-                names = (
+                names = [
                     name for name in arrays if name.startswith(row) and name != row
-                )
+                ]
                 scores = {
                     name.removeprefix(row): Score(*arrays[name]) for name in names
                 }
                 errors = ErrorsByScene(scores, arrays[row], steps=sum(horizons[0]))
                 runs.setdefault((model, dataset), {})[seed] = errors
-    except (OSError, ValueError, KeyError) as error:
+    except InputError as error:
         raise InputError(
             f"{folder}: holds no whole sweep ({error}); run the sweep again"
         ) from None
@@ -338,7 +339,7 @@ def _test(
     `labels` has the folder of each run, and what its model is called beside its title.
     """
     facts = {
-        str(folder / "model"): json.loads((folder / "run.json").read_text())
+        str(folder / "model"): read_json(folder / "run.json", "the facts of a run")
         for folder in labels
     }
     models = [(path, load_model(path)) for path in facts]

@@ -41,6 +41,7 @@ import numpy as np
 from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.foreign import read_yaml
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.events import EVENTS
@@ -244,7 +245,7 @@ def read_floor_map(path: Path) -> dict[str, Any]:
 
     try:
         fields = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.196}
-        fields |= yaml.safe_load(path.read_text())
+        fields |= read_yaml(path, "a map")
         resolution = float(fields["resolution"])
         x, y, yaw = map(float, fields["origin"])
         if not (resolution > 0 and np.isfinite([resolution, x, y, yaw]).all()):

@@ -228,9 +228,13 @@ def inner(data):
         },
         "convert": {
             f"{C}.convert.{name}": SimpleNamespace(name="model")
-            for name in ("load_model", "load_torch_checkpoint", "save_model")
+            for name in ("load_model", "model_from_torch", "save_model")
         }
-        | {f"{C}.convert.export_torch_checkpoint": None, f"{C}.convert.left_out": []},
+        | {
+            f"{C}.convert.read_torch_file": {},
+            f"{C}.convert.export_torch_checkpoint": None,
+            f"{C}.convert.left_out": [],
+        },
         "export": {
             f"{C}.export.load_model": SimpleNamespace(name="model"),
             f"{C}.export.export_model": b"",
@@ -240,7 +244,8 @@ def inner(data):
             f"{C}.parity.run_parity": Parity(()),
             f"{C}.parity.run_torch": None,
             f"{C}.parity.new_folder": lambda: contextlib.nullcontext("kept"),
-            f"{C}.parity.load_torch_checkpoint": SimpleNamespace(assumed=()),
+            f"{C}.parity.read_torch_file": {},
+            f"{C}.parity.model_from_torch": SimpleNamespace(assumed=()),
         },
         "report": {f"{C}.report.compare_sweep": ""},
         "models": {f"{C}.models.models_at_hand": []},
@@ -299,7 +304,7 @@ REFUSED = {
     "train absent.yaml": "absent.yaml: cannot be read: No such file or directory",
     "train 'stepps: 3'": "unknown option 'stepps': did you mean --steps?",
     "train 'steps: 3\nsteps: 4'": "the option 'steps' stands twice",
-    "train 'steps: [3'": "cannot be read: while parsing",
+    "train 'steps: [3'": "cannot be read as a file of options: ",
     "train '- steps'": "must have a line `option: value` for each option",
     "train 'resume: yes'": "resume: must be true or false, not yes",
     "evaluate 'figures: false\nplots: a.png'": "--plots: has no effect with --no-figures",

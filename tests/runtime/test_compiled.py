@@ -1,5 +1,6 @@
 """Compiled programs between processes: a damaged one is noticed, replaced and changes nothing."""
 
+import errno
 import os
 
 import numpy as np
@@ -51,6 +52,17 @@ def test_an_entry_of_another_key_is_none_of_this_one(cache):
     assert cache.get("a") is None
     assert cache.get("b") is None
     assert not list(cache._path.iterdir())
+
+
+def test_a_folder_that_is_only_read_is_used(cache, monkeypatch):
+    """As an image's, whose times of use cannot be written."""
+    cache.put("key", b"program")
+
+    def refuse(*_):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(os, "utime", refuse)
+    assert cache.get("key") == b"program"
 
 
 def test_beyond_the_limit_what_was_used_least_recently_goes(cache):

@@ -32,8 +32,8 @@ from neurosym_jax.runtime.files import (
     write_json,
     write_text,
 )
+from neurosym_jax.runtime.memory import available_memory
 from neurosym_jax.runtime.process import (
-    available_memory,
     cache_folder,
     code_version,
     cpu_cores,
@@ -210,3 +210,48 @@ def test_processes_start_for_many_tasks_only(monkeypatch):
     monkeypatch.setenv("NPROC", "1")
     with map_for(99) as run:
         assert run is None
+
+
+LIMITED = """
+import resource, sys
+from neurosym_jax.runtime.memory import available_memory, refuse_beyond_memory
+size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (size + 10**9, size + 10**9))
+print(available_memory())
+refuse_beyond_memory("this", 0.9e9, "ask for less")
+refuse_beyond_memory("this", 1.1e9, "ask for less")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits are read from /proc")
+def test_the_limit_of_the_process_is_seen():
+    done = run_python("-c", LIMITED, check=False)
+    assert 0.9e9 < float(done.stdout) <= 1e9
+    assert "this needs some 1.1 GB of memory, and 1.0 GB are free" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "folder", "names"),
+    [
+        ("0::/a/b", "a", ("memory.max", "memory.current")),
+        ("0::/not/seen/inside", "", ("memory.max", "memory.current")),
+        (
+            "7:cpu,memory:/a/b",
+            "memory/a",
+            ("memory.limit_in_bytes", "memory.usage_in_bytes"),
+        ),
+    ],
+)
+def test_the_limit_of_a_container_is_seen(tmp_path, line, folder, names):
+    """Of any group around the process's own, less what is used, with pages of files."""
+    own, place = tmp_path / "own", tmp_path / folder
+    own.write_text(f"3:pids:/a\n{line}\n")
+    place.mkdir(parents=True, exist_ok=True)
+    assert memory._of_groups(own, tmp_path) == float("inf")
+    for name, number in zip(names, ("1000", "700")):
+        (place / name).write_text(f"{number}\n")
+    (place / "memory.stat").write_text("anon 600\ninactive_file 50\n")
+    assert memory._of_groups(own, tmp_path) == 350
+    for unlimited in ("max", str(2**63 - 4096)):
+        (place / names[0]).write_text(unlimited)
+        assert memory._of_groups(own, tmp_path) == float("inf")

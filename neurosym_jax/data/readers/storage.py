@@ -7,6 +7,7 @@ import contextlib
 import importlib
 import json
 import sqlite3
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,9 +22,14 @@ from neurosym_jax.data.readers.columns import Columns
 from neurosym_jax.data.tables import Head, ReadOptions, Table, read_head, read_text_file
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, optional_module
+from neurosym_jax.runtime.foreign import reading, refuse_dense
 
 __all__ = ["FRAME", "Json", "Storage", "is_frame", "table_of"]
 
+LONGEST, CHECKED = 1_000_000, 100_000
+"""Bytes of a field of a database, and rows between two checks of its size."""
+SECONDS, RATE = 20, 1e6
+"""Seconds that reading a database may take, and bytes of it for each further one."""
 FRAME = Path("dataframe")  # what messages call one, and its recording
 MAGIC = {
     b"SQLite format 3": "sqlite",
@@ -164,20 +170,20 @@ def _table_in_storage(path: Path, magic: bytes) -> Table:
         InputError: for a file that cannot be read, or has no table, or several.
     """
     kind = next((kind for start, kind in MAGIC.items() if magic.startswith(start)), "")
-    try:
-        columns, facts = {"sqlite": _in_sqlite, "hdf5": _in_hdf5}.get(
-            kind, _in_columns
-        )(path)
-    except (sqlite3.Error, OSError, pl.exceptions.PolarsError, KeyError) as error:
-        raise InputError(f"{path}: cannot be read as {kind} ({error})") from None
+    read = {"sqlite": _in_sqlite, "hdf5": _in_hdf5}.get(kind, _in_columns)
+    with reading(path, kind):
+        columns, facts = read(path)
     return _table(path, columns, facts)
 
 
 def _in_columns(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
     with path.open("rb") as file:
-        frame = (
-            pl.read_parquet(file) if file.peek(4)[:4] == b"PAR1" else pl.read_ipc(file)
-        )
+        is_parquet = file.peek(4)[:4] == b"PAR1"
+        lazy = (pl.scan_parquet if is_parquet else pl.scan_ipc)(file)
+        rows = lazy.select(pl.len()).collect().item()
+        refuse_dense(path, rows * len(lazy.collect_schema()))
+        file.seek(0)
+        frame = (pl.read_parquet if is_parquet else pl.read_ipc)(file)
     return {name: _texts(frame[name]) for name in frame.columns}, {}
 
 
@@ -186,6 +192,7 @@ def _in_sqlite(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
     with contextlib.closing(
         sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
     ) as base:
+        _limit(base, path)
         names = [
             name
             for (name,) in base.execute(
@@ -218,11 +225,24 @@ def _in_sqlite(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
                     if plain_name(str(key))[0] in RATE_NAMES
                 ]
                 facts |= {"fps": str(float(rates[0]))} if rates else {}
-        rows = base.execute(f"select * from {quoted[tracks[0]]}").fetchall()
+        rows = []
+        for row in base.execute(f"select * from {quoted[tracks[0]]}"):
+            rows.append(row)
+            # Pages of a damaged table may lead round in a circle.
+            if len(rows) % CHECKED == 0:
+                refuse_dense(path, len(rows) * len(row))
     columns = zip(
         heads[tracks[0]], zip(*rows) if rows else [[]] * len(heads[tracks[0]])
     )
     return {name: pl.Series(list(map(str, values))) for name, values in columns}, facts
+
+
+def _limit(base: sqlite3.Connection, path: Path) -> None:
+    """Let a database run nothing of its own, and hold no field of more than a megabyte."""
+    base.execute("pragma trusted_schema = off")
+    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST)
+    end = time.monotonic() + SECONDS + path.stat().st_size / RATE
+    base.set_progress_handler(lambda: time.monotonic() > end, 1_000_000)
 
 
 def _in_hdf5(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
@@ -240,6 +260,8 @@ def _in_hdf5(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
                 f"{path}: has {len(sets)} data sets with named fields, not one"
             )
         item = sets.get("trajectory") or next(iter(sets.values()))
+        refuse_dense(path, item.size * len(item.dtype.names))
+        refuse_dense(path, item.nbytes / 8)
         attributes = {**file.attrs, **item.attrs}
         facts = {"fps": str(float(attributes["fps"]))} if "fps" in attributes else {}
         values = item[()]
