@@ -54,6 +54,9 @@ def reading(path: Path | str, what: str = "") -> Iterator[None]:
     `what` says what the file should be, such as "a report". An InputError goes on, with
     the name in front unless it begins with it. The error of a library is the cause of
     ours, so that Python shows both.
+
+    Raises:
+        InputError: see above.
     """
     name = printable(str(path))
     try:

@@ -26,6 +26,7 @@ from neurosym_jax.evaluation.scores import score_forecaster
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.models.forecaster import Lengths
 from neurosym_jax.plugins import load_plugin
+from neurosym_jax.runtime import memory
 from neurosym_jax.runtime.files import (
     new_folder,
     refuse_unwritable,
