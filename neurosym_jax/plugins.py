@@ -98,9 +98,11 @@ class Registry(dict[str, T]):
         Raises:
             InputError: if neither is registered.
         """
-        for name, each in self.items():
-            if each is value or each is type(value):
-                return name
+        # Those imported come first: of the others none may be needed.
+        for components in (self.imported(), self.items()):
+            for name, component in components:
+                if component is value or component is type(value):
+                    return name
         raise InputError(f"{brief(value)} is not registered as a {self.kind}")
 
     def __getitem__(self, name: str) -> T:
@@ -116,6 +118,11 @@ class Registry(dict[str, T]):
         """Add or replace a component."""
         super().__setitem__(name, value)
         _additions.append((self.kind, name, value))
+
+    def imported(self) -> list[tuple[str, T]]:
+        """Names and components, without those that were not asked for yet."""
+        components = [(name, super(Registry, self).__getitem__(name)) for name in self]
+        return [item for item in components if not isinstance(item[1], _Later)]
 
     def values(self) -> list[T]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """All components, imported."""

@@ -32,6 +32,8 @@ to 2.06, SGAN's eth 3.23 (`python -m studies.bands`)."""
 WALK = 1.5  # m/s, a usual pace
 FEW, ENOUGH = 10, 100  # steps that say anything of a recording, and that may refuse one
 MANY = 20  # fewest people of whom a share is judged
+FEW_PEOPLE = 100
+"""People of one moment up to whom all distances are computed, without a tree."""
 
 
 def steps_of(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
@@ -110,12 +112,19 @@ def _every_period(tracks: Tracks) -> Tracks:
 def _is_crowded(position: np.ndarray) -> bool:
     """Whether any of the people who begin together [N, 2] stand within 0.2 m of another: people on
     one clock do not, those who came one after another through one door do."""
-    from scipy.spatial import KDTree
+    return len(position) > 1 and float(_nearest(position).min()) < 0.2
 
-    return (
-        len(position) > 1
-        and float(KDTree(position).query(position, 2)[0][:, 1].min()) < 0.2
-    )
+
+def _nearest(position: np.ndarray) -> np.ndarray:
+    """[N] metres from each `position` [N, 2] to the nearest other; infinite where there is none."""
+    if len(position) > FEW_PEOPLE:
+        from scipy.spatial import KDTree  # It takes a third of a second to import.
+
+        return KDTree(position).query(position, 2)[0][:, 1]
+    offset = position[:, None] - position[None]
+    distance = np.sqrt(np.square(offset).sum(axis=-1))
+    np.fill_diagonal(distance, np.inf)
+    return distance.min(axis=1)
 
 
 class Doubt(NamedTuple):

@@ -28,6 +28,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scores import Scores
+from neurosym_jax.evaluation.student import half_interval, two_sided_p
 
 __all__ = ["FEWEST", "Difference", "ErrorsByScene", "Estimate", "against_best", "holm"]
 __all__ += ["mean_difference", "paired_difference", "student_half", "student_p"]
@@ -53,20 +54,16 @@ class Estimate:
 
     def interval(self, column: int) -> Interval:
         """95 % interval of one metric."""
-        from scipy.special import stdtrit
-
-        half = stdtrit(self.freedom[column], 0.975) * self.variance[column] ** 0.5
+        half = half_interval(float(self.freedom[column])) * self.variance[column] ** 0.5
         return float(self.value[column] - half), float(self.value[column] + half)
 
     def p_value(self, column: int) -> float:
         """Two-sided p value of one metric against 0."""
-        from scipy.special import stdtr
-
         if abs(self.value[column]) < ROUNDING:
             return 1.0
         with np.errstate(divide="ignore"):
             t = np.abs(self.value[column]) / self.variance[column] ** 0.5
-        return float(2 * stdtr(self.freedom[column], -t))
+        return two_sided_p(float(t), float(self.freedom[column]))
 
 
 def _sum(value: np.ndarray, parts: Sequence[Estimate]) -> Estimate:

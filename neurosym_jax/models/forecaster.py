@@ -450,9 +450,11 @@ def forecaster_of(config: Any) -> Forecaster:
     Raises:
         InputError: for the configuration of no family.
     """
-    for family in FORECASTERS.values():
-        if family.Config is type(config):
-            return family(config)
+    # Those imported come first: of the others none may be needed.
+    for families in (FORECASTERS.imported(), FORECASTERS.items()):
+        for _, family in families:
+            if family.Config is type(config):
+                return family(config)
     raise InputError(
         f"config: {type(config).__name__} is the Config of no registered forecaster"
     )

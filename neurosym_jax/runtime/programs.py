@@ -148,17 +148,35 @@ class Program:
             key = _key(self.name, fixed, tree, shapes)
         except Unnamed:
             return self.jitted
-        content = _cache.get(key)
-        if content is not None:
-            # Of another build of XLA, perhaps.
-            with contextlib.suppress(Exception):
-                return _deserialized(content, tree)
-        with apart_from_cache():
-            compiled = self.jitted.lower(*arguments).compile()
-        # Some programs cannot be kept, such as those that call back.
-        with contextlib.suppress(Exception):
-            _cache.put(key, _serialized(compiled))
-        return compiled
+        place = _cache.get(key)
+        if place is not None:
+            executable = _read(place.decode(), tree)
+            if executable is not None:
+                return executable
+        lowered = self.jitted.lower(*arguments)
+        # Where the source alone has changed, and not what is computed, it is there too.
+        place = _place(lowered, self.name)
+        executable = _read(place, tree)
+        if executable is None:
+            with apart_from_cache():
+                executable = lowered.compile()
+            try:
+                _cache.put(place, _serialized(executable))
+            except Exception:  # Some cannot be kept, such as programs that call back.
+                return executable
+        _cache.put(key, place.encode())
+        return executable
+
+
+def _read(place: str, tree: Any) -> Callable[..., Any] | None:
+    """The executable that is kept at a place, of arguments `tree`; None where none can be used."""
+    content = _cache.get(place) if _cache else None
+    if content is None:
+        return None
+    # Of another build of XLA, perhaps.
+    with contextlib.suppress(Exception):
+        return _deserialized(content, tree)
+    return None
 
 
 def kept_json(name: str, fixed: Any, compute: Callable[[], Any]) -> Any:
@@ -196,9 +214,17 @@ def _key(name: str, fixed: Any, tree: Any = None, shapes: Any = ()) -> str:
     """
     # A component of a plugin has no name.
     parts = (name, spelled(fixed), spelled(additions()), str(tree), str(shapes))
-    return hashlib.sha256(
-        repr((parts, _settings(), _surroundings())).encode()
-    ).hexdigest()
+    return _digest(parts, _source(), _settings(), _machine())
+
+
+def _place(lowered: Any, name: str) -> str:
+    """Digest of a lowered program and of all that its executable follows from."""
+    trees = str(lowered.in_tree), str(lowered.out_tree)
+    return _digest(name, lowered.as_text(), trees, _settings(), _machine())
+
+
+def _digest(*parts: Any) -> str:
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
 def _settings() -> tuple[str, ...]:
@@ -213,19 +239,17 @@ def _settings() -> tuple[str, ...]:
 
 
 @functools.cache
-def _surroundings() -> tuple[str, ...]:
-    """The source, versions and processor.
+def _machine() -> tuple[str, ...]:
+    """Versions and the processor.
 
     Raises:
-        Unnamed: for another device than one CPU, and where the source has changed since
-            this process began.
+        Unnamed: for another device than one CPU.
     """
     devices = jax.devices()
     if len(devices) != 1 or devices[0].platform != "cpu":
         raise Unnamed
     versions = [f"{name} {importlib.metadata.version(name)}" for name in VERSIONED]
     return (
-        _source_digest(),
         repr(versions),
         platform.python_version(),
         devices[0].client.platform_version,
@@ -234,8 +258,13 @@ def _surroundings() -> tuple[str, ...]:
     )
 
 
-def _source_digest() -> str:
-    """Digest of this project's source as it was imported."""
+@functools.cache
+def _source() -> str:
+    """Digest of this project's source as it was imported.
+
+    Raises:
+        Unnamed: where a file has changed since this process began.
+    """
     digest, began = hashlib.sha256(), _process_began()
     for file in sorted(ROOT.glob(f"{PACKAGES}*/**/*")):
         if file.suffix not in SOURCES:

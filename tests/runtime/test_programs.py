@@ -113,12 +113,35 @@ def test_a_kept_program_has_the_same_bits_and_is_not_traced(kept):
     function, traces = counted(scaled)
     first = newly(function)(2.0, *ARGUMENTS)
     assert len(traces) == 1
-    assert len(list(kept.iterdir())) == 1
+    assert len(list(kept.iterdir())) == 2
     again = newly(function)
     second, third = again(2.0, *ARGUMENTS), again(2.0, *ARGUMENTS)
     assert len(traces) == 1
     assert jax.tree.structure(second) == jax.tree.structure(expected)
     assert numbers(first) == numbers(second) == numbers(third) == numbers(expected)
+
+
+def test_other_source_that_computes_the_same_is_traced_but_not_compiled(
+    kept, monkeypatch
+):
+    newly()(2.0, *ARGUMENTS)
+    files = set(kept.iterdir())
+    monkeypatch.setattr(programs, "_source", lambda: "a comment more")
+    function, traces = counted(scaled)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jax.stages.Lowered, "compile", None)
+        result = newly(function)(2.0, *ARGUMENTS)
+    assert len(traces) == 1
+    assert numbers(result) == numbers(newly()(2.0, *ARGUMENTS))
+    assert len(set(kept.iterdir()) - files) == 1
+
+    @functools.wraps(scaled)
+    def newer(*arguments):
+        return scaled(*arguments)[0] + 1
+
+    monkeypatch.setattr(programs, "_source", lambda: "another sum")
+    changed = newly(newer)(2.0, *ARGUMENTS)
+    np.testing.assert_allclose(changed, result[0] + 1, rtol=1e-6)
 
 
 def test_donated_buffers_are_reused_by_a_kept_program_too(kept):
@@ -151,7 +174,9 @@ def test_what_differs_in_any_argument_is_another_program(kept):
     for count, arguments in enumerate(variants, 1):
         expected = jax.jit(scaled, static_argnums=0)(*arguments)
         assert numbers(newly()(*arguments)) == numbers(expected)
-        assert len(list(kept.iterdir())) == count
+        # Each has a place, where equal programs share an executable.
+        places = [file for file in kept.iterdir() if file.stat().st_size < 100]
+        assert len(places) == count
 
 
 def test_within_a_trace_it_is_a_part_of_the_traced_program(kept):
@@ -169,9 +194,15 @@ def test_within_a_trace_it_is_a_part_of_the_traced_program(kept):
 
 def test_500_flipped_bits_and_torn_files_are_never_used(kept, capsys):
     expected = numbers(newly()(2.0, *ARGUMENTS))
-    (file,) = kept.iterdir()
+    place, file = sorted(kept.iterdir(), key=lambda file: file.stat().st_size)
     content, rng = file.read_bytes(), np.random.default_rng(0)
     used = programs._cache
+    linked = place.read_bytes()
+    for bit in range(8 * len(linked)):
+        flipped = bytearray(linked)
+        flipped[bit // 8] ^= 1 << bit % 8
+        place.write_bytes(flipped)
+        assert used.get(place.stem) is None
     for bit in rng.choice(8 * len(content), 500, replace=False):
         flipped = bytearray(content)
         flipped[bit // 8] ^= 1 << bit % 8
@@ -197,7 +228,7 @@ def test_500_flipped_bits_and_torn_files_are_never_used(kept, capsys):
 )
 def test_a_sealed_file_that_would_run_code_is_not_read(kept, named):
     newly()(2.0, *ARGUMENTS)
-    (file,) = kept.iterdir()
+    *_, file = sorted(kept.iterdir(), key=lambda file: file.stat().st_size)
     programs._cache.put(file.stem, pickle.dumps((b"", named)))
     expected = jax.jit(scaled, static_argnums=0)(2.0, *ARGUMENTS)
     function, traces = counted(scaled)
@@ -221,13 +252,13 @@ def test_names_that_a_module_of_jax_imported_are_not_read():
 
 def test_a_stale_key_of_each_kind_is_another_key(kept, monkeypatch):
     def key():
-        programs._surroundings.cache_clear()
+        programs._machine.cache_clear()
         return programs._key("name", (1,), "tree", "shapes")
 
     keys = [key()]
     assert key() == keys[0]
     for replaced, value in (
-        ("_source_digest", lambda: "another source"),
+        ("_source", lambda: "another source"),
         ("processor", lambda: "another processor"),
     ):
         with monkeypatch.context() as patch:
@@ -251,7 +282,7 @@ def test_a_stale_key_of_each_kind_is_another_key(kept, monkeypatch):
             )
             patch.setattr(programs.importlib.metadata, "version", changed)
             keys.append(key())
-    programs._surroundings.cache_clear()
+    programs._machine.cache_clear()
     assert len(set(keys)) == len(keys)
     assert key() == keys[0]
 
@@ -274,15 +305,15 @@ def test_the_source_is_a_part_of_the_key_and_its_change_while_running_keeps_noth
     file.write_text("a = 1\n")
     os.utime(file, (1, 1))
     monkeypatch.setattr(programs, "ROOT", tmp_path)
-    first = programs._source_digest()
-    assert programs._source_digest() == first
+    first = programs._source.__wrapped__()
+    assert programs._source.__wrapped__() == first
     file.write_text("a = 2\n")
     with pytest.raises(Unnamed):
-        programs._source_digest()
+        programs._source.__wrapped__()
     os.utime(file, (1, 1))
-    second = programs._source_digest()
+    second = programs._source.__wrapped__()
     file.rename(file.with_name("other.py"))
-    assert len({first, second, programs._source_digest()}) == 3
+    assert len({first, second, programs._source.__wrapped__()}) == 3
     assert time.time() - 3600 * 24 < programs._process_began() < time.time()
 
 
@@ -291,7 +322,7 @@ def test_what_a_plugin_adds_is_not_known_so_nothing_is_kept(kept):
     assert newly()(2.0, *ARGUMENTS)
     registry["again"] = ConstantVelocity
     newly()(2.0, *ARGUMENTS)
-    assert len(list(kept.iterdir())) == 2, "another table is another key"
+    assert len(list(kept.iterdir())) == 3, "another table is another key"
 
     @registry.register("theirs")
     @dataclasses.dataclass(frozen=True)
@@ -302,7 +333,7 @@ def test_what_a_plugin_adds_is_not_known_so_nothing_is_kept(kept):
         function, traces = counted(scaled)
         newly(function)(3.0, *ARGUMENTS)
         assert len(traces) == 1
-    assert len(list(kept.iterdir())) == 2
+    assert len(list(kept.iterdir())) == 3
 
 
 def test_only_what_another_process_would_name_so_is_spelled():
@@ -372,3 +403,29 @@ def test_a_warm_process_traces_nothing_and_a_plugin_is_never_served_from_the_sto
     assert beside[0] == cold[0]
     assert "forecast_scene" in beside[1]
     assert set(tmp_path.rglob("programs/*.program")) == files
+
+
+@pytest.mark.slow
+def test_a_warm_evaluation_of_a_text_file_imports_no_library_of_networks(tmp_path):
+    frame, person = np.divmod(np.arange(120), 3)
+    x, y = 0.5 * frame - person, 2.0 * person + 0.1 * np.sin(frame)
+    rows = np.column_stack([10 * frame, 1 + person, x, y])
+    table = {"fmt": ("%d", "%d", "%.4f", "%.4f"), "delimiter": ",", "comments": ""}
+    np.savetxt(tmp_path / "walk.csv", rows, header="frame,id,x,y", **table)
+    words = ["-X", "importtime", "-m", "neurosym_jax", "evaluate", "--no-figures"]
+    words += ["--data", tmp_path / "walk.csv", "--baselines", "anchor_table"]
+    words += ["--json", tmp_path / "rows.json"]
+
+    def evaluate():
+        done = run_python(*words, XDG_CACHE_HOME=str(tmp_path))
+        lines = done.stderr.splitlines()
+        times = [line for line in lines if line.startswith("import time:")]
+        return done.stdout, {line.split("|")[-1].strip() for line in times}
+
+    cold, warm = evaluate(), evaluate()
+    heavy = {"flax", "optax", "orbax", "matplotlib"}
+    heavy |= {"scipy.special", "scipy.spatial", "scipy.stats", "torch"}
+    assert "anchor table" in warm[0]
+    assert "flax" in cold[1], "the first run has to trace the network"
+    assert "jax" in warm[1]
+    assert warm[1] & heavy == set()

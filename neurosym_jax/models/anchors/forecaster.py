@@ -12,15 +12,13 @@ from jax import Array
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.anchors.draws import draw_samples, draw_scenes
-from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
-from neurosym_jax.models.anchors.network import (
+from neurosym_jax.models.anchors.config import (
     AnchorConfig,
     AnchorForecast,
-    AnchorNetwork,
-    AnchorTable,
     AnchorTableConfig,
 )
+from neurosym_jax.models.anchors.draws import draw_samples, draw_scenes
+from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.forecaster import Forecaster, with_weighting
 from neurosym_jax.models.place.mixture import Remembered
@@ -238,6 +236,9 @@ def apply_anchors(
 
 
 def _network(config: Any) -> Any:
+    # Imports Flax: only where a network is traced.
+    from neurosym_jax.models.anchors.network import AnchorNetwork, AnchorTable
+
     return (
         AnchorNetwork(config)
         if isinstance(config, AnchorConfig)

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.models.anchors.network import AnchorForecast
+from neurosym_jax.models.anchors.config import AnchorForecast
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.scene import Scene
 from neurosym_jax.training.batches import augment, gather_cropped
