@@ -77,8 +77,8 @@ class Panels {
   showMissing({ t, now, at, latest, more }) {
     const why = (id, reason) => {
       if (reason !== "short") return REASONS[reason] ?? reason;
-      const seen = Math.min(t - this.recording.first.get(id), this.recording.observed);
-      return `seen for ${seen.toFixed(1)} of ${this.recording.observed.toFixed(1)} s, or with a gap`;
+      const seen = t - this.recording.first.get(id);
+      return `seen for ${seen.toFixed(1)} s: once, or for less than --min-seen`;
     };
     const groups = new Map();
     const add = (id, text) => groups.set(text, [...(groups.get(text) ?? []), id]);

@@ -25,7 +25,9 @@ DISC = OFFSETS[:, np.hypot(*OFFSETS) * CELL <= RADIUS]
 class Costmap:
     """Costmaps of a stream; each also covers the one before, so that old cells are cleared."""
 
-    def __init__(self):
+    def __init__(self, ahead: float | None = None):
+        """Of the moment `ahead` seconds from now alone; by default of all moments."""
+        self._ahead = ahead
         self._former = np.zeros((0, 2), int)  # first and last cell of the one before
 
     def update(
@@ -48,7 +50,12 @@ class Costmap:
         first, last = covered.min(axis=0), covered.max(axis=0)
         columns, rows = last - first + 1
         worst = np.zeros((rows, columns))
-        for step in range(futures.shape[2]):
+        steps = futures.shape[2]
+        if self._ahead is not None:
+            step = min(round(self._ahead / period), steps - 1)
+            worst = _taken(cells[:, :, step] - first, weights, (rows, columns))
+            steps = 0
+        for step in range(steps):
             taken = _taken(cells[:, :, step] - first, weights, (rows, columns))
             worst = np.maximum(worst, taken * np.exp(-step * period / FADE))
         return np.rint(100 * worst).astype(np.int8), first * CELL

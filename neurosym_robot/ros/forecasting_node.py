@@ -25,7 +25,6 @@ from neurosym_robot.ros.bags import BagWriter
 from neurosym_robot.ros.definitions import (
     DIAGNOSTICS,
     HUMANS_TRAJS,
-    MARKERS,
     PEOPLE_TOPICS,
     TF_TOPICS,
     TRANSFORMS,
@@ -64,9 +63,7 @@ class ForecastBag(View):
         self._source, self._period = source, predictor.window.period
         self.where, self._stamp = str(self._bag.path), 0.0
         self._outputs = [
-            output
-            for output in outputs(predictor.models, at_least)
-            if output.kind != MARKERS
+            output for output in outputs(predictor.models, at_least) if not output.live
         ]
 
     def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:

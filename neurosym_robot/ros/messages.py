@@ -37,6 +37,7 @@ from neurosym_robot.tracking.names import name_of
 New = Callable[..., Any]
 # Red, green and blue of people's lines, after Okabe and Ito.
 COLOURS = [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0)]
+LAYERS = (1, 2, 3)  # seconds ahead of costmaps of single moments
 FAINT = 0.35  # opacity of the line of a person who is not seen at the moment
 UNITS = {"age": "ms", "p50": "ms", "p99": "ms", "offset": "s", "rate": "Hz"}
 UNITS |= {"lag": "s", "skipped": "frames"}
@@ -50,6 +51,8 @@ class Output(NamedTuple):
     model: str
     make: Callable[..., Any]
     """Returns the message of (new, forecast, model, period, frame_id)."""
+    live: bool = False
+    """Whether it is published in a graph only, not written to bags."""
 
 
 def outputs(models: Iterable[str], at_least: float = AT_LEAST) -> list[Output]:
@@ -68,9 +71,12 @@ def outputs(models: Iterable[str], at_least: float = AT_LEAST) -> list[Output]:
             Output(base, HUMANS_TRAJS, model, forecast_message),
             Output(f"{base}/samples", FORECAST, model, samples_message),
             Output(f"{base}/events", EVENTS, model, events),
-            Output(f"{base}/markers", MARKERS, model, markers_message),
+            Output(f"{base}/markers", MARKERS, model, markers_message, live=True),
             Output(f"{base}/costmap", GRID, model, CostmapMaker()),
         ]
+        for ahead in LAYERS:
+            layer = f"{base}/costmap/in_{ahead}s"
+            rows.append(Output(layer, GRID, model, CostmapMaker(ahead), live=True))
     return rows
 
 
@@ -310,8 +316,9 @@ def markers_message(
 class CostmapMaker:
     """Makes the OccupancyGrid of each forecast of one model, see `Costmap`."""
 
-    def __init__(self):
-        self._costmap = Costmap()
+    def __init__(self, ahead: float | None = None):
+        """Of the moment `ahead` seconds from now alone; by default of all moments."""
+        self._costmap = Costmap(ahead)
 
     def __call__(
         self, new: New, forecast: Forecast, model: str, period: float, frame_id: str

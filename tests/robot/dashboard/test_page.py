@@ -183,7 +183,7 @@ def test_a_file_to_share(page, play, stream):
 def test_who_has_no_forecast_and_why(page, play, stream):
     play(stream(2.05))
     missing = page.locator("#missing").inner_text()
-    assert missing.startswith("seen for 1.9 of 2.8 s, or with a gap")
+    assert missing.startswith("seen for 1.9 s: once, or for less than --min-seen")
     assert all(str(2**53 + n) in missing for n in range(3))
     *events, (event, now) = stream(6)
     lost = event.frame._replace(ids=event.frame.ids[1:], xy=event.frame.xy[1:])

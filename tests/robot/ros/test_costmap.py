@@ -33,6 +33,14 @@ def test_a_cell_is_as_full_as_the_draws_say():
     assert at(2, 0) == at(5, 3) == at(9, 4) == 0
 
 
+def test_a_layer_is_of_one_moment():
+    """After 0.4 s they have left where they stand now."""
+    futures = ways([[(0, 0), (2, 0), (4, 0)]] * 2)
+    for ahead, place in ((0.0, 0), (0.4, 2), (0.8, 4), (9.0, 4)):
+        at = reader(*Costmap(ahead).update(futures, EVENLY, 0.4))
+        assert [at(x, 0) for x in (0, 2, 4)] == [100 * (x == place) for x in (0, 2, 4)]
+
+
 def test_two_people_are_somebody_unless_neither_is_there():
     people = [[[(0, 0)], [(3, 0)]], [[(0, 0)], [(-3, 0)]], [[(0, 0)], [(0, 3)]]]
     at = reader(*Costmap().update(ways(*people), np.array([0.3, 0.7]), 0.4))

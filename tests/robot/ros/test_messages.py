@@ -272,7 +272,8 @@ ROS = ROOT / "ros"
 def test_topics_of_the_first_model_do_not_name_it():
     topics = [output.topic for output in messages.outputs(["a b", "runs/Ä-1"])]
     base = "/hri/human_poses_prediction"
-    ends = ("", "/samples", "/events", "/markers", "/costmap")
+    ends = ["", "/samples", "/events", "/markers", "/costmap"]
+    ends += [f"/costmap/in_{seconds}s" for seconds in (1, 2, 3)]
     assert topics == [base + end for end in ends] + [
         f"{base}_runs___1{end}" for end in ends
     ]
