@@ -1,8 +1,8 @@
 """Ids by TrackEval on real tracks as a robot would see them, for trackers of four kinds.
 
 `python -m studies.tracking DATA [SEEDS]` prints the table of docs/predictor.md; DATA holds
-SGAN's files of ETH/UCY. Options of the filter were chosen on seeds 100 and 101; seeds from
-0 on are reported. trackeval and norfair come with `pip install trackeval norfair`.
+SGAN's files of ETH/UCY. Options of the filter were chosen on seed 100; seeds from 0 on are
+reported. trackeval and norfair come with `pip install trackeval norfair`.
 """
 
 import dataclasses
@@ -19,7 +19,6 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import resample
 from neurosym_jax.evaluation.intervals import student_half
 from neurosym_robot.tracking.kalman import KalmanFilter, LinkOptions
-from neurosym_robot.tracking.stitching import OnlineStitcher
 
 __all__ = ["Labelled", "Sensor", "observe", "table"]
 
@@ -176,15 +175,8 @@ def tracker(stream: Labelled) -> list[np.ndarray]:
     return stream.ids
 
 
-def stitched(stream: Labelled) -> list[np.ndarray]:
-    """The ids of `--stitch`, which knows those of the tracker."""
-    stitcher = OnlineStitcher()
-    rows = zip(stream.stamps.tolist(), stream.ids, stream.xy)
-    return [stitcher.push(*row) for row in rows]
-
-
 def filtered(stream: Labelled) -> list[np.ndarray]:
-    """The numbers that the filter gives to people without ids."""
+    """The numbers that the filter of `--stitch` gives; people without ids have them, too."""
     kalman = KalmanFilter()
     return [kalman.push(*row) for row in zip(stream.stamps.tolist(), stream.xy)]
 
@@ -209,8 +201,7 @@ def norfair(stream: Labelled) -> list[np.ndarray]:
 METHODS = {
     "tracker": tracker,
     "norfair": norfair,
-    "filter, without ids": filtered,
-    "`--stitch`": stitched,
+    "filter (`--stitch`)": filtered,
 }
 
 

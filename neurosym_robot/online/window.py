@@ -27,7 +27,7 @@ HEALTH = {
     "duplicate_ids": "people refused: the id is in the frame already",
     "bad_positions": "people refused: a coordinate is not finite",
     "far_positions": "people left out: a coordinate is 3000 m or beyond",
-    "jumps": "people faster than 5 m/s, who begin a new track",
+    "jumps": "people who cannot have moved so, who begin a new track",
     "repaired": "people forecast without their tracking errors, once in each forecast",
     "refused": "people refused: `max_tracks` are followed already",
     "forgotten": "tracks not seen for `timeout`",
@@ -143,6 +143,7 @@ class Window:
     def _clear(self) -> None:
         self._ids = np.zeros(0, np.int64)  # [P], ascending
         self._last = np.zeros(0)  # [P] stamps of their newest observations
+        self._velocity = np.zeros((0, 2))  # [P, 2] between the last two, NaN of one
         self._stamps = np.full(1, -np.inf)  # [F], ascending
         self._places = np.zeros((1, 0, 2))  # [F, P, 2], NaN where a person was not seen
         self._behind = False  # whether the frame before was refused as an older one
@@ -182,6 +183,7 @@ class Window:
             self.health["forgotten"] += int((~recent).sum())
             self._ids, self._last = self._ids[recent], self._last[recent]
             self._places = self._places[:, recent]
+            self._velocity = self._velocity[recent]
         ids, xy = self._clean(ids, xy)
         followed = self._followed(ids, xy, focus)
         self._append(ids[followed], xy[followed])
@@ -356,16 +358,20 @@ class Window:
         places[:-1, old_columns] = self._places[begin:]
         last = np.full(len(everybody), -np.inf)
         last[old_columns] = self._last
+        velocity = np.full((len(everybody), 2), np.nan)
+        velocity[old_columns] = self._velocity
         # Of newcomers the gap is infinite, and the distance that to anybody.
         gap = self.stamp - last[new_columns]
-        moved = np.linalg.norm(
-            xy - places[np.searchsorted(before, last[new_columns]), new_columns], axis=1
-        )
-        jumped = (gap <= self.max_gap + 2 * SNAP) & is_jump(moved, gap)
+        moved = xy - places[np.searchsorted(before, last[new_columns]), new_columns]
+        jumped = is_jump(moved, velocity[new_columns], gap)
+        jumped &= gap <= self.max_gap + 2 * SNAP
         self.health["jumps"] += int(jumped.sum())
         places[:, new_columns[jumped]] = np.nan
         places[-1, new_columns], last[new_columns] = xy, self.stamp
+        velocity[new_columns] = np.where(jumped[:, None], np.nan, moved / gap[:, None])
+        velocity[new_columns[np.isinf(gap)]] = np.nan
         self._ids, self._last, self._places = everybody, last, places
+        self._velocity = velocity
         self._stamps = np.append(before, self.stamp)
 
 

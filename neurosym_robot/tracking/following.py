@@ -1,18 +1,19 @@
 """Frames of people, and tracks of them."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import resample
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.tracking_errors import FASTEST
 
 FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, -3000)
 # seconds: a stamp older by more means a clock set back, also if it comes alone
 RESET = 5.0
-MAX_SPEED = 5.0  # metres per second of a person between two observations
+MAX_SPEED = 5.0  # metres per second by which a velocity may change at once
 SLACK = 1.0  # metres of error of a tracker, both observations together
 # people without ids followed at once; the others get new ids in every frame
 CROWD = 512
@@ -69,6 +70,12 @@ def tracks_of_frames(frames: Iterator[Frame], recording: str = "") -> Tracks:
     )
 
 
-def is_jump(moved: Any, gap: Any) -> Any:
-    """Whether a person cannot have `moved` [...] metres in `gap` [...] seconds."""
-    return moved > MAX_SPEED * gap + SLACK
+def is_jump(moved: np.ndarray, velocity: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """[N] whether people cannot have `moved` [N, 2] metres in `gap` [N] seconds.
+
+    A cyclist goes on at 12 m/s as before; who stood cannot be there. `velocity` [N, 2]
+    is the last one, NaN where none is known: then all up to `FASTEST` may be.
+    """
+    speed = np.where(np.isnan(velocity[:, 0]), FASTEST, MAX_SPEED)
+    off = moved - np.nan_to_num(velocity) * np.where(np.isinf(gap), 0, gap)[:, None]
+    return np.linalg.norm(off, axis=1) > speed * gap + SLACK

@@ -45,16 +45,12 @@ class LinkOptions(Checked):
     """Metres added to --reach for each second of the gap."""
     acceleration: NotNegative = 0.3
     """How fast velocities change: standard deviation after a second, m/s."""
-    trust: NotNegative = 2.0
-    """Weight of the tracker's ids: what a detection under a person's former id gains, in units of
-    the squared distance in standard deviations."""
 
 
 class _People(NamedTuple):
     """P people when they were seen last."""
 
     number: np.ndarray  # [P] int64
-    hint: np.ndarray  # [P] int64, the tracker's id
     stamp: np.ndarray  # [P] seconds
     place: np.ndarray  # [P, 2] metres
     velocity: np.ndarray  # [P, 2] metres per second
@@ -74,7 +70,7 @@ class KalmanFilter:
         """Follow up to `crowd` people."""
         self.options = LinkOptions() if options is None else options
         self._crowd, self._next, self._stamp = crowd, 0, -np.inf
-        self._people = _newcomers(np.zeros((0, 2)), np.zeros(0, int), 0, 0.0, NOISE)
+        self._people = _newcomers(np.zeros((0, 2)), 0, 0.0, NOISE)
         self._square = 2 * NOISE**2  # mean squared error of a detection, both axes
 
     @property
@@ -87,10 +83,8 @@ class KalmanFilter:
         """[P] numbers of the people who are remembered."""
         return self._people.number
 
-    def push(
-        self, stamp: float, xy: ArrayLike, hints: ArrayLike | None = None
-    ) -> np.ndarray:
-        """[N] int64 numbers of people at `xy [N, 2]` metres; `hints [N]` are a tracker's ids.
+    def push(self, stamp: float, xy: ArrayLike) -> np.ndarray:
+        """[N] int64 numbers of people at `xy [N, 2]` metres.
 
         A clock set back begins anew. Who is not followed has a new number: all of a
         frame with the stamp of the one before, and places that are none.
@@ -103,28 +97,25 @@ class KalmanFilter:
             self._people = self._people.take(is_recent)
             self._stamp = stamp
             near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))[: self._crowd]
-            ids = np.full(len(xy), -1) if hints is None else np.asarray(hints)
-            numbers[near] = self._follow(xy[near], ids[near], hints is not None)
+            numbers[near] = self._follow(xy[near])
         others = numbers < 0
         numbers[others] = self._next + np.arange(others.sum())
         self._next += int(others.sum())
         return numbers
 
-    def _follow(self, xy: np.ndarray, ids: np.ndarray, has_ids: bool) -> np.ndarray:
+    def _follow(self, xy: np.ndarray) -> np.ndarray:
         """[N] numbers of the people at `xy`; -1 for who finds no room."""
         expected, cost = self._predict(xy)
-        if has_ids:
-            cost = cost - self.options.trust * (expected.hint[:, None] == ids)
         row, column = linear_sum_assignment(cost)
-        is_pair = cost[row, column] < NEVER / 2
+        is_pair = cost[row, column] < NEVER
         row, column = row[is_pair], column[is_pair]
-        seen = self._update(expected.take(row), xy[column], ids[column])
+        seen = self._update(expected.take(row), xy[column])
         numbers = np.full(len(xy), -1)
         numbers[column] = seen.number
         unseen = np.setdiff1d(np.arange(len(expected.number)), row)
         room = self._crowd - len(expected.number)
         new = np.flatnonzero(numbers < 0)[: max(room, 0)]
-        fresh = _newcomers(xy[new], ids[new], self._next, self._stamp, self.noise)
+        fresh = _newcomers(xy[new], self._next, self._stamp, self.noise)
         numbers[new] = fresh.number
         self._next += len(new)
         lost = self._people.take(unseen)
@@ -150,7 +141,7 @@ class KalmanFilter:
         cost = off**2 / variance + 2 * np.log(variance)
         return expected, np.where(is_near, cost, NEVER)
 
-    def _update(self, expected: _People, xy: np.ndarray, ids: np.ndarray) -> _People:
+    def _update(self, expected: _People, xy: np.ndarray) -> _People:
         """The people `expected` [P] after detections of them at `xy`."""
         off = xy - expected.place
         variance = expected.covariance[:, 0, 0] + self.noise**2
@@ -161,7 +152,6 @@ class KalmanFilter:
             change = min(square, 9 * self._square) - self._square
             self._square += RATE * change
         return expected._replace(
-            hint=ids,
             stamp=np.full(len(xy), self._stamp),
             place=expected.place + gain[:, :1] * off,
             velocity=expected.velocity + gain[:, 1:] * off,
@@ -169,14 +159,11 @@ class KalmanFilter:
         )
 
 
-def _newcomers(
-    xy: np.ndarray, ids: np.ndarray, first: int, stamp: float, noise: float
-) -> _People:
+def _newcomers(xy: np.ndarray, first: int, stamp: float, noise: float) -> _People:
     """People who are seen for the first time, numbered from `first` on."""
     count = len(xy)
     return _People(
         number=first + np.arange(count),
-        hint=ids,
         stamp=np.full(count, stamp),
         place=xy,
         velocity=np.zeros((count, 2)),

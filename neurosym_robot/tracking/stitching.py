@@ -50,7 +50,7 @@ class OnlineStitcher:
             names = {id: self._names[number] for number, id in self._ids.items()}
             return np.array([names.get(id, id) for id in ids.tolist()], np.int64)
         self._stamp = float(stamp)
-        numbers = self._filter.push(stamp, xy, ids).tolist()
+        numbers = self._filter.push(stamp, xy).tolist()
         followed = set(self._filter.numbers.tolist())
         self._ids = {n: id for n, id in self._ids.items() if n in followed}
         self._names = {n: name for n, name in self._names.items() if n in followed}

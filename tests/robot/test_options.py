@@ -24,7 +24,7 @@ BASE = {
 BAG = f"{{d}}/a/run.bag {NODE}"
 LINKS = {
     f"--links.{name}": f"--links.{name} 0.7"
-    for name in ("max-gap", "reach", "drift", "acceleration", "trust")
+    for name in ("max-gap", "reach", "drift", "acceleration")
 }
 PAGE = {"--port": "--port 9", "--host": "--host there", "--map": "--map map.yaml"}
 

@@ -131,6 +131,21 @@ def test_who_jumps_is_somebody_new():
     assert window.health["jumps"] == 1
 
 
+@pytest.mark.parametrize("period", [0.1, 0.4])
+def test_a_cyclist_at_12_metres_a_second_is_one_person(period):
+    """Also one who brakes; but a standing person is not in another place at once."""
+    window = Window(3, 0.4)
+    for n in range(20):
+        t = n * period
+        window.push(t, [1, 2], [[12 * t, 0.0], [12 * t - min(t, 2) ** 2, 5.0]])
+    assert window.health["jumps"] == 0
+    assert window.complete().ids.tolist() == [1, 2]
+    window = Window(3, 0.4)
+    for n in range(20):
+        window.push(n * 0.1, [1], [[2.0 * (n >= 10), 0.0]])
+    assert window.health["jumps"] == 1
+
+
 def test_who_was_lost_a_moment_ago_is_extrapolated_and_said_to_be():
     window, steps = Window(4, 0.4, hold=1.0), {}
     for n in range(60):

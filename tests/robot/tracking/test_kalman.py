@@ -1,22 +1,21 @@
-"""The filter follows people through noise, gaps and swaps, and learns how noisy detections are."""
+"""The filter follows people through noise and gaps, and learns how noisy detections are."""
 
 import numpy as np
 import pytest
 
-from neurosym_robot.tracking.kalman import KalmanFilter, LinkOptions
+from neurosym_robot.tracking.kalman import KalmanFilter
 
 PLACES = np.array([[0.0, 0.0], [0.0, 1.0], [6.0, 0.5]])
 SPEEDS = np.array([[1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
 
 
-def follow(filter, noise=0.0, frames=60, hints=None, seen=lambda n: slice(None)):
+def follow(filter, noise=0.0, frames=60, seen=lambda n: slice(None)):
     """[F] numbers given to three people, two abreast and one towards them, who walk on."""
     rng, rows = np.random.default_rng(0), []
     for n in range(frames):
         xy = PLACES + n / 10 * SPEEDS + rng.normal(0, noise, (3, 2))
         order = rng.permutation(3)[seen(n)]
-        ids = None if hints is None else np.array(hints(n))[order]
-        numbers = filter.push(n / 10, xy[order], ids)
+        numbers = filter.push(n / 10, xy[order])
         rows.append(dict(zip(order.tolist(), numbers.tolist())))
     return rows
 
@@ -43,22 +42,6 @@ def test_the_error_of_detections_is_learned():
         follow(filter, noise, 300)
         # With a share of the prediction's own error.
         assert filter.noise == pytest.approx(noise, rel=0.35)
-
-
-def test_ids_that_are_swapped_do_not_mislead_and_those_that_last_help():
-    def swapped(n):
-        return [2, 1, 3] if n % 20 >= 10 else [1, 2, 3]
-
-    rows = follow(KalmanFilter(), 0.03, hints=swapped)
-    assert len({row[0] for row in rows}) == 1
-    # A person who turns on the spot between two sightings is known by the id alone.
-    for trust, same in ((0.0, False), (20.0, True)):
-        filter = KalmanFilter(LinkOptions(trust=trust))
-        for n in range(20):
-            filter.push(n / 10, [[n / 10, 0.0], [1.9 - n / 10, 0.8]], [5, 6])
-        first, _ = filter.push(2.0, [[2.0, 0.4], [1.99, 0.4]], [5, 6])
-        again = filter.push(2.1, [[2.1, 0.4], [1.9, 0.4]], [6, 5])
-        assert bool(again[1] == first) is same
 
 
 def test_an_empty_frame_and_a_clock_set_back():

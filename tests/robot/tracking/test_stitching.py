@@ -184,3 +184,12 @@ def test_people_without_ids_keep_those_that_they_are_given():
         ids = nearest.push(9.05 + n / 10, rng.uniform(0, 1000, (3000, 2)))
     assert len(nearest.numbers) <= CROWD
     assert len(nearest.push(np.nan, [[0.0, 0.0]])) == 1
+
+
+def test_ids_that_a_tracker_swaps_are_swapped_back():
+    stitcher = OnlineStitcher()
+    for n in range(60):
+        ids = [2, 1] if n % 20 >= 10 else [1, 2]
+        xy = [[n / 10, 0.0], [n / 10, 0.8]]
+        assert stitcher.push(n / 10, ids, xy).tolist() == [1, 2]
+    assert stitcher.joined == 10
