@@ -8,7 +8,7 @@ import numpy as np
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import resample
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.tracking_errors import FASTEST
+from neurosym_jax.models.tracking_errors import FASTEST
 
 FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, -3000)
 # seconds: a stamp older by more means a clock set back, also if it comes alone

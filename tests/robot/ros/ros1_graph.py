@@ -84,7 +84,7 @@ class Process:
         """Send a signal to the process and its children, wait, return the exit status."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, number)
-        return self.process.wait(20)
+        return self.process.wait(90)  # The compiler is waited for.
 
 
 class Graph:
