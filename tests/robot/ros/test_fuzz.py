@@ -3,6 +3,7 @@
 import contextlib
 import random
 import struct
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,17 +12,19 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
+from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.replay import Analytics, advance
 from neurosym_robot.ros import forecasting_node as forecasting
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.definitions import FORECAST, PEOPLE, PEOPLE_TOPICS
+from neurosym_robot.ros.definitions import FORECAST, PEOPLE, PEOPLE_TOPICS, blank
 from neurosym_robot.ros.forecasting_node import WAITING, Outlet
 from neurosym_robot.ros.ros1 import ForecastNode
 from neurosym_robot.ros.tcpros.wire import SlaveServer
 from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 from tests.compiling import compile_seconds
+from tests.robot.input.robot import transform
 
 STEPS = (
     0.1,
@@ -89,6 +92,7 @@ def people(node: ForecastNode, frame: Frame) -> bytes:
     return bytes(store.serialize_ros1(messages.make_people(node._new, frame), PEOPLE))
 
 
+FRAME = Frame(10.0, np.array([1]), np.array([[2.0, 0.0]]))
 HEADER = {"type": "people_msgs/People", "md5sum": "", "callerid": "/tracker"}
 
 
@@ -194,6 +198,31 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(
         assert waiting[-1] == n
         assert max(np.diff(waiting), default=0) <= 4
     assert waiting[0] < 1000 - 30 * 2
+
+
+@pytest.mark.parametrize(("late", "count"), [(0.3, 1), (1.5, 0)])
+def test_people_wait_for_tf_by_the_clock_of_a_simulation(forecast_node, late, count):
+    """/tf comes `late` seconds after people, however long that takes on this computer."""
+    source = PeopleSource("map", report=lambda text: None)
+    node = forecast_node(name="simulated", source=source)
+    for now in (9.9, 10.0):
+        clock = blank(node._store, "rosgraph_msgs/msg/Clock")
+        clock.clock.sec, clock.clock.nanosec = divmod(round(now * 1e9), 10**9)
+        node._set_clock(clock)
+        node._move(False, transform(9.9, "map", "laser", 1.0))
+    message = messages.make_people(node._new, FRAME, "laser")
+    work(node, bytes(node._store.serialize_ros1(message, PEOPLE)))
+    time.sleep(1.2)
+    node.work()
+    assert node.predictor.health["frames"] == 0
+    clock.clock.sec, clock.clock.nanosec = divmod(round((10 + late) * 1e9), 10**9)
+    node._set_clock(clock)
+    if late > 1:
+        node.work()
+    node._move(False, transform(10.1, "map", "laser", 1.0))
+    node.work()
+    assert node.predictor.health["frames"] == count
+    assert source.refused["no transform"] == 1 - count
 
 
 @pytest.fixture
