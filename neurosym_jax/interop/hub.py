@@ -38,6 +38,9 @@ def push_to_hub(
 ) -> str:
     """Upload to the Hub's `owner/name`, which is made if need be; returns the commit's URL.
 
+    With `private` the repository is made so that only its owner sees it, and one that
+    is public already is refused.
+
     Raises:
         InputError: where huggingface_hub is absent or the Hub refuses, and as
             `save_model`.
@@ -45,6 +48,9 @@ def push_to_hub(
     with tempfile.TemporaryDirectory() as place, _hub(name) as hub:
         save_model(Path(place) / "model", model, card)
         hub.create_repo(name, private=private, exist_ok=True)
+        # What is there already keeps its visibility.
+        if private and not hub.model_info(name).private:
+            raise InputError(f"{name}: is there already and public: nothing is sent")
         return hub.upload_folder(
             repo_id=name, folder_path=Path(place) / "model"
         ).commit_url

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.data import cut_windows, open_source
+from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import (
     fingerprint,
     is_fingerprint,
@@ -57,6 +58,21 @@ def test_a_copy_is_found(benchmark, learned):
     for copy, share in ((moved, 0.6), (rounded, 0.2)):
         result, looked = seen_before(fingerprint(learned), cut_windows([copy], 8, 12))
         assert result > share * looked
+
+
+def test_every_model_that_has_seen_the_people_is_named():
+    stamp, person = (part.ravel() for part in np.mgrid[0:30, 0:3])
+    xy = np.stack([0.4 * stamp + 0.1 * np.sin(stamp * person), person], axis=1)
+    tracks = make_tracks("mine", 0.4 * stamp, person, xy)
+    seen = fingerprint(cut_windows([tracks], 8, 8))
+    model = dataclasses.replace(compare.baseline("constant_velocity", 8, 8), seen=seen)
+    entries = [("first", model), ("second", model)]
+    with pytest.warns(InputWarning, match="trained on these people") as caught:
+        test = compare.make_test(compare.TestSet("mine", 8, 8), entries, [tracks])
+    said = [str(warning.message).partition(":")[0] for warning in caught]
+    assert said == ["first", "second"]
+    kept = [line.partition(":")[0] for line in test.windows.reading[0].warnings]
+    assert kept == ["first", "second"]
 
 
 def test_an_evaluation_says_so(benchmark, learned):

@@ -158,6 +158,25 @@ def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
     )
 
 
+def test_sample_0_is_the_most_probable_and_the_others_follow(tmp_path):
+    """The evaluator takes it for the best guess."""
+    stamp, person = (part.ravel() for part in np.mgrid[0:20, 0:2])
+    # One walks and one stands, so that their likely paths are not the first.
+    xy = np.stack([0.5 * stamp * person, person], axis=1)
+    recordings = [make_tracks("one", 0.4 * stamp, person, xy)]
+    entries = [("mine", nj.load_model("recommended"))]
+    test = make_test(Case("one", 8, 8), entries, recordings)
+    path, _ = save_forecasts(tmp_path / "a.ndjson", [test], 20, 0)
+    (arrays,) = save_forecasts(tmp_path / "a.npz", [test], 20, 0)
+    written = read_predictions(path)[0]
+    with np.load(arrays) as file:
+        samples, likely = file["samples"], file["probabilities"]
+    assert len(np.unique(likely[:, 0])) > 5
+    order = np.argsort(-likely[:, 0], kind="stable")
+    assert order.tolist() != sorted(order)
+    np.testing.assert_allclose(written, samples[order], atol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

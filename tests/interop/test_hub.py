@@ -23,9 +23,15 @@ class Hub(BaseHTTPRequestHandler):
     """The part of the Hub's interface that an upload and a download of small files need."""
 
     files: dict[str, bytes]
+    made: dict[str, bool]
+    """Whether the repository is private, as it was asked for first."""
 
     def do_POST(self):
         body = self.rfile.read(int(self.headers["Content-Length"]))
+        if self.path.endswith("/repos/create"):
+            asked = json.loads(body)
+            is_private = asked.get("private") or asked.get("visibility") == "private"
+            self.made.setdefault("private", bool(is_private))
         if "/preupload/" in self.path:
             small = {"uploadMode": "regular", "shouldIgnore": False}
             self.reply(
@@ -62,7 +68,8 @@ class Hub(BaseHTTPRequestHandler):
             )
         else:
             siblings = [{"rfilename": file} for file in (*self.files, "film.mp4")]
-            self.reply({"id": "me/walkers", "sha": COMMIT, "siblings": siblings})
+            facts = {"id": "me/walkers", "sha": COMMIT, "siblings": siblings}
+            self.reply(facts | self.made)
 
     do_HEAD = do_GET
 
@@ -81,10 +88,10 @@ class Hub(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def hub():
-    handler = type("OneHub", (Hub,), {"files": {}})
+    handler = type("OneHub", (Hub,), {"files": {}, "made": {}})
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}", handler.files
+        yield f"http://127.0.0.1:{server.server_port}", handler.files, handler.made
         server.shutdown()
 
 
@@ -137,7 +144,7 @@ def run(code, tmp_path, endpoint):
 
 @pytest.mark.slow
 def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
-    endpoint, files = hub
+    endpoint, files, _ = hub
     code = (
         "model = nj.load_model('sgan_simulations_8')\n"
         "print(nj.interop.push_to_hub(model, 'me/walkers'))\n"
@@ -155,6 +162,25 @@ def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
         "nj.interop.from_pretrained('me/walkers')", tmp_path / "again", endpoint
     )
     assert "damaged: its files do not match the digest" in again
+
+
+PUSH = (
+    "model = nj.load_model('sgan_simulations_8')\n"
+    "nj.interop.push_to_hub(model, 'me/walkers', private=True)"
+)
+
+
+@pytest.mark.slow
+def test_a_private_model_is_never_public(hub, tmp_path):
+    endpoint, files, made = hub
+    run(PUSH, tmp_path, endpoint)
+    assert made == {"private": True}
+    assert "params.safetensors" in files
+    files.clear()
+    made["private"] = False  # Somebody else made it.
+    said = run(PUSH, tmp_path, endpoint)
+    assert "me/walkers: is there already and public: nothing is sent" in said
+    assert files == {}
 
 
 def test_a_missing_model_is_named_in_one_line(monkeypatch):

@@ -446,6 +446,25 @@ def test_a_clock_set_back_forgets_the_former_run(back):
     assert not source.waiting
 
 
+def test_people_of_the_old_clock_who_wait_for_a_transform_never_come():
+    """And nobody of the new one waits for them."""
+    source = PeopleSource("map")
+    stamps, first = [], None
+    for n in range(200):
+        at = n / 10 if n < 100 else n / 10 - 3
+        if not 95 <= n < 100:
+            pose = transform(at, "map", "base", 0.0)
+            source.transforms.hear(pose, received=n / 10)
+        for frame in source.take(PEOPLE, people(at - 0.05, "base"), received=n / 10):
+            if n >= 100:
+                first = n if first is None else first
+                stamps.append(frame.stamp)
+    assert first is not None
+    assert first < 105
+    assert stamps == sorted(set(stamps))
+    assert min(stamps) < 7.5
+
+
 def test_one_message_out_of_order_is_left_out():
     source = PeopleSource()
     stamps = [1.0, 1.1, 1.05, 1.2, 1.15, 1.5]
