@@ -139,6 +139,13 @@ def test_no_function_runs_what_is_in_an_archive(tmp_path, name):
         assert not trace.exists()
 
 
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in BENIGN])
+def test_what_readers_would_read_differently_is_refused(tmp_path, name):
+    path, _ = make(tmp_path, name)
+    with pytest.raises(InputError, match=r"a\.pt: "):
+        read_torch_file(path)
+
+
 COMMANDS = [
     ["convert", "{}", "{}.folder", "--generator-only"],
     ["convert", "{}", "{}.folder", "--ignore-arg", "x"],
