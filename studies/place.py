@@ -37,9 +37,8 @@ import polars as pl
 from neurosym_jax.data.recordings import recordings_in
 from neurosym_jax.evaluation.intervals import student_half
 from neurosym_jax.evaluation.tables import markdown_table
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import find_model
+from neurosym_jax.models.disk import find_model, load_model
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.place.place import Place, steps_of
 
 ROOT = Path(__file__).resolve().parents[1]

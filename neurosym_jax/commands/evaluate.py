@@ -137,6 +137,11 @@ class Options:
     """Also write all forecasts: .npz, .nc (xarray) or .ndjson (TrajNet++), a file a model."""
     cluster: str | None = None
     """Address of a Dask scheduler whose workers evaluate sets."""
+    online: bool = False
+    """Add a row for each model with what it recalls of the place: scenes in the order of time, of
+    each recording. It sees the past of the test place: never compare it with other protocols."""
+    place: Path | None = None
+    """File of an earlier watch of the same place, with which each recording begins."""
 
 
 def run(options: Options) -> list[Row]:
@@ -173,6 +178,8 @@ def run(options: Options) -> list[Row]:
             options.seeds,
             PROTOCOLS[options.protocol].by_scene,
             _labels(options, files, tests),
+            options.online,
+            options.place,
         )
         if is_text and default and source and source.about:
             print(f"{source.about}\n")
@@ -378,6 +385,12 @@ def _validate(options: Options) -> None:
         refuse_unused(options, ["partial"], "without --forecasts")
     if options.all:
         refuse_unused(options, ["checkpoint"], "with --all")
+    if not options.online:
+        refuse_unused(options, ["place"], "without --online")
+    elif not options.data and options.forecasts:
+        raise InputError(
+            "--online: needs the recordings (--data), of which the time is known"
+        )
     if options.table != "latex":
         refuse_unused(
             options, ["intervals"], "without --table latex: other tables have intervals"

@@ -48,6 +48,7 @@ from neurosym_jax.evaluation.intervals import (
     paired_difference,
 )
 from neurosym_jax.evaluation.metrics import METRICS
+from neurosym_jax.evaluation.online import recall_batches
 from neurosym_jax.evaluation.scores import (
     Evaluation,
     Score,
@@ -128,6 +129,8 @@ class Test:
     windows: Windows
     forecasts: Sequence[tuple[str | None, Forecasts]] = ()
     """(file, forecasts) to test beside the models; those of a function have no file."""
+    recordings: Sequence[Tracks] = ()
+    """That the windows are cut from, where they are known."""
 
     @functools.cached_property
     def batches(self) -> list[Batch]:
@@ -351,7 +354,7 @@ def make_test(
                 f"of {windows.period:g} s ({resample} resamples the recordings)"
             )
             warnings.warn(line, InputWarning, stacklevel=2)
-    return Test(test_set, entries, windows)
+    return Test(test_set, entries, windows, recordings=recordings)
 
 
 # Results of an evaluation: every model of every test set, forecast, scored and timed.
@@ -386,6 +389,10 @@ class Settings:
     """Whether means weigh each scene the same, instead of each person."""
     labels: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """Names for tables, by the path of a model or of forecasts."""
+    online: bool = False
+    """Whether models are tested a second time, with what they recall of the place."""
+    place: Path | None = None
+    """File of a place with which each recording begins, online."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -420,7 +427,7 @@ def evaluate_tests(
 
     Each test set is a task of `run`, see `cluster_map`; default: all here, in threads.
     """
-    step = progress_of(sum(len(test.entries) + len(test.forecasts) for test in tests))
+    step = progress_of(sum(len([*_entries(test, settings)]) for test in tests))
     results: Iterable[Result] = _results(settings, tests)
     if run is not None:
         results = itertools.chain.from_iterable(
@@ -477,7 +484,7 @@ def _evaluate_test(
     programs: Mapping[Forecaster, Future], test: Test, settings: Settings
 ) -> Iterator[Result]:
     number = example = None
-    for path, entry in [*test.entries, *test.forecasts]:
+    for path, entry, online in _entries(test, settings):
         compiling = 0.0
         if isinstance(entry, Forecasts):
             runs = [
@@ -493,7 +500,7 @@ def _evaluate_test(
             start = time.perf_counter()
             programs[entry.forecaster].result()
             compiling = time.perf_counter() - start
-            runs = _runs(entry, test, settings)
+            runs = _runs(entry, test, settings, online)
         evaluation, spread = _averaged(runs, settings)
         if example is None or number is None:
             number = _example_scene(test, evaluation)
@@ -509,6 +516,8 @@ def _evaluate_test(
             **speed,
         }
         name = settings.labels.get(path or "", entry.name)
+        if online:
+            name = f"{name}, online"
         facts = {"checkpoint": path, "model": name, **_identity(entry)}
         yield _result(
             test, settings, facts, evaluation, spread, timing, example, forecast
@@ -580,10 +589,25 @@ def _identity(entry: Model | Forecasts) -> Row:
     return entry.identity
 
 
-def _runs(model: Model, test: Test, settings: Settings) -> list[Evaluation]:
+def _entries(
+    test: Test, settings: Settings
+) -> Iterator[tuple[str | None, Model | Forecasts, bool]]:
+    """(path, what is tested, whether online): models that were named, a second time."""
+    for path, entry in [*test.entries, *test.forecasts]:
+        yield path, entry, False
+        if settings.online and path and isinstance(entry, Model):
+            yield path, entry, True
+
+
+def _runs(
+    model: Model, test: Test, settings: Settings, online: bool
+) -> list[Evaluation]:
     """Scores of a model by each seed of the noise."""
     seeds = range(settings.seed, settings.seed + settings.seeds)
     options: Any = {"samples": settings.samples, "metrics": settings.metrics}
+    if online:
+        parts = test.windows, test.batches, test.recordings
+        options["memories"] = recall_batches(model, *parts, settings.place)
     return [
         score_forecaster(
             model.forecaster, model.params, test.batches, seed=seed, **options

@@ -33,6 +33,7 @@ __all__ = [
     "event_log",
     "known_metric",
     "metric_names",
+    "person_energy",
     "register_metric",
     "state_log",
 ]
@@ -140,6 +141,18 @@ def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Ar
     spread = jnp.sqrt(jnp.maximum(square[:, None] + square - 2 * product, 0))
     scale = jnp.sqrt(jnp.maximum(scene.valid.sum(), 1) * forecast.shape[2])
     return (weight @ jnp.sqrt(error) - weight @ spread @ weight / 2) / scale
+
+
+def person_energy(forecast: Array, scene: Scene, probability: Array | None) -> Array:
+    """[N] energy score of each agent by itself, `forecast [k, N, T, 2]`, as `energy_score`."""
+    weight = _numbers(forecast, probability) / len(forecast)
+    gap = jnp.square(forecast - scene.known_future).sum(axis=(2, 3))
+    offset = forecast - forecast.mean(axis=0)
+    product = jnp.einsum("intc,jntc->nij", offset, offset)
+    square = jnp.square(offset).sum(axis=(2, 3)).T
+    apart = square[:, :, None] + square[:, None] - 2 * product
+    spread = jnp.einsum("i,nij,j->n", weight, jnp.sqrt(jnp.maximum(apart, 0)), weight)
+    return (weight @ jnp.sqrt(gap) - spread / 2) / jnp.sqrt(forecast.shape[2])
 
 
 def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
@@ -483,6 +496,9 @@ METRICS: Registry[Metric] = Registry(
         "draw_collisions": _on_host("draws in collision", collision_rate, drawn=True),
         "miss_rate": _further("missed by 2 m", missed, "share", _MISS),
         "energy_score": _distribution("energy score", energy_score, "m", _PROPER),
+        "person_energy": _distribution(
+            "person's energy score", person_energy, "m", _PROPER
+        ),
         "crps": _distribution("CRPS", crps, "m", _PROPER),
         "coverage_50": _covered(0.5),
         "coverage_90": _covered(0.9),

@@ -22,6 +22,7 @@ from neurosym_jax.models.forecast import (
     unpacked,
 )
 from neurosym_jax.models.forecaster import Forecaster, refuse_many
+from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.runtime.process import cpu_cores
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import (
@@ -112,8 +113,12 @@ def score_forecaster(
     samples: int,
     seed: int,
     metrics: Sequence[str] | None = None,
+    memories: Sequence[Remembered] | None = None,
 ) -> Evaluation:
-    """Scores of `forecaster` on every scene of `batches`, see `make_batches`."""
+    """Scores of `forecaster` on every scene of `batches`, see `make_batches`.
+
+    `memories` of the place, one for each batch, are in the distribution alone.
+    """
     start = time.perf_counter()
     samples, cores = forecaster.count(samples), cpu_cores()
     slots = max(batch.scene.valid.size for batch in batches) * min(cores, len(batches))
@@ -122,7 +127,15 @@ def score_forecaster(
     options = {"samples": samples, "seed": seed, "metrics": chosen(metrics)}
     score_one = functools.partial(score_batch, forecaster, params, **options)
     with ThreadPoolExecutor(cores) as pool:
-        parts = list(pool.map(score_one, [batch.scene for batch in batches]))
+        scenes = [batch.scene for batch in batches]
+        if memories is None:
+            parts = list(pool.map(score_one, scenes))
+        else:
+            parts = list(
+                pool.map(
+                    lambda *pair: score_one(pair[0], memory=pair[1]), scenes, memories
+                )
+            )
     return _evaluation(parts, batches, samples, start)
 
 
@@ -187,8 +200,9 @@ def score_batch(
     samples: int,
     seed: int,
     metrics: Metrics,
+    memory: Remembered | None = None,
 ) -> Scores:
-    """Scores of `forecaster` on a batch of padded scenes."""
+    """Scores of `forecaster` on a batch of padded scenes, with what is remembered there."""
     valid, moves = np.asarray(scenes.valid), None
     noise = batch_noise(forecaster, scenes, samples, seed)
     futures, probability = forecast_batch(forecaster, params, scenes, noise)
@@ -197,13 +211,14 @@ def score_batch(
             forecaster, params, *without_neighbours(scenes, noise)
         )
         moves = unpacked(futures - alone, valid)
-    drawn = tuple(
-        named for named in metrics if forecaster.calibrated and named[1].drawn
-    )
+    is_drawn = forecaster.calibrated or memory is not None
+    drawn = tuple(named for named in metrics if is_drawn and named[1].drawn)
     others = tuple(named for named in metrics if named not in drawn)
     scores = score_scenes(others, unpacked(futures, valid), scenes, probability, moves)
     if drawn:
-        draws = draw_batch(forecaster, params, scenes, seed, DRAWS)
+        # As many as without a memory, of which they would be the samples.
+        count = DRAWS if forecaster.calibrated else samples
+        draws = draw_batch(forecaster, params, scenes, seed, count, memory)
         scores |= score_scenes(drawn, draws, scenes)
     return {name: scores[name] for name, _ in metrics}
 

@@ -32,6 +32,7 @@ from neurosym_jax.models.forecaster import (
     refuse_many,
     scene_noise,
 )
+from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks, settle, was_repaired
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.runtime.programs import program
@@ -558,13 +559,20 @@ def forecast_batch(
 
 
 def draw_batch(
-    forecaster: Forecaster, params: Any, scenes: Scene, seed: int, count: int
+    forecaster: Forecaster,
+    params: Any,
+    scenes: Scene,
+    seed: int,
+    count: int,
+    memory: Remembered | None = None,
 ) -> np.ndarray:
-    """Draws of a batch of B scenes, [n, B, N, pred_len, 2]; see `Forecaster.distribution`."""
+    """Draws of a batch of B scenes, [n, B, N, pred_len, 2]; see `Forecaster.distribution`.
+
+    A `memory` has a leading axis B, too.
+    """
     refuse(Seed, {"seed": seed})
-    return np.asarray(
-        _draws(forecaster, params, scenes.bare(), key_numbers(seed), count)
-    )
+    key = key_numbers(seed)
+    return np.asarray(_draws(forecaster, params, scenes.bare(), key, count, memory))
 
 
 def _decoded_agents(
@@ -612,10 +620,10 @@ def _forecast(forecaster, params, scenes, noise):
 
 
 @program((0, 4))
-def _draws(forecaster, params, scenes, key, count):
-    return jax.vmap(forecaster.distribution, in_axes=(None, 0, None, None), out_axes=1)(
-        params, scenes, key_of(key), count
-    )
+def _draws(forecaster, params, scenes, key, count, memory):
+    axes = (None, 0, None, None, 0)
+    drawn = jax.vmap(forecaster.distribution, in_axes=axes, out_axes=1)
+    return drawn(params, scenes, key_of(key), count, memory)
 
 
 @program((0,))

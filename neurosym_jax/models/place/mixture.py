@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.models.place.memory import Recall
-from neurosym_jax.scene import Scene
+from neurosym_jax.scene import AnyArray, Scene
 
 __all__ = ["Remembered", "distances_apart", "energy", "errors", "remembered"]
 
@@ -22,9 +22,9 @@ __all__ = ["Remembered", "distances_apart", "energy", "errors", "remembered"]
 class Remembered(NamedTuple):
     """What people did here before, as an input of `Forecaster.distribution`."""
 
-    future: Array
+    future: AnyArray
     """[U, N, T, 2] positions in the frame of the scene, metres."""
-    share: Array
+    share: AnyArray
     """[U, N] their probabilities for each person; what is left to 1 is the network's."""
 
     def beside(

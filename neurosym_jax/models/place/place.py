@@ -33,7 +33,7 @@ from neurosym_jax.models.tracking_errors import TOP_SPEED
 from neurosym_jax.runtime.files import new_file
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 
-__all__ = ["Place", "load_place"]
+__all__ = ["Place", "load_place", "steps_of"]
 
 VERSION = 1
 """Of the file that `Place.save` writes."""
@@ -152,7 +152,7 @@ class Place:
                 f"time: {time:g} s is not after the frame before, {last.time:g} s"
             )
         for step in self._steps.push(float(time), number, position):
-            self._take(step)
+            self.watch_step(step)
 
     def watch_tracks(self, recording: Any) -> None:
         """Watch a whole recording: a file, a table or `Tracks`, see `evaluate`.
@@ -165,7 +165,7 @@ class Place:
         for tracks in recordings_in(recording):
             self._begin()
             for step in steps_of(tracks, self.model.config.period):
-                self._take(step)
+                self.watch_step(step)
         self._begin()
 
     def forget(self, older_than: float) -> None:
@@ -235,8 +235,8 @@ class Place:
         self._awaited: deque[_Awaited] = deque()
         self._offset = np.nan
 
-    def _take(self, step: Step) -> None:
-        """One step: learn from what is over by then, and forecast."""
+    def watch_step(self, step: Step) -> None:
+        """Take in a step of the model's period, see `steps_of`: learn, and forecast."""
         period = self.model.config.period
         if np.isnan(self._offset):
             # A stream may have a clock of its own; ours goes on.

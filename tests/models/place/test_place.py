@@ -110,10 +110,10 @@ def test_what_comes_later_changes_no_earlier_forecast(model):
         place = nj.Place(model)
         place._begin()
         for step in steps[: min(kept, 60)]:
-            place._take(step)
+            place.watch_step(step)
         draws.append(nj.predict_distribution(model, window(5, 6.0), place=place))
         for step in steps[60:kept]:
-            place._take(step)
+            place.watch_step(step)
         places.append(place)
     assert (draws[0] == draws[1]).all()
     assert places[0].moments > places[1].moments
