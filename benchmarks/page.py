@@ -92,24 +92,23 @@ def document(benchmarks: dict[str, Any]) -> str:
             (compared if len(rows) > 1 and OURS in rows else alone).append(
                 (title, case, rows)
             )
-    others = list(
-        dict.fromkeys(who for *_, rows in compared for who in rows if who != OURS)
-    )
-    lines = [
-        [f"{title}: {case}", _spent(rows[OURS]), *(_ratio(rows, who) for who in others)]
-        for title, case, rows in compared
-    ]
+    who_is_compared = itertools.chain(*(rows for *_, rows in compared))
+    others = [who for who in dict.fromkeys(who_is_compared) if who != OURS]
+    lines = []
+    for title, case, rows in compared:
+        ratios = [_ratio(rows, who) for who in others]
+        lines.append([f"{title}: {case}", _spent(rows[OURS]), *ratios])
     parts = [
         HEAD,
         "## Compared\n",
         _table(["", "ours", *others], lines),
         "## Ours alone\n",
     ]
-    single = [(title, row) for title, _, rows in alone for row in rows.values()]
-    ages, growing = (
-        [row for title, row in single if title == TITLES[name]]
-        for name in ("age", "scaling")
-    )
+    single = []
+    for title, _, rows in alone:
+        single += [(title, row) for row in rows.values()]
+    ages = [row for title, row in single if title == TITLES["age"]]
+    growing = [row for title, row in single if title == TITLES["scaling"]]
     rows = [
         [f"{title}: {row['case']}", _seconds(row["median"])]
         for title, row in single
@@ -124,15 +123,13 @@ def document(benchmarks: dict[str, Any]) -> str:
 
 
 def _ages(rows: list[dict[str, Any]]) -> list[list[str]]:
-    return [
-        [
-            row["case"],
-            *(_seconds(row[part]) for part in ("median", "p99")),
-            f"{row['answered']:.0%}" if "answered" in row else "",
-            f"{row['drawn']:.0f}" if "drawn" in row else "",
-        ]
-        for row in rows
-    ]
+    lines = []
+    for row in rows:
+        answered = f"{row['answered']:.0%}" if "answered" in row else ""
+        drawn = f"{row['drawn']:.0f}" if "drawn" in row else ""
+        times = [_seconds(row["median"]), _seconds(row["p99"])]
+        lines.append([row["case"], *times, answered, drawn])
+    return lines
 
 
 def _series(rows: list[dict[str, Any]]) -> list[list[str]]:

@@ -32,10 +32,9 @@ def ours(data: Path) -> Callable[[], int]:
 
     def run() -> int:
         files = [split_files(data, scene, "test") for scene in SCENES]
-        tracks = [
-            [Text().read(path, AS_IT_SAYS, PERIOD)[0] for path in paths]
-            for paths in files
-        ]
+        tracks = []
+        for paths in files:
+            tracks.append([Text().read(path, AS_IT_SAYS, PERIOD)[0] for path in paths])
         windows = [cut_windows(recordings, 8, 12) for recordings in tracks]
         for part in windows:
             make_batches(part)

@@ -46,8 +46,10 @@ def measure(options: Any) -> dict[str, Any]:
         loops[ORIGINAL] = functools.partial(_original, part, options.neurosym_reference)
     scale = SCENES / OF_LOOP
     for who, timing in alternate(loops, max(1, options.repeats // 2), warm=0).items():
-        spent = ([scale * value for value in values] for values in timing[:2])
-        timings[who] = Timing(*spent, *timing[2:])
+        wall, cpu, *rest = timing
+        timings[who] = Timing(
+            [scale * value for value in wall], [scale * value for value in cpu], *rest
+        )
     for who, timing in timings.items():
         if timing.result is None:
             continue
@@ -72,14 +74,12 @@ def _weighed(walks: np.ndarray) -> Callable[[], np.ndarray]:
 def _of_samples(repeats: int) -> list[Row]:
     """Symbols, and probabilities of states and events, of all pairs of a scene's samples."""
     cases = ("symbols", "states forecast", "events forecast")
-    return [
-        row
-        for case in cases
-        for row in rows(
-            f"{case}, {SAMPLES} samples of {CROWD} people",
-            alternate({OURS: functools.partial(_of_sample, case)}, repeats, warm=3),
-        )
-    ]
+    found: list[Row] = []
+    for case in cases:
+        ours = {OURS: functools.partial(_of_sample, case)}
+        title = f"{case}, {SAMPLES} samples of {CROWD} people"
+        found += rows(title, alternate(ours, repeats, warm=3))
+    return found
 
 
 def _of_sample(case: str) -> Callable[[], None]:

@@ -74,14 +74,12 @@ def alternate(
             for name, process in processes.items():
                 time.sleep(REST if len(contestants) > 1 else 0)
                 timed[name].append(process.submit(_round).result())
-    return {
-        name: Timing(
-            [timing.seconds[0] for timing in timings[warm:]],
-            [timing.cpu_seconds[0] for timing in timings[warm:]],
-            *timings[-1][2:],
-        )
-        for name, timings in timed.items()
-    }
+    merged = {}
+    for name, timings in timed.items():
+        seconds = [timing.seconds[0] for timing in timings[warm:]]
+        cpu_seconds = [timing.cpu_seconds[0] for timing in timings[warm:]]
+        merged[name] = Timing(seconds, cpu_seconds, *timings[-1][2:])
+    return merged
 
 
 def apart(function: Callable[..., Any], *arguments: Any) -> Any:

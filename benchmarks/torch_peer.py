@@ -22,10 +22,10 @@ EMBEDDING, HIDDEN, D_HIDDEN, MLP, POOL, BOTTLENECK, NOISE = 16, 32, 48, 64, 512,
 
 
 def _mlp(*sizes: int) -> nn.Sequential:
-    pairs = itertools.pairwise(sizes)
-    return nn.Sequential(
-        *[layer for pair in pairs for layer in (nn.Linear(*pair), nn.ReLU())]
-    )
+    layers: list[nn.Module] = []
+    for pair in itertools.pairwise(sizes):
+        layers += [nn.Linear(*pair), nn.ReLU()]
+    return nn.Sequential(*layers)
 
 
 def pairs_of(sizes: torch.Tensor) -> torch.Tensor:

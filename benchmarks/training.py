@@ -169,10 +169,11 @@ def peer(arrays) -> Callable[[], None]:
     from benchmarks.torch_peer import TorchPeer
 
     wanted = ("observed", "moves", "future_moves", "sizes")
-    first, second = (
-        TorchPeer(*[array[name] for name in wanted], best_k=20, clip=2.0)
-        for array in arrays
-    )
+    peers = []
+    for array in arrays:
+        inputs = [array[name] for name in wanted]
+        peers.append(TorchPeer(*inputs, best_k=20, clip=2.0))
+    first, second = peers
 
     def iterate() -> None:
         first.discriminator_step()

@@ -104,14 +104,11 @@ def train(
     """Train a model without a place, unless that is done."""
     run = out / place / f"{model}_seed{seed}"
     if not (run / "model").is_dir():
-        files = {
-            split: [
-                str(path)
-                for path in sorted((data / split).glob("*.txt"))
-                if path.stem.removesuffix(f"_{split}") not in PLACES[place]
-            ]
-            for split in ("train", "val")
-        }
+        files: dict[str, list[str]] = {"train": [], "val": []}
+        for split, paths in files.items():
+            for path in sorted((data / split).glob("*.txt")):
+                if path.stem.removesuffix(f"_{split}") not in PLACES[place]:
+                    paths.append(str(path))
         call(
             *(
                 "train.py",
@@ -171,17 +168,12 @@ def page(means: pl.DataFrame) -> str:
         for (model,), rows in means.group_by("model", maintain_order=True)
     }
     anchors = errors.pop("anchors")
-    paired = [
-        [
-            model,
-            *(
-                f"{column.mean():+.1f} ± {student_half(column):.1f}"
-                for column in percent.T
-            ),
-        ]
-        for model, others in errors.items()
-        if len(percent := 100 * (others / anchors - 1))
-    ]
+    paired = []
+    for model, others in errors.items():
+        percent = 100 * (others / anchors - 1)
+        if len(percent):
+            cells = [f"{x.mean():+.1f} ± {student_half(x):.1f}" for x in percent.T]
+            paired.append([model, *cells])
     seeds = means.filter(model="anchors")["trainings"].min()
     tail = TAIL.format(count=len(places), paired=markdown_table(["", *PAIRED], paired))
     return "\n".join([HEAD.format(seeds=seeds), *parts, tail])

@@ -169,14 +169,13 @@ What it does not do:
 
 def document(rows: Sequence[dict[str, Any]]) -> str:
     """The page."""
-    sizes = {
-        f"sizes_{steps}": ", ".join(
-            f"{row['dataset']} {row['scenes']} / {row['agents']}"
-            for row in rows
-            if row["pred_len"] == steps and row["model"] == rows[0]["model"]
-        )
-        for steps in (8, 12)
-    }
+    sizes = {}
+    for steps in (8, 12):
+        texts = []
+        for row in rows:
+            if row["pred_len"] == steps and row["model"] == rows[0]["model"]:
+                texts.append(f"{row['dataset']} {row['scenes']} / {row['agents']}")
+        sizes[f"sizes_{steps}"] = ", ".join(texts)
     return PAGE.format(
         headline=HEADLINE.format(not_best=_not_best(rows)),
         means=_means(rows),
@@ -253,15 +252,13 @@ def _means(rows: Sequence[dict[str, Any]]) -> str:
             for line in values
             if line["joint_ade"]["sets"] > 1
         }
-        cells = [
-            " / ".join(
-                f"{means[steps][f'{kind}_{part}']['mean']:.2f}"
-                for part in ("ade", "fde")
-            )
-            if steps in means
-            else "-"
-            for steps, kind in itertools.product((8, 12), ERRORS)
-        ]
+        cells = []
+        for steps, kind in itertools.product((8, 12), ERRORS):
+            if steps in means:
+                ade, fde = (means[steps][f"{kind}_{part}"] for part in ("ade", "fde"))
+                cells.append(f"{ade['mean']:.2f} / {fde['mean']:.2f}")
+            else:
+                cells.append("-")
         scores = (means.get(12, {}).get(score, {}).get("mean") for score in SCORES)
         cells += ["-" if score is None else f"{score:.2f}" for score in scores]
         lines += [[name, *cells]] if means else []
@@ -282,10 +279,10 @@ def _lines(rows: Sequence[dict[str, Any]], kinds: Sequence[str]) -> Iterator[lis
         }
         steps = f"8 + {lines[0]['joint_ade']['pred_len']}"
         for kind in kinds:
-            cells = {
-                scene: " / ".join(_text(line[f"{kind}_{e}"]) for e in ("ade", "fde"))
-                for scene, line in values.items()
-            }
+            cells = {}
+            for scene, line in values.items():
+                ade, fde = _text(line[f"{kind}_ade"]), _text(line[f"{kind}_fde"])
+                cells[scene] = f"{ade} / {fde}"
             yield [
                 name,
                 steps,
@@ -311,11 +308,8 @@ def _printed(cells: Mapping[str, Any]) -> list[str]:
         for scene in SCENES
     ]
     if all(texts):
-        means = (
-            sum(values[part] for values in cells.values()) / len(SCENES)
-            for part in (0, 1)
-        )
-        return [*texts, " / ".join(f"{mean:.3f}" for mean in means)]
+        sums = [sum(column) for column in zip(*cells.values())]
+        return [*texts, " / ".join(f"{total / len(SCENES):.3f}" for total in sums)]
     return [*texts, ""]
 
 

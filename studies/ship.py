@@ -7,6 +7,7 @@ The first of several trainings ships; `studies.results` has the mean of all. Its
 evaluation names either `checkpoints/NAME` or `RUNS/NAME_seed0/model`.
 """
 
+import itertools
 import json
 import shutil
 import sys
@@ -42,4 +43,4 @@ def ship(runs: Path, rows: list[dict[str, Any]]) -> None:
 
 if __name__ == "__main__":
     reports = [json.loads(Path(name).read_text())["rows"] for name in sys.argv[2:]]
-    ship(Path(sys.argv[1]), [row for rows in reports for row in rows])
+    ship(Path(sys.argv[1]), list(itertools.chain(*reports)))

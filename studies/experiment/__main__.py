@@ -17,6 +17,7 @@ done
 python -m studies.experiment --out OUT --models RUNS/sgan RUNS/neurosym
 """
 
+import itertools
 import sys
 from pathlib import Path
 
@@ -115,9 +116,8 @@ def _forecast(
         predictor = Predictor(models, samples=samples, max_people=MAX_PEOPLE)
         analytics = Analytics(predictor)
         events = list(replay(frames, predictor, analytics, stitcher=stitcher))
-        done = [
-            forecast for event in events for forecast in event.scored
-        ] + analytics.finish()
+        scored = itertools.chain(*(event.scored for event in events))
+        done = [*scored, *analytics.finish()]
         summaries.append(analytics.summary())
     scores = {name: score(done, name) for name in models}
     scores[STRAIGHT] = score(done, None)

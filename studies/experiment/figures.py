@@ -39,14 +39,12 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
         f"{seconds:.1f} s into recording 1",
     )
     add("median", figure, "The forecast with the median error")
-    errors = {
-        name: np.average(
-            [recording.scores[name].horizon for recording in recordings],
-            axis=0,
-            weights=[recording.scores[name].sequences for recording in recordings],
-        )
-        for name in first.scores
-    }
+    errors = {}
+    for name in first.scores:
+        scores = [recording.scores[name] for recording in recordings]
+        weights = [score.sequences for score in scores]
+        horizons = [score.horizon for score in scores]
+        errors[name] = np.average(horizons, axis=0, weights=weights)
     add(
         "horizon",
         plot_horizon_errors(errors, 0.4, "error over the horizon"),

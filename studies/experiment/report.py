@@ -90,7 +90,7 @@ def write_report(
     """
     raw, mended = np.mean([recording.identity for recording in recordings], axis=0)
     noise, environment = 100 * FAULTS.noise, run_environment()
-    latency = max(value for medians in latencies.values() for value in medians.values())
+    latency = max(max(medians.values()) for medians in latencies.values())
     head = HEAD.format(
         raw=raw,
         mended=mended,
@@ -113,18 +113,16 @@ def write_report(
         ]
         blocks += write_figures(out, members)
     blocks.append(TAIL.format(seconds=seconds, load=os.getloadavg()[1], **environment))
-    data = [
-        {
+    data = []
+    for recording in recordings:
+        scores = recording.scores.items()
+        row = {
             "bag": recording.bag.name,
             "idf1": recording.identity,
-            "scores": {
-                name: dataclasses.asdict(score)
-                for name, score in recording.scores.items()
-            },
+            "scores": {name: dataclasses.asdict(score) for name, score in scores},
             "analytics": recording.summary,
         }
-        for recording in recordings
-    ]
+        data.append(row)
     write_json(
         out / "experiment.json", {"environment": environment, "recordings": data}
     )

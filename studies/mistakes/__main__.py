@@ -3,6 +3,7 @@
 python -m studies.mistakes
 """
 
+import itertools
 import tempfile
 import warnings
 from collections import Counter
@@ -27,7 +28,7 @@ def tell(mistake: Mistake, folder: Path) -> tuple[str, str]:
             windows = windows_from(path, 4, 4, read=ReadOptions(**mistake.options))
         except InputError as error:
             return "refused", str(error).removeprefix(f"{path}: ")
-    messages = [line for reading in windows.reading for line in reading.warnings]
+    messages = list(itertools.chain(*(item.warnings for item in windows.reading)))
     if len(messages) != len(caught):
         return "silent", f"warnings {caught}, in the report {messages}"
     if messages:

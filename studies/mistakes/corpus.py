@@ -45,10 +45,8 @@ def read(name: str, content: str | bytes, **options: Any) -> Mistake:
 
 def two_runs(column: str, crowd: Crowd = CROWD, other: Crowd = OTHER) -> str:
     """Two runs on one clock, with the same ids, told apart by a column."""
-    columns = (
-        np.concatenate(pair)
-        for pair in zip(*(vars(c).values() for c in (crowd, other)))
-    )
+    pairs = zip(vars(crowd).values(), vars(other).values())
+    columns = (np.concatenate(pair) for pair in pairs)
     run = ["a"] * len(crowd.id) + ["b"] * len(other.id)
     return table(Crowd(*columns), **{column: run})
 
