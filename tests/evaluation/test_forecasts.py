@@ -1,5 +1,6 @@
 """Forecasts of others: files and functions score as the same forecasts of a model do."""
 
+import itertools
 import json
 
 import numpy as np
@@ -22,12 +23,11 @@ def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "walk.txt"
     start = draw.uniform(0, 9, (6, 1, 2))
     xy = start + np.cumsum(draw.normal([0.4, 0.1], 0.1, (6, 60, 2)), axis=1)
-    rows = [
-        f"{780 + 10 * step}\t{11 + person}\t{x:.4f}\t{y:.4f}"
-        for step in range(60)
-        for person, (x, y) in enumerate(xy[:, step])
-        if step >= 5 * person
-    ]
+    rows = []
+    for step, person in itertools.product(range(60), range(6)):
+        if step >= 5 * person:
+            x, y = xy[person, step]
+            rows.append(f"{780 + 10 * step}\t{11 + person}\t{x:.4f}\t{y:.4f}")
     path.write_text("\n".join(rows) + "\n")
     return path
 
@@ -39,7 +39,10 @@ def straight_on(path, steps=8):
     ids, frames, samples = [], [], []
     for frame in np.unique(table[:, 0]).astype(int):
         window = [frame + 10 * step for step in range(-7, steps + 1)]
-        people = [p for p in range(11, 17) if all((at, p) in place for at in window)]
+        people = []
+        for person in range(11, 17):
+            if all((at, person) in place for at in window):
+                people.append(person)
         for person in people if len(people) > 1 else []:
             last, before = (np.array(place[at, person]) for at in (frame, frame - 10))
             ids.append(person)
@@ -54,7 +57,8 @@ def straight_on(path, steps=8):
 
 @pytest.fixture(scope="module")
 def file(recording):
-    np.savez(path := recording.with_name("mine.npz"), **straight_on(recording))
+    path = recording.with_name("mine.npz")
+    np.savez(path, **straight_on(recording))
     return path
 
 
@@ -149,7 +153,8 @@ def test_functions_of_numpy_and_torch_score_as_a_model_does(recording):
 
 
 def changed(file, tmp_path, **arrays):
-    np.savez(path := tmp_path / "changed.npz", **{**np.load(file), **arrays})
+    path = tmp_path / "changed.npz"
+    np.savez(path, **{**np.load(file), **arrays})
     return path
 
 
@@ -321,7 +326,8 @@ def test_figures_draw_forecasts_of_files(recording, file, tmp_path):
 
 
 def test_several_recordings_need_names(recording, file, tmp_path):
-    (other := tmp_path / "other.txt").write_text(recording.read_text())
+    other = tmp_path / "other.txt"
+    other.write_text(recording.read_text())
     recordings = [recording, other]
     with pytest.raises(InputError, match="has no `recordings`, and the test set has 2"):
         nj.evaluate((), recordings, forecasts=file, baselines=[])

@@ -105,17 +105,12 @@ def test_a_difference_of_several_metrics_is_each_ones_own():
     """Three metrics and two runs; the scenes' estimate is the mean over runs."""
     identity = np.stack([np.full(6, 1), WINDOW * np.arange(6)], axis=1)
     values = np.random.default_rng(0).uniform(1, 2, (2, 2, 3, 6))
-    ours, theirs = (
-        [
-            ErrorsByScene(
-                {name: Score(total, np.ones(6)) for name, total in zip("abc", run)},
-                identity,
-                WINDOW,
-            )
-            for run in runs
-        ]
-        for runs in values
-    )
+
+    def errors(run):
+        scores = {name: Score(total, np.ones(6)) for name, total in zip("abc", run)}
+        return ErrorsByScene(scores, identity, WINDOW)
+
+    ours, theirs = (list(map(errors, runs)) for runs in values)
     difference = paired_difference(ours, theirs)
     expected = (values[0] - values[1]).mean(axis=-1)
     np.testing.assert_allclose(difference.seeds, expected)

@@ -42,9 +42,10 @@ def planned(*names, source=None, **options):
         # The table of ETH/UCY has not learned from the data set that is tested.
         own = test.dataset if test.dataset in EthUcy().scenes else GENERAL
         assert [model.dataset for model in baselines[2:]] == [own][:ships]
-    return {
-        test: [path for path, _ in entries if path] for test, entries in plan.items()
-    }
+    paths = {}
+    for test, entries in plan.items():
+        paths[test] = [path for path, _ in entries if path]
+    return paths
 
 
 def test_each_model_is_tested_on_the_set_that_it_left_out():

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import dataclasses
 import io
+import itertools
 import re
 
 import numpy as np
@@ -40,8 +41,7 @@ TRAININGS = [
         training_data=f"all but {scene}",
         training_seed=seed,
     )
-    for at, scene in enumerate(SCENES)
-    for seed in range(3)
+    for (at, scene), seed in itertools.product(enumerate(SCENES), range(3))
 ]
 ROWS = [row("constant velocity", scene, 0.5, p=0.001) for scene in SCENES] + TRAININGS
 
@@ -122,11 +122,9 @@ def test_means_over_test_sets_are_compared_set_by_set():
     """A model that is 2 to 4 cm better on each of five sets, which differ by more."""
     lead = [0.02, 0.03, 0.04, 0.03, 0.03]
     errors = {"ours": np.arange(1, 6) / 10 - lead, "theirs": np.arange(1, 6) / 10}
-    rows = [
-        row(model, f"set {number}", error)
-        for model, values in errors.items()
-        for number, error in enumerate(values)
-    ]
+    rows = []
+    for model, values in errors.items():
+        rows += [row(model, f"set {n}", error) for n, error in enumerate(values)]
     _, (leader, follower) = lines_of(rows)
     assert (leader["p"], leader["best"], follower["best"]) == (None, True, False)
     assert follower["p"] == pytest.approx(
@@ -252,10 +250,8 @@ def test_latex_fits_one_column_of_a_paper():
     lines = [
         line.split("&") for line in format_table(rows_frame(rows), "latex").splitlines()
     ]
-    widths = [
-        max(map(points, column))
-        for column in zip(*(cells for cells in lines if len(cells) == 7))
-    ]
+    columns = zip(*(cells for cells in lines if len(cells) == 7))
+    widths = [max(map(points, column)) for column in columns]
     assert len(widths) == 7
     assert sum(widths) + 6 * (len(widths) - 1) < 241
 

@@ -1,5 +1,6 @@
 """TrajNet++ files: identity is kept both ways, and the evaluator's rules hold."""
 
+import itertools
 import json
 
 import numpy as np
@@ -27,18 +28,10 @@ def official(tmp_path_factory):
         {"id": 41, "p": 7, "s": 1100, "e": 1500, "fps": 2.5, "tag": [2, []]},
     ]
     rows = [{"scene": scene} for scene in scenes]
-    rows += [
-        {
-            "track": {
-                "f": 1000 + 20 * step,
-                "p": person,
-                "x": round(0.4 * step, 4),
-                "y": float(person),
-            }
-        }
-        for person, (first, last) in PEOPLE.items()
-        for step in range(first, last)
-    ]
+    for person, (first, last) in PEOPLE.items():
+        for step in range(first, last):
+            place = {"x": round(0.4 * step, 4), "y": float(person)}
+            rows.append({"track": {"f": 1000 + 20 * step, "p": person, **place}})
     path.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
     return path
 
@@ -87,7 +80,8 @@ def test_official_scenes_are_forecast_as_given(official, forecast):
 
 
 def test_a_file_with_a_single_scene_is_official(official, tmp_path):
-    (path := tmp_path / "one.ndjson").write_text(official.read_text().split("\n", 1)[1])
+    path = tmp_path / "one.ndjson"
+    path.write_text(official.read_text().split("\n", 1)[1])
     forecast, _ = saved(path, None, tmp_path / "out.ndjson")
     assert [scene.id for scene in read_scenes(forecast)] == [41]
 
@@ -118,10 +112,10 @@ def test_forecasts_of_official_scenes_are_scored(official, tmp_path):
 def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
     lines = [
         f"{780 + 10 * step} {person} {0.4 * step:.3f} {person}"
-        for step in range(22)
-        for person in (4, 8)
+        for step, person in itertools.product(range(22), (4, 8))
     ]
-    (walk := tmp_path / "walk.txt").write_text("\n".join(lines))
+    walk = tmp_path / "walk.txt"
+    walk.write_text("\n".join(lines))
     forecast, truth = saved(walk, None, tmp_path / "out.ndjson")
     scenes = read_scenes(forecast)
     assert [(scene.start, scene.end, scene.person, scene.fps) for scene in scenes] == [
@@ -135,9 +129,8 @@ def test_windows_of_other_recordings_keep_frames_and_people(tmp_path):
     assert rows["agents"].to_list() == [6, 6]
     # One step does not say how far frames are apart: the frame before counts.
     ahead = [row for row in rows_of(forecast) if row["f"] == 860]
-    (short := tmp_path / "short.ndjson").write_text(
-        "".join(json.dumps({"track": row}) + "\n" for row in ahead)
-    )
+    short = tmp_path / "short.ndjson"
+    short.write_text("".join(json.dumps({"track": row}) + "\n" for row in ahead))
     assert set(read_predictions(short)[2].tolist()) == {859}
     # Of two recordings, frames and people are numbered one after the other.
     stamp, person = (part.ravel() for part in np.mgrid[0:20, 0:2])
@@ -192,8 +185,7 @@ def test_sample_0_is_the_most_probable_and_the_others_follow(tmp_path):
 )
 def test_files_that_are_no_forecasts_are_refused(forecast, tmp_path, change, message):
     rows = change(rows_of(forecast))
-    (path := tmp_path / "bad.ndjson").write_text(
-        "".join(f"{json.dumps({'track': row})}\n" for row in rows)
-    )
+    path = tmp_path / "bad.ndjson"
+    path.write_text("".join(f"{json.dumps({'track': row})}\n" for row in rows))
     with pytest.raises(InputError, match=message):
         read_predictions(path)

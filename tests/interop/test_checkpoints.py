@@ -66,10 +66,11 @@ def contents_of(config=SMALL, tensors=(), **arguments):
     """What a checkpoint file holds, with some of it changed; DROP removes one."""
     contents = torch_contents(model_of(config))
     changes = {"args": arguments, "g_state": dict(tensors)}
-    return {
-        part: {k: v for k, v in {**values, **changes[part]}.items() if v is not DROP}
-        for part, values in contents.items()
-    }
+    changed = {}
+    for part, values in contents.items():
+        merged = {**values, **changes[part]}
+        changed[part] = {name: x for name, x in merged.items() if x is not DROP}
+    return changed
 
 
 def assert_same(a, b):

@@ -6,6 +6,7 @@ depends on its rules: of names, of case, of where an archive begins.
 
 import contextlib
 import io
+import itertools
 import pickle
 import warnings
 import zipfile
@@ -121,8 +122,7 @@ def make(tmp_path, name):
     path.write_bytes(crafted(trace)[name])
     walk = [
         f"{frame},{person},{frame / 2},{person}"
-        for frame in range(40)
-        for person in range(3)
+        for frame, person in itertools.product(range(40), range(3))
     ]
     path.with_name("walk.csv").write_text("\n".join(["frame,id,x,y", *walk]))
     return path, trace

@@ -1,6 +1,7 @@
 """A user's torch module: loaded and equal, or refused or told apart with the reason named."""
 
 import ast
+import itertools
 from collections import defaultdict
 from pathlib import Path
 
@@ -190,8 +191,7 @@ def test_people_of_the_default_scenes_are_in_each_others_grid_of_social_pooling(
         np.abs(walk[:, None, time] - walk[:, time]).max(axis=-1)[
             np.triu_indices(len(walk), 1)
         ]
-        for walk in torch_side.random_walks(16, 0)
-        for time in (7, -1)
+        for walk, time in itertools.product(torch_side.random_walks(16, 0), (7, -1))
     ]
     near = [(pairs < 1).any() for pairs in distances if len(pairs)]
     assert sum(near) >= 4

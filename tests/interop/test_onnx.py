@@ -1,5 +1,7 @@
 """ONNX models in ONNX Runtime: JAX's forecasts for any number of people and samples."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -165,7 +167,8 @@ def test_the_example_forecasts_a_file_without_jax(model, tmp_path):
     path.write_bytes(export_onnx(model("pool_net")))
     steps = model("pool_net").config.obs_len + 2
     rows = [
-        (10 * t, who, 1000.0 + 0.4 * t, who) for who in (3, 8) for t in range(steps)
+        (10 * t, who, 1000.0 + 0.4 * t, who)
+        for who, t in itertools.product((3, 8), range(steps))
     ]
     np.savetxt(tracks, [*rows, (0, 9, 5.0, 5.0)])  # The third person has gone.
     code = (

@@ -83,7 +83,9 @@ def windows_of(recording: str, shift: np.ndarray | float = 0.0) -> Windows:
 def test_many_scenes_are_forecast_as_each_alone(name):
     """Other scenes, another recording before them, another origin: nothing changes a forecast."""
     model, parts = model_of(name), (windows_of("crowd", UTM), windows_of("others"))
-    scenes = [s for w in parts for s in np.split(w.position[:, :4], w.bounds[1:-1])]
+    scenes = []
+    for windows in parts:
+        scenes += np.split(windows.position[:, :4], windows.bounds[1:-1])
     assert len({len(scene) for scene in scenes}) > 2
     frames = np.concatenate([windows.identity[:, 1].astype(int) for windows in parts])
     forecasts = predict_scenes(

@@ -244,7 +244,8 @@ def test_parameters_that_are_not_finite(copy, tmp_path):
 
 
 def test_six_misfits_are_named_and_the_others_counted():
-    six, seven = ({name: np.zeros(2) for name in "abcdefg"[:count]} for count in (6, 7))
+    seven = {name: np.zeros(2) for name in "abcdefg"}
+    six = {name: seven[name] for name in "abcdef"}
     for arrays, end in (
         (six, "'f' is (2,), not expected"),
         (seven, "not expected and 1 more"),

@@ -39,13 +39,13 @@ def test_its_evaluation_agrees_to_four_digits(
     for rows, forecast, frame in zip(
         scenes, forecasts, last_frames(windows)[list(numbers)]
     ):
-        (moment := tmp_path / f"{SEQUENCE}/frame_{int(frame):06d}").mkdir(parents=True)
+        moment = tmp_path / f"{SEQUENCE}/frame_{int(frame):06d}"
+        moment.mkdir(parents=True)
         for number, sample in enumerate(forecast):
-            lines = [
-                (frame + 1 + step, person, *xy)
-                for person, path in zip(windows.agent[rows], sample)
-                for step, xy in enumerate(path)
-            ]
+            lines = []
+            for person, path in zip(windows.agent[rows], sample):
+                for step, xy in enumerate(path):
+                    lines.append((frame + 1 + step, person, *xy))
             np.savetxt(moment / f"sample_{number:03d}.txt", lines, fmt="%.6f")
     monkeypatch.chdir(folder)
     argv = ["eval.py", "--dataset", "zara1", "--results_dir", str(tmp_path)]

@@ -1,5 +1,6 @@
 """TrajNet++'s own evaluator on files that we write for its official scenes: the same errors."""
 
+import itertools
 import json
 import types
 
@@ -32,7 +33,8 @@ def own_errors(forecast, truth):
     places, samples = {}, {}
     for path in (truth, forecast):
         for line in path.read_text().splitlines():
-            if row := json.loads(line).get("track"):
+            row = json.loads(line).get("track")
+            if row:
                 xy = (row["x"], row["y"])
                 if "prediction_number" in row:
                     key = row["scene_id"], row["p"], row["prediction_number"]
@@ -43,11 +45,16 @@ def own_errors(forecast, truth):
     for scene in read_scenes(truth):
         paths = [samples[scene.id, scene.person, number] for number in range(3)]
         future = np.array([[places[frame, scene.person] for frame in sorted(paths[0])]])
-        x = np.array([[[path[frame] for frame in sorted(path)]] for path in paths])
+        ways = []
+        for path in paths:
+            ways.append([[path[frame] for frame in sorted(path)]])
+        x = np.array(ways)
         best = np.linalg.norm(x - future, axis=-1).mean(axis=(1, 2)).argmin()
         chosen = (x[:1], x[best : best + 1])
         scored = [score(sample, future, metrics=names) for sample in chosen]
-        errors.append([scores[name].total[0] for scores in scored for name in names])
+        errors.append(
+            [scores[name].total[0] for scores, name in itertools.product(scored, names)]
+        )
     return np.mean(errors, axis=0)
 
 
@@ -59,7 +66,8 @@ def test_its_evaluator_agrees_to_six_digits(peer, tmp_path, capsys, kind):
         folder
         / "trajnetplusplusbaselines/DATA_BLOCK/trajdata/train/crowds_zara01.ndjson"
     )
-    first_scenes(source, path := tmp_path / "zara.ndjson")
+    path = tmp_path / "zara.ndjson"
+    first_scenes(source, path)
     tracks = read_any(path, ReadOptions(allow=tuple(GUARDS)))
     test = make_test(Case("zara", 8, 12), [(None, baseline(kind, 8, 12))], tracks)
     forecast, truth = save_forecasts(tmp_path / "out.ndjson", [test], 20, 0)

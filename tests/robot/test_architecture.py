@@ -8,10 +8,11 @@ from tests.repository import ROOT, run_python
 from tests.test_architecture import imports
 
 PACKAGE = ROOT / "neurosym_robot"
-FILES = {
-    path.relative_to(PACKAGE).as_posix(): imports(path)
-    for path in PACKAGE.rglob("*.py")
-}
+IMPORTS: list[tuple[str, str, bool]] = []
+"""(file, what it imports, whether at once) of the package."""
+for path in PACKAGE.rglob("*.py"):
+    file = path.relative_to(PACKAGE).as_posix()
+    IMPORTS += [(file, *imported) for imported in imports(path)]
 PACKAGES = {
     "tracking": {"tracking"},
     "input": {"tracking", "input"},
@@ -29,25 +30,17 @@ LIBRARIES = {
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_package_imports_what_it_may(package):
-    names = {
-        name
-        for file in FILES
-        if file.startswith(f"{package}/")
-        for name, _ in FILES[file]
-    }
-    names = {
-        name for name in names if not name.startswith("neurosym_robot.ros.definitions")
-    }
-    packages = {
-        name.split(".")[1] for name in names if name.startswith("neurosym_robot.")
-    }
+    packages = set()
+    for file, name, _ in IMPORTS:
+        definitions = name.startswith("neurosym_robot.ros.definitions")
+        ours = name.startswith("neurosym_robot.") and not definitions
+        if ours and file.startswith(f"{package}/"):
+            packages.add(name.split(".")[1])
     assert packages & {*PACKAGES, "commands"} <= PACKAGES[package]
 
 
 def test_libraries_have_their_packages_and_are_imported_on_demand():
-    imports = [
-        (file, name.split(".")[0], now) for file in FILES for name, now in FILES[file]
-    ]
+    imports = [(file, name.split(".")[0], now) for file, name, now in IMPORTS]
     for library, packages in LIBRARIES.items():
         assert {
             file

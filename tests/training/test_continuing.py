@@ -19,11 +19,10 @@ from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.disk import find_checkpoints, load_model, state_of_run
 from neurosym_jax.models.forecaster import forecaster_of
-from neurosym_jax.training import loop
 from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.run import Run
 from neurosym_jax.training.state import new_state, update
-from tests.training.conftest import random_walks
+from tests.training.conftest import random_walks, with_recipe
+from tests.training.scripted import write_script
 
 TABLE = AnchorTableConfig(4, 3, samples=3)
 RECIPE = AnchorRecipe(
@@ -49,44 +48,9 @@ def done(table, tmp_path_factory):
     return folder
 
 
-def with_recipe(run, **changes):
-    return dataclasses.replace(run, recipe=dataclasses.replace(run.recipe, **changes))
-
-
 def equal(tree, other):
     pairs = zip(jax.tree.leaves(tree), jax.tree.leaves(other), strict=True)
     return [a.tobytes() == b.tobytes() for a, b in pairs if a.size]
-
-
-def scripted(monkeypatch, scores, losses=None):
-    """Validations with these scores; rounds that count steps, with a loss of each step."""
-
-    def advance(state, done, count):
-        state = state._replace(step=np.int32(done + count))
-        values = np.ones(count) if losses is None else losses(done, count)
-        return state, {"loss": values}
-
-    remaining = iter(scores)
-    monkeypatch.setattr(Run, "rounds", lambda run: advance)
-    monkeypatch.setattr(
-        loop,
-        "validate",
-        lambda *_: {
-            "val_score": (score := next(remaining)),
-            "val_ade": score,
-            "val_fde": score,
-        },
-    )
-
-
-def interrupt_at(step):
-    """A function of rows that is a Ctrl-C at this step."""
-
-    def interrupt(row):
-        if row["step"] == step:
-            raise KeyboardInterrupt
-
-    return interrupt
 
 
 def steps_of(folder):
@@ -211,7 +175,9 @@ def test_a_schedule_that_ended_goes_on_and_says_so(table, tmp_path, capsys):
 # Ending early.
 
 
-def test_after_an_interruption_the_best_state_is_the_model(table, tmp_path):
+def test_after_an_interruption_the_best_state_is_the_model(
+    table, tmp_path, interrupt_at
+):
     """ml-agents 980, coqui 99: Ctrl-C loses the model. Also where one's own function raises."""
     rows, interrupt = [], interrupt_at(4)
     with pytest.raises(KeyboardInterrupt):
@@ -235,90 +201,61 @@ def test_after_an_interruption_the_best_state_is_the_model(table, tmp_path):
 
 
 def test_numbers_that_are_not_finite_are_tried_again_with_smaller_steps(
-    table, tmp_path, monkeypatch, capsys
+    scripted, tmp_path, capsys
 ):
     """Trajectory-Transformer 7; and handwriting-synthesis 16: before anything was saved."""
-    rates = []
-    slower = Run.slower
-
-    def fails_once(begin):
-        def losses(done, count):
-            return np.full(count, np.nan if done >= begin and not rates else 1.0)
-
-        return losses
-
-    monkeypatch.setattr(
-        Run, "slower", lambda run: rates.append(run.recipe.learning_rate) or slower(run)
-    )
     for begin, back in ((2, 2), (0, 0)):
-        rates.clear()
-        scripted(monkeypatch, [3.0, 2.0, 1.0], fails_once(begin))
-        train_run(table, tmp_path / str(begin))
-        assert rates
+        write_script([3.0, 2.0], stable_rate=0.001, stable_steps=begin)
+        train_run(scripted, tmp_path / str(begin))
         message = f"after step {begin} numbers are not finite: loss nan; it goes on from step {back}"
         assert f"{message} at learning_rate 0.0004" in capsys.readouterr().err
         assert steps_of(tmp_path / str(begin)) == [2, 4]
 
-    scripted(
-        monkeypatch, [3.0], lambda done, count: np.full(count, np.nan if done else 1.0)
-    )
+    write_script([3.0], stable_rate=0, stable_steps=2)
     again = (
         r"not finite: loss nan, again, with smaller steps; its model is that of step 2"
     )
     with pytest.raises(TrainingError, match=again):
-        train_run(table, tmp_path / "both")
+        train_run(scripted, tmp_path / "both")
     assert load_model(tmp_path / "both").step == 2
 
 
-def test_smaller_steps_stay_smaller_after_resumption(table, tmp_path, monkeypatch):
-    with monkeypatch.context() as patched:
-        bad = [np.nan, 1.0, 1.0]
-        scripted(patched, [3.0, 2.0], lambda done, count: np.full(count, bad.pop(0)))
-        longer = with_recipe(table, steps=6)
-        with pytest.raises(KeyboardInterrupt):
-            train_run(longer, tmp_path, on_row=interrupt_at(4))
-    used = []
-    with monkeypatch.context() as patched:
-        scripted(patched, [2.5, 1.0])
-        rounds = Run.rounds
-        patched.setattr(
-            Run,
-            "rounds",
-            lambda run: used.append(run.recipe.learning_rate) or rounds(run),
-        )
-        train_run(longer, tmp_path, resume=True)
-    assert used == [pytest.approx(RECIPE.learning_rate / 10)]
+def test_smaller_steps_stay_smaller_after_resumption(scripted, tmp_path, interrupt_at):
+    write_script([3.0, 2.0, 1.0], stable_rate=0.001)
+    longer = with_recipe(scripted, steps=6)
+    with pytest.raises(KeyboardInterrupt):
+        train_run(longer, tmp_path, on_row=interrupt_at(4))
+    rows = []
+    train_run(longer, tmp_path, resume=True, on_row=rows.append)
+    rate = scripted.recipe.learning_rate / 10
+    assert rows[-1]["step"] == 6
+    assert [row["rate"] for row in rows] == pytest.approx([rate] * len(rows))
 
 
 def test_patience_counts_from_the_best_and_survives_resumption(
-    table, tmp_path, monkeypatch
+    scripted, tmp_path, interrupt_at
 ):
     """transformers 28544, fairseq 3531: counted anew; ms-swift 5326: not reset by a better one."""
-    patient = with_recipe(table, steps=40, patience=3)
-    scores = [5.0, 6.0, 4.0, 6.0, 6.0, 6.0, 1.0]
-    scripted(monkeypatch, scores)
+    patient = with_recipe(scripted, steps=40, patience=3)
+    write_script([5.0, 6.0, 4.0, 6.0, 6.0, 6.0, 1.0])
     train_run(patient, tmp_path / "whole")
     assert steps_of(tmp_path / "whole") == [2, 4, 6, 8, 10, 12]
     assert load_model(tmp_path / "whole").step == 6
-    scripted(monkeypatch, scores)
     with pytest.raises(KeyboardInterrupt):
         train_run(patient, tmp_path / "cut", on_row=interrupt_at(10))
-    scripted(monkeypatch, scores[4:])
     train_run(patient, tmp_path / "cut", resume=True)
     assert steps_of(tmp_path / "cut") == [2, 4, 6, 8, 10, 12]
 
 
-def test_advice_is_given_once(table, tmp_path, monkeypatch, capsys):
-    scripted(monkeypatch, [1.0] + [2.0] * 9)
-    train_run(with_recipe(table, steps=20), tmp_path)
+def test_advice_is_given_once(scripted, tmp_path, capsys):
+    write_script([1.0] + [2.0] * 9)
+    train_run(with_recipe(scripted, steps=20), tmp_path)
     advice = capsys.readouterr().err
-    assert (
-        advice.count("advice: no validation is better than that of step 2 since") == 1
-    )
-    assert advice.count("advice: validation has 10 people in windows: below 100") == 1
+    stalled = "advice: no validation is better than that of step 2 since"
+    few = "advice: validation has 10 people in windows: below 100"
+    assert (advice.count(stalled), advice.count(few)) == (1, 1)
     assert advice.count("compiling the training step (program 1 of 2)") == 1
-    scripted(monkeypatch, [1.0] + [2.0] * 9)
-    train_run(with_recipe(table, steps=20), tmp_path / "quiet", quiet=True)
+    train_run(with_recipe(scripted, steps=20), tmp_path / "quiet", quiet=True)
     assert "compil" not in capsys.readouterr().err
 
 

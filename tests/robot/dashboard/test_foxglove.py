@@ -48,7 +48,9 @@ def check(scene, event) -> None:
             region, *lines = entities[f"{name} {id}"].lines
             ring = [(point.x, point.y) for point in region.points]
             assert_allclose(np.mean(ring, axis=0), result.regions.mean[n, -1])
-            ways = [[(point.x, point.y) for point in line.points] for line in lines]
+            ways = []
+            for line in lines:
+                ways.append([(point.x, point.y) for point in line.points])
             expected = [*result.samples[:, n], result.samples[result.central, n]]
             assert_allclose(np.array(ways)[:, 1:], expected)
             assert_allclose(
@@ -72,10 +74,9 @@ def test_an_mcap_holds_scene_numbers_and_events(stream, schema, tmp_path):
     view.close()
     with path.open("rb") as file:
         rows = list(reader.make_reader(file).iter_messages())
-    entities = {
-        topic: [row for row in rows if row[1].topic == topic]
-        for topic in ("/forecasts", "/stream", "/events")
-    }
+    entities = {"/forecasts": [], "/stream": [], "/events": []}
+    for row in rows:
+        entities.setdefault(row[1].topic, []).append(row)
     assert len(entities["/forecasts"]) == len(entities["/stream"]) == len(events)
     assert [row[2].log_time for row in entities["/forecasts"]] == [
         round(1e9 * event.frame.stamp) for event, _ in events

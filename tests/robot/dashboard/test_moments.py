@@ -72,11 +72,8 @@ def test_the_first_events_of_all_kinds_come_before_the_second_of_any(
     monkeypatch.setattr(
         "neurosym_robot.dashboard.moments.likely_events", lambda *how: events
     )
-    step = next(
-        step
-        for event in stream(4, people=7)
-        if (step := json.loads(moments.moment(*event))["step"])
-    )
+    told = (json.loads(moments.moment(*event)) for event in stream(4, people=7))
+    step = next(filter(None, (moment["step"] for moment in told)))
     likely = [(name, share) for name, _, _, share, _ in step["likely"]]
     assert likely == [named[n] for n in (0, 2, 1, 4, 3)]
 

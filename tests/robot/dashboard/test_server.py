@@ -38,8 +38,10 @@ def say(dashboard, data: bytes) -> bytes:
         with contextlib.suppress(OSError):
             client.sendall(data)
             client.shutdown(socket.SHUT_WR)
-            while part := client.recv(4096):
+            part = client.recv(4096)
+            while part:
                 heard += part
+                part = client.recv(4096)
         return heard
 
 
@@ -49,7 +51,10 @@ def read_events(dashboard, last: str = "") -> list[dict[str, str]]:
     status, _, body = get(dashboard, "/events", **headers)
     assert status == 200
     blocks = body.decode().strip().split("\n\n")
-    return [dict(line.split(":", 1) for line in block.split("\n")) for block in blocks]
+    events = []
+    for block in blocks:
+        events.append(dict(line.split(":", 1) for line in block.split("\n")))
+    return events
 
 
 def test_nothing_but_the_page_and_the_stream(dashboard):

@@ -1,5 +1,6 @@
 """A driving robot: its people are where they are, whatever /tf does, and who stands never walks."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,10 @@ DRIVES = [
     Drive(0.2, jitter=0.2),
     Drive(0.05, jitter=0.05, reordered=True),
     Drive(0.1, jitter=0.1, reordered=True),
-    *(Drive(late, back=back) for late in (0.0, 0.2, 0.4) for back in (0.3, 3.0, 8.0)),
+    *(
+        Drive(late, back=back)
+        for late, back in itertools.product((0.0, 0.2, 0.4), (0.3, 3.0, 8.0))
+    ),
     Drive(0.0, back=0.07),
 ]
 

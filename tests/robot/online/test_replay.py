@@ -3,6 +3,7 @@
 import contextlib
 import importlib.util
 import io
+import itertools
 import json
 import math
 import os
@@ -169,19 +170,11 @@ def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, ca
     if importlib.util.find_spec("foxglove"):
         options["foxglove"] = tmp_path / "scene.mcap"
     run(recording=folder / "run", model=MODELS[:1], stitch=True, **options)
-    before, after = (
-        {id for frame in read_people(path) for id in frame.ids.tolist()}
-        for path in (folder / "run", tmp_path / "mended.bag")
-    )
+    before = ids_of(read_people(folder / "run"))
+    after = ids_of(read_people(tmp_path / "mended.bag"))
     assert 3 <= len(after) <= 4 < len(before)
-    samples = (message for topic, message in read_messages(tmp_path / "mended.bag"))
-    forecast = {
-        id
-        for message in samples
-        if hasattr(message, "futures")
-        for id in message.ids.tolist()
-    }
-    assert forecast == after
+    messages = [message for _, message in read_messages(tmp_path / "mended.bag")]
+    assert ids_of(m for m in messages if hasattr(m, "futures")) == after
     output = capsys.readouterr().out
     assert "until interrupted" not in output
     wrong = output.partition("wrong with the stream: ")[2]
@@ -197,6 +190,11 @@ def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, ca
         assert (
             list(counts.values()).count(141) == 2
         )  # Scenes and numbers, beside events.
+
+
+def ids_of(messages):
+    """All ids in them."""
+    return set(itertools.chain(*(message.ids.tolist() for message in messages)))
 
 
 class Slow(View):
@@ -216,14 +214,19 @@ class Slow(View):
 
 
 def test_a_slow_view_delays_no_frame_in_real_time_and_has_every_one_otherwise(
-    folder, monkeypatch, capsys
+    folder, capsys
 ):
     frames = [frame.stamp for frame in read_people(folder / "run")]
     for rate, seconds in ((40, 0.3), ("max", 0.0)):
         slow = Slow(seconds)
-        monkeypatch.setattr(command.Options, "views", lambda *_, slow=slow: [slow])
+
+        class WithSlowView(command.Options):
+            def views(self, *_, view=slow):
+                return [view]
+
         began = time.monotonic()
-        run(recording=folder / "run", model=MODELS[:1], rate=rate)
+        few = {"samples": 3, "max_people": 4}
+        command.run(WithSlowView((folder / "run",), MODELS[:1], rate=rate, **few))
         assert rate == "max" or slow.seconds * len(frames) > time.monotonic() - began
         assert (slow.stamps[-1], slow.ends) == (frames[-1], 1)
         assert (slow.stamps == frames) == (rate == "max")
@@ -235,12 +238,19 @@ def test_a_slow_view_delays_no_frame_in_real_time_and_has_every_one_otherwise(
 
 
 def test_slow_views_do_not_hold_a_node_up(monkeypatch):
-    slow, options = Slow(0.2), NodeOptions(model=MODELS)
-    monkeypatch.setattr(NodeOptions, "views", lambda *_: [slow])
+    slow = Slow(0.2)
+
+    class WithSlowView(NodeOptions):
+        def views(self, *_):
+            return [slow]
+
+    options = WithSlowView(model=MODELS)
     monkeypatch.setattr("signal.signal", lambda *_: None)
     node: Any = mock.MagicMock(views=[])
     frames = [SimpleNamespace(frame=SimpleNamespace(stamp=n)) for n in range(50)]
-    node.run = lambda: [view.show(frame, {}) for frame in frames for view in node.views]
+    node.run = lambda: [
+        view.show(frame, {}) for frame, view in itertools.product(frames, node.views)
+    ]
     began = time.monotonic()
     options.forecast(node)
     assert time.monotonic() - began < 2
@@ -325,8 +335,10 @@ def test_the_first_signal_ends_it_and_says_what_is_only_a_part(
         text=True,
     )
     assert process.stderr is not None
-    while "compiling for up to 4" not in (line := process.stderr.readline()):
+    line = "begun"
+    while "compiling for up to 4" not in line:
         assert line, process.communicate()
+        line = process.stderr.readline()
     time.sleep(6)  # 2.8 s of the recording, and the compiler
     process.send_signal(number)
     began = time.monotonic()

@@ -43,11 +43,10 @@ def test_every_frame_has_a_window_of_what_was_seen_until_it(start):
             (k, i): xy for k, i, xy in zip(step, grid.id.tolist(), grid.position)
         }
         steps = range(-3, 1)
-        people = [
-            i
-            for i in np.flatnonzero(present)
-            if all((k, i) in positions_by_step for k in steps)
-        ]
+        people = []
+        for i in np.flatnonzero(present):
+            if all((k, i) in positions_by_step for k in steps):
+                people.append(i)
         assert ids.tolist() == people
         for i, position in zip(ids.tolist(), positions):
             expected = [positions_by_step[k, i] for k in steps]

@@ -29,17 +29,9 @@ def main() -> None:
     heard: list[dict] = []
 
     def hear(message: MarkerArray) -> None:
-        messages = [
-            {
-                "ns": marker.ns,
-                "type": marker.type,
-                "frame_id": marker.header.frame_id,
-                "points": [[point.x, point.y] for point in marker.points],
-            }
-            for marker in message.markers
-        ]
         stamp = message.markers[0].header.stamp
-        heard.append({"stamp": stamp.sec + 1e-9 * stamp.nanosec, "markers": messages})
+        markers = [as_json(marker) for marker in message.markers]
+        heard.append({"stamp": stamp.sec + 1e-9 * stamp.nanosec, "markers": markers})
 
     node.create_subscription(MarkerArray, MARKERS, hear, 100)
     people = node.create_publisher(PoseArray, sys.argv[3], 100)
@@ -71,20 +63,34 @@ def main() -> None:
                 else Transition.TRANSITION_DEACTIVATE
             )
         was_active = active
-        message = PoseArray()
-        message.header.frame_id = "odom"
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
-            round(stamp * 1e9), 10**9
-        )
-        for x, y in positions:
-            pose = Pose()
-            pose.position.x, pose.position.y = x, y
-            message.poses.append(pose)
-        people.publish(message)
+        people.publish(poses(stamp, positions))
         wait(node, float(sys.argv[2]), lambda: False)
     wait(node, 1.0, lambda: False)
     print(json.dumps(heard))
     rclpy.shutdown()
+
+
+def as_json(marker) -> dict:
+    """What is tested of a marker."""
+    return {
+        "ns": marker.ns,
+        "type": marker.type,
+        "frame_id": marker.header.frame_id,
+        "points": [[point.x, point.y] for point in marker.points],
+    }
+
+
+def poses(stamp: float, positions: list) -> PoseArray:
+    """The message of a tracker."""
+    message = PoseArray()
+    message.header.frame_id = "odom"
+    seconds, nanoseconds = divmod(round(stamp * 1e9), 10**9)
+    message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
+    for x, y in positions:
+        pose = Pose()
+        pose.position.x, pose.position.y = x, y
+        message.poses.append(pose)
+    return message
 
 
 def wait(node, seconds: float, done) -> None:

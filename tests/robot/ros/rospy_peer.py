@@ -39,16 +39,14 @@ def listen(classes, rate):
 
     def say(topic):
         def hear(message):
-            steps = [
-                [
-                    [h.id, h.centroid.pose.position.x, h.centroid.pose.position.y]
-                    for h in s.humans
-                ]
-                for s in message.trajs
-            ]
-            assert not any(
-                isnan(value) for step in steps for human in step for value in human
-            )
+            steps = []
+            for step in message.trajs:
+                humans = []
+                for human in step.humans:
+                    place = human.centroid.pose.position
+                    humans.append([human.id, place.x, place.y])
+                    assert not any(map(isnan, humans[-1]))
+                steps.append(humans)
             row = {
                 "topic": topic,
                 "stamp": message.header.stamp.to_sec(),

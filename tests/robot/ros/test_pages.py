@@ -1,5 +1,6 @@
 """Every command in a block of the robot's pages runs, in order, with the real programs around it."""
 
+import itertools
 import os
 import re
 import shlex
@@ -39,7 +40,7 @@ def commands() -> dict[str, list[str]]:
 
 def of_kind(*words: str) -> list[str]:
     """Commands of all pages that begin so, each once, in their order."""
-    lines = [line for page in commands().values() for line in page]
+    lines = itertools.chain(*commands().values())
     return [line for line in dict.fromkeys(lines) if line.startswith(words)]
 
 
@@ -51,7 +52,7 @@ def ours(line: str) -> list[str]:
 
 
 def test_no_command_is_forgotten():
-    lines = [line for page in commands().values() for line in page]
+    lines = list(itertools.chain(*commands().values()))
     begin = ("pip install -e", "roslaunch", *NOT_HERE)
     begin += tuple(f"neurosym {name} " for name in ("ros1", "ros2", "replay", "stitch"))
     assert [line for line in lines if not line.startswith(begin)] == []

@@ -106,6 +106,12 @@ def test_a_rospy_tracker_is_answered_and_a_rospy_listener_hears_it(graph, node):
     assert np.median(delays) < 0.5
 
 
+def samples_by_stamp(bag):
+    """The messages of samples in a bag."""
+    messages = [message for topic, message in read_messages(bag) if topic == SAMPLES]
+    return {round(seconds_of(message.header.stamp), 6): message for message in messages}
+
+
 def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_path):
     path, recorded = tmp_path / "people.bag", tmp_path / "recorded.bag"
     # Of five people the nearest four are forecast, and some are lost for a moment.
@@ -156,14 +162,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     out = tmp_path / "replayed.bag"
     few = {"samples": 3, "max_people": 4}
     replay.run(replay.Options(recording=(path,), model=tuple(models), out=out, **few))
-    live, again = (
-        {
-            round(seconds_of(message.header.stamp), 6): message
-            for topic, message in read_messages(bag)
-            if topic == SAMPLES
-        }
-        for bag in (recorded, out)
-    )
+    live, again = samples_by_stamp(recorded), samples_by_stamp(out)
     assert len(live.keys() & again.keys()) > 10
     assert live.keys() <= again.keys()
     assert any(message.extrapolated.any() for message in live.values())

@@ -29,6 +29,31 @@ WITH_TRACES = ("-X", "faulthandler")
 MODEL = ROOT / "checkpoints" / "neurosym_zara1_8"
 
 
+def start_node(log, python, environment, options):
+    """Our node with these options of ROS; what it prints as errors goes to `log`."""
+    node = ("-m", "neurosym_jax", "ros2", "--model", MODEL, "--ros-args", *options)
+    with log.open("w") as errors:
+        return subprocess.Popen(
+            [python, *WITH_TRACES, *node],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+        )
+
+
+def end_node(node):
+    """What it printed, once a Ctrl-C has ended it."""
+    node.send_signal(signal.SIGINT)
+    try:
+        words, _ = node.communicate(timeout=60)
+    except subprocess.TimeoutExpired:
+        # Seen once, on a busy machine: faulthandler says where all its threads are.
+        node.send_signal(signal.SIGABRT)
+        words, _ = node.communicate(timeout=30)
+    return words
+
+
 @pytest.mark.slow
 def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     python, environment = ros2
@@ -42,61 +67,27 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     parameters = tmp_path / "forecast.yaml"
     words = "message: PoseArray, autostart: false, samples: 9, max_people: 4"
     parameters.write_text(f"/**: {{ros__parameters: {{{words}}}}}")
-    options = [
-        "--ros-args",
-        "-r",
-        "__node:=mine",
-        "-r",
-        "/people_tracker/people_filtered:=/seen",
-    ]
-    options += [
-        "--params-file",
-        parameters,
-        "-p",
-        "samples:=4",
-        "-p",
-        "use_sim_time:=true",
-    ]
+    options = ["-r", "__node:=mine", "-r", "/people_tracker/people_filtered:=/seen"]
+    options += ["--params-file", parameters]
+    options += ["-p", "samples:=4", "-p", "use_sim_time:=true"]
     log = tmp_path / "log"
-    with log.open("w") as errors:
-        node = subprocess.Popen(
-            [
-                python,
-                *WITH_TRACES,
-                "-m",
-                "neurosym_jax",
-                "ros2",
-                "--model",
-                MODEL,
-                *options,
-            ],
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-        )
+    node = start_node(log, python, environment, options)
     try:
         end = time.monotonic() + 300
-        while (
-            "everything is compiled" not in log.read_text() and time.monotonic() < end
-        ):
+        compiled = "everything is compiled"
+        while compiled not in log.read_text() and time.monotonic() < end:
             assert node.poll() is None, log.read_text()
             time.sleep(0.2)
+        script = Path(__file__).with_name("rclpy_peer.py")
         peer = subprocess.run(
-            [python, Path(__file__).with_name("rclpy_peer.py"), path, "0.03", "/seen"],
+            [python, script, path, "0.03", "/seen"],
             env=environment,
             capture_output=True,
             text=True,
             timeout=400,
         )
     finally:
-        node.send_signal(signal.SIGINT)
-        try:
-            words, _ = node.communicate(timeout=60)
-        except subprocess.TimeoutExpired:
-            # Seen once, on a busy machine: faulthandler says where all its threads are.
-            node.send_signal(signal.SIGABRT)
-            words, _ = node.communicate(timeout=30)
+        words = end_node(node)
     errors = log.read_text()
     assert peer.returncode == 0, peer.stderr
     assert node.returncode == 0, errors
@@ -107,23 +98,19 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
 
     heard = json.loads(peer.stdout)
     predictor = Predictor(load_model(MODEL), samples=4, max_people=4, hold=1.0)
-    expected = {
-        round(f.stamp, 3): f
-        for frame in frames
-        if (f := predictor.push(*frame)) is not None
-    }
+    forecasts = filter(None, (predictor.push(*frame) for frame in frames))
+    expected = {round(forecast.stamp, 3): forecast for forecast in forecasts}
     assert len(expected) == len(frames) - 28
     # A forecast with every frame, but for those that were skipped.
     assert len(heard) > 0.5 * len(expected)
     for message in heard:
         forecast = expected[round(message["stamp"], 3)]
         (result,) = forecast.models.values()
-        path = np.concatenate(
-            [forecast.observed[:, -1:], result.samples[result.central]], axis=1
-        )
-        for marker, id, way in zip(
-            message["markers"][1:], forecast.ids.tolist(), path, strict=True
-        ):
+        central = result.samples[result.central]
+        path = np.concatenate([forecast.observed[:, -1:], central], axis=1)
+        people = zip(forecast.ids.tolist(), path, strict=True)
+        markers = message["markers"][1:]
+        for marker, (id, way) in zip(markers, people, strict=True):
             assert marker["ns"] == f"{MODEL.name}/{id}"
             assert (marker["type"], marker["frame_id"]) == (4, "odom")
             assert_allclose(marker["points"], way, atol=1e-4)

@@ -1,5 +1,7 @@
 """The filter follows people through noise and gaps, and learns how noisy detections are."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -33,7 +35,7 @@ def test_who_is_lost_for_three_seconds_comes_back_and_later_is_new(lost, people)
         return slice(3) if n < 20 or n >= 20 + lost else slice(0)
 
     rows = follow(KalmanFilter(), 0.03, 90, seen=seen)
-    assert len({number for row in rows for number in row.values()}) == people
+    assert len(set(itertools.chain(*(row.values() for row in rows)))) == people
 
 
 def test_the_error_of_detections_is_learned():
