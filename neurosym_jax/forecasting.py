@@ -5,6 +5,7 @@ name, for one release.
 import importlib
 from typing import Any
 
+__all__ = []  # What the rooms export, by `__getattr__`.
 ROOMS = ("forecaster", "forecast", "distribution", "disk")
 
 

@@ -21,6 +21,7 @@ TABLES = (FORMATS, METRICS, FORECASTERS, POOLINGS, CELLS, EVENTS, WEIGHTINGS)
 @contextlib.contextmanager
 def restored_registrations() -> Iterator[None]:
     """Afterwards the tables of components and the plugins that are loaded are as before."""
+    plugins.load_entry_points()  # Once in a process: what they register stays.
     before = [dict.copy(table) for table in TABLES]
     loaded, modules = dict(plugins._loaded), _plugin_modules()
     try:
