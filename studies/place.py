@@ -79,7 +79,7 @@ def places(data: Path, thor: Path, more: Path) -> dict[str, tuple[str, Path]]:
 
 
 def watch(place: Place, path: Path) -> pl.DataFrame:
-    """Scores of each step: minutes watched, people, sums of the network's and the used."""
+    """Scores of each step: minutes since the first, people, sums of the network's and the used."""
     rows, before = [], place.scored
     for tracks in recordings_in(path):
         steps = steps_of(tracks, place.model.config.period)
@@ -122,10 +122,12 @@ def _add(name: str, compute) -> None:
     done = pl.read_csv(TABLE) if TABLE.is_file() else None
     if done is not None and name in done["place"].unique():
         return
-    rows = compute().select(
-        pl.lit(name).alias("place"), pl.col("minute").round(3), "people", "network",
-        "used",
-    )  # fmt: skip
+    # A row for each quarter of a minute.
+    quarter = (pl.col("minute") * 4).floor() / 4
+    sums = compute().with_columns(minute=quarter).group_by("minute").sum()
+    rows = sums.sort("minute").select(
+        pl.lit(name).alias("place"), "minute", "people", "network", "used"
+    )
     parts = [rows] if done is None else [done, rows]
     pl.concat(parts, how="vertical_relaxed").write_csv(TABLE, float_precision=4)
     print(name, f"{100 * change(rows):+.1f} %", file=sys.stderr, flush=True)
@@ -141,7 +143,7 @@ def summary(table: pl.DataFrame) -> pl.DataFrame:
     rows = []
     for (name,), part in table.group_by("place", maintain_order=True):
         minutes = part["minute"].max()
-        late = part.filter(pl.col("minute") > minutes / 2)
+        late = part.filter(pl.col("minute") >= minutes / 2)
         alone = part["network"].sum() / part["people"].sum()
         changes = 100 * change(part), 100 * change(late)
         rows.append((name, minutes, part["people"].sum(), alone, *changes))
@@ -151,12 +153,12 @@ def summary(table: pl.DataFrame) -> pl.DataFrame:
 
 def page(table: pl.DataFrame) -> str:
     """The table of places, and means with intervals."""
-    facts = summary(table)
+    facts = summary(table).filter(pl.col("minutes") >= 0.5)
     cells = [
         [
             row["place"] + ("\\*" if row["place"] in CHOSEN_ON else ""),
             f"{row['minutes']:.1f}",
-            str(row["forecasts"]),
+            f"{row['forecasts']:.0f}",
             f"{row['alone']:.3f}",
             f"{row['change']:+.1f}",
             f"{row['late']:+.1f}",
