@@ -132,7 +132,8 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
     horizons = sorted(trained.select("obs_len", "pred_len").unique().rows())
     if pred_len is not None:
         trained = trained.filter(pl.col("pred_len") == pred_len)
-    if trained.select("obs_len", "pred_len").n_unique() != 1:
+    chosen = trained.select("obs_len", "pred_len").unique().rows()
+    if len(chosen) != 1:
         among = ", ".join(f"{seen} + {ahead}" for seen, ahead in horizons) or "none"
         raise InputError(
             f"horizons in the sweep: {among}; {option('pred_len')} chooses one"
@@ -150,7 +151,7 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
                 scores = {
                     name.removeprefix(row): Score(*arrays[name]) for name in names
                 }
-                errors = ErrorsByScene(scores, arrays[row], steps=sum(horizons[0]))
+                errors = ErrorsByScene(scores, arrays[row], steps=sum(chosen[0]))
                 runs.setdefault((model, dataset), {})[seed] = errors
     except InputError as error:
         raise InputError(

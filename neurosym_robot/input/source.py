@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 from neurosym_robot.input.frames import FrameCheck, is_own
 from neurosym_robot.input.kinds import Kind, Seen, see
 from neurosym_robot.input.transforms import NotYet, Transforms
@@ -328,7 +328,8 @@ class PeopleSource:
             or (current != publisher and not self.is_there(current))
         ):
             if current not in (None, publisher):
-                self._report(f"people come from {publisher} now, not from {current}")
+                text = f"people come from {publisher} now, not from {current}"
+                self._report(printable(text))
             self._publisher = current = publisher
         if publisher == current:
             self._heard = received
@@ -345,7 +346,9 @@ class PeopleSource:
     def _say(self, text: str, detail: str = "") -> None:
         if text not in self.reports and len(self.reports) < SAID:
             self.reports[text] = None
-            self._report(f"{text}: {detail}" if detail else text)
+            line = f"{text}: {detail}" if detail else text
+            # Names of publishers and frames may steer a terminal.
+            self._report(printable(line))
 
 
 def _is_part(before: Seen, seen: Seen) -> bool:

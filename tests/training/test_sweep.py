@@ -211,6 +211,25 @@ def test_two_models_are_compared_and_few_seeds_find_nothing(folder, seeds):
     assert "| **−" not in text
 
 
+def test_a_comparison_does_not_hang_on_its_neighbours(folder):
+    """Blocks of scenes are as long as the windows compared, whatever else the sweep has."""
+    changed(folder, lambda row: row.update(pred_len=12))
+    alone = compare_sweep(folder, "ones", out=folder / "a.md")
+    shorter = ("SGAN", 2)
+    changed(
+        folder,
+        lambda row: row.update(
+            pred_len=8 if (row["model"], row["training_seed"]) == shorter else 12
+        ),
+    )
+    beside = compare_sweep(folder, "ones", pred_len=12, out=folder / "b.md")
+    rows = [
+        next(line for line in text.splitlines() if line.startswith("| NeuroSyM, cnd"))
+        for text in (alone, beside)
+    ]
+    assert rows[0] == rows[1]
+
+
 def test_sweeps_that_cannot_be_compared_are_refused(folder, tmp_path_factory):
     empty = tmp_path_factory.mktemp("empty")
     for sweep_folder, options, message in (

@@ -446,6 +446,17 @@ def test_a_clock_set_back_forgets_the_former_run(back):
     assert not source.waiting
 
 
+def test_names_of_others_do_not_steer_the_terminal():
+    notices = []
+    source = PeopleSource(report=notices.append)
+    source.take(PEOPLE, people(1.0, "map"), "/good", received=1.0)
+    source.take(PEOPLE, people(1.1, "map"), "/evil\x1b[2J", received=1.1)
+    source.take(PEOPLE, people(9.0, "map"), "/evil\x1b[2J", received=9.0)
+    assert sum("evil" in notice for notice in notices) == 2
+    assert all("\\x1b[2J" in notice for notice in notices if "evil" in notice)
+    assert "\x1b" not in "".join(notices)
+
+
 def test_people_of_the_old_clock_who_wait_for_a_transform_never_come():
     """And nobody of the new one waits for them."""
     source = PeopleSource("map")
