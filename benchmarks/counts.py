@@ -106,6 +106,7 @@ def _recipe(name: str) -> Any:
 def _training_costs() -> dict[str, float]:
     import jax
 
+    from neurosym_jax.models.forecaster import forecaster_of
     from neurosym_jax.models.sgan.network import POOLINGS
     from neurosym_jax.models.sgan.training import init_state, train_steps
     from neurosym_jax.training.batches import SceneStream
@@ -124,7 +125,9 @@ def _training_costs() -> dict[str, float]:
         state = jax.eval_shape(lambda key: init_state(config, recipe, key), key)  # noqa: B023
         step = jax.tree.map(lambda leaf: leaf[None], groups)
         pooling = POOLINGS.name_of(config.pooling)
-        cost: Any = train_steps.lower(config, recipe, key, state, step).cost_analysis()
+        forecaster = forecaster_of(config)
+        program = train_steps.lower(forecaster, recipe, key, state, step)
+        cost: Any = program.cost_analysis()
         counts[f"MFLOP: a training step, {pooling}"] = round(cost["flops"] / 1e6, 3)
         counts[f"MB: a training step, {pooling}"] = round(
             cost["bytes accessed"] / 1e6, 3

@@ -100,16 +100,18 @@ def generator_steps(name: str, batches) -> Callable[[], None]:
     """One iteration of a generator's recipe, on batches that lie on the device."""
     import jax
 
+    from neurosym_jax.models.forecaster import forecaster_of
     from neurosym_jax.models.sgan.network import GeneratorConfig
     from neurosym_jax.models.sgan.training import RECIPES, init_state, train_step
 
     generator, recipe, key = GeneratorConfig(), RECIPES[name], jax.random.key(0)
+    forecaster = forecaster_of(generator)
     batches = jax.device_put(batches)
     state = jax.jit(lambda: init_state(generator, recipe, key))()
 
     def step(state):
         key_of_step = jax.random.fold_in(key, state.step)
-        return train_step(generator, recipe, state, batches, key_of_step)
+        return train_step(forecaster, recipe, state, batches, key_of_step)
 
     return _iterate(jax.jit(step, donate_argnums=0), state)
 

@@ -10,13 +10,13 @@ import resource
 import time
 
 import pytest
-from tests.forecasting.test_model_folder import sign
 
 import neurosym_jax as nj
 from neurosym_jax.interop.pickles import OPCODES, read_torch_file
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import Lengths
 from tests.interop.test_pickles import legacy_file, zip_file
+from tests.models.test_model_folder import sign
 
 given = pytest.importorskip("hypothesis").given
 from hypothesis import HealthCheck, settings  # noqa: E402

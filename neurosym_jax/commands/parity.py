@@ -10,11 +10,11 @@ import tyro
 
 from neurosym_jax.commands._options import refuse_given
 from neurosym_jax.configuration import Seed, refuse
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, option
 from neurosym_jax.interop.checkpoint import model_from_torch
 from neurosym_jax.interop.parity import TOLERANCE, run_parity, run_torch
 from neurosym_jax.interop.pickles import read_torch_file
-from neurosym_jax.runtime.files import new_folder
+from neurosym_jax.runtime.files import new_folder, refuse_unwritable, write_json
 from neurosym_jax.runtime.foreign import reading
 
 __all__ = ["run"]
@@ -28,6 +28,7 @@ def run(
     seed: int = 0,
     keep: Path | None = None,
     tolerance: float = TOLERANCE,
+    out: Path | None = None,
 ) -> int:
     """Compare our networks with a torch module that runs now, or with stored torch cases.
 
@@ -41,6 +42,7 @@ def run(
         seed: Random seed of the scenes and noise that the module is given.
         keep: Also store what the module made as a case in this new folder.
         tolerance: Largest absolute difference that passes.
+        out: Also write the rows and the verdict to this file, FILE.json.
 
     Returns:
         The exit status: 0 where every output is within the tolerance, else 1.
@@ -50,6 +52,10 @@ def run(
             together.
     """
     refuse(Seed, {"--seed": seed})
+    if out is not None:
+        if out.suffix != ".json":
+            raise InputError(f"{option('out', str(out))}: must end in .json")
+        refuse_unwritable(out)
     if directory is not None:
         module = {
             "torch_module": torch_module,
@@ -83,4 +89,6 @@ def run(
             "give either a folder of stored cases, or --torch-module and --checkpoint"
         )
     print(parity)
+    if out is not None:
+        write_json(out, parity.to_json())
     return 0 if parity.ok else 1

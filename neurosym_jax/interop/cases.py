@@ -70,10 +70,22 @@ class Case:
         is_global = self.config.noise_mix_type == "global"
         return np.repeat(noise, np.diff(self.bounds), axis=0) if is_global else noise
 
-    def stages(self, alpha: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    @property
+    def alpha(self) -> np.ndarray | None:
+        """The stored weights in our places: [S, N, N, T], or rows [S, N, T] of a release."""
+        if "alpha" not in self.arrays:
+            return None
+        alpha, valid = self.arrays["alpha"], self.valid
+        if isinstance(self.config.pooling, NeurosymIjcnn):
+            # Its agents read the first A rows, see `neurosym`.
+            return placed(alpha[: self.bounds[-1]], valid)
+        return placed(alpha, valid[:, :, None] & valid[:, None])
+
+    def stages(self) -> dict[str, np.ndarray]:
         """Our forecast [A, pred_len, 2] and the vectors [A, ...] before it, by torch's names."""
         noise = placed(self.noise, self.valid)
-        stages = _stages(self.config, self.params, self.scenes.bare(), noise, alpha)
+        scenes = self.scenes.bare()
+        stages = _stages(self.config, self.params, scenes, noise, self.alpha)
         return {name: np.asarray(values)[self.valid] for name, values in stages.items()}
 
 
@@ -90,7 +102,12 @@ def _stages(
         context = network.interact(hidden, scene, alpha)
         stages = {"encoder": hidden, "mlp_decoder_context": context}
         if config.pools:
-            stages["pool_net"] = network.pool(hidden, scene, alpha)
+            name = (
+                "pool_net_g"
+                if config.pooling.inputs & {"alpha", "alpha_rows"}
+                else "pool_net"
+            )
+            stages[name] = network.pool(hidden, scene, alpha)
         return {**stages, "pred_rel": network.decode(context, scene, noise)}
 
     apply = functools.partial(
@@ -190,7 +207,7 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     compared as well.
     """
     case = read_case(row, arrays)
-    alpha, valid = arrays["alpha"], case.valid
+    alpha = arrays["alpha"]
     compared: Compared = {}
     if row.get("alpha") != "random":
         # Stored as float32, but the released code observed its symbols in float64.
@@ -205,11 +222,10 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         # [sum of N*N, T]: a scene of one agent has one row, of zeros.
         pairs = [weights.reshape(-1, weights.shape[-1]) for weights in scenes]
         compared["alpha"] = np.concatenate(pairs), alpha
-    pairs = valid[:, :, None] & valid[:, None]
-    if isinstance(case.config.pooling, NeurosymIjcnn):
-        alpha, pairs = alpha[: case.bounds[-1]], valid
-        compared["alpha_rows_used"] = alpha, arrays["alpha_rows_used"]
-    moves = case.stages(placed(alpha, pairs))["pred_rel"]
+    if "alpha_rows_used" in arrays:
+        rows = alpha[: case.bounds[-1]]
+        compared["alpha_rows_used"] = rows, arrays["alpha_rows_used"]
+    moves = case.stages()["pred_rel"]
     return compared | {"pred_rel": (moves, arrays["pred_rel"])}
 
 

@@ -37,7 +37,7 @@ from neurosym_jax.models.forecast import Model, refuse_other_length
 from neurosym_jax.models.sgan.pooling import LSTM, LSTMNetwork
 from neurosym_jax.models.sgan.torch_names import torch_names
 from neurosym_jax.runtime.foreign import read_arrays, read_json, reading
-from neurosym_jax.scene import checked_positions
+from neurosym_jax.scene import checked_positions, model_dtype
 
 __all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_torch"]
 
@@ -79,6 +79,22 @@ class Parity:
     def ok(self) -> bool:
         """Whether something was compared, and all of it is within the tolerance."""
         return bool(self.rows) and all(row.ok for row in self.rows)
+
+    def to_json(self) -> dict[str, Any]:
+        """The verdict and all rows; differences that are not finite are null."""
+        rows = []
+        for row in self.rows:
+            fields = dataclasses.asdict(row)
+            for name in ("max_abs", "max_rel"):
+                if not math.isfinite(fields[name]):
+                    fields[name] = None
+            rows.append(fields)
+        return {
+            "ok": self.ok,
+            "tolerance": self.tolerance,
+            "assumed": list(self.assumed),
+            "rows": rows,
+        }
 
     def __str__(self) -> str:
         """An aligned table and the verdict."""
@@ -246,7 +262,7 @@ def compare(
     walks = [checked_positions(f"scenes[{i}]", walk) for i, walk in enumerate(walks)]
     for i, walk in enumerate(walks):
         refuse_other_length(model, walk, f"scenes[{i}]")
-    inputs = torch_side.inputs(walks, vars(config), seed)
+    inputs = torch_side.inputs(walks, vars(config), seed, torch_module)
     arrays, classes = torch_side.forecast(torch, torch_module, inputs)
     case, name = (
         make_case(config, model.params["params"], arrays),
@@ -301,10 +317,10 @@ def _layers(case: Case) -> dict[str, Any]:
 
 def _alone(arrays: Mapping[str, np.ndarray], name: str, layer: Any) -> np.ndarray:
     """Our layer's output for the inputs that torch's was given."""
-    inputs = arrays[f"in/{name}"].astype(np.float32)
+    inputs = arrays[f"in/{name}"].astype(model_dtype())
     if not isinstance(layer, LSTMNetwork):
         return np.asarray(layer(inputs))
-    zeros = np.zeros((1, inputs.shape[1], layer.features), np.float32)
+    zeros = np.zeros((1, inputs.shape[1], layer.features), inputs.dtype)
     state = tuple(arrays.get(f"{part}/{name}", zeros)[0] for part in ("h0", "c0"))
     hidden = []
     for step in inputs:

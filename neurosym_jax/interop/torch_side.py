@@ -16,8 +16,20 @@ from unittest import mock
 
 import numpy as np
 
-__all__ = ["forecast", "inputs", "main", "random_walks"]
+__all__ = [
+    "alpha_layouts",
+    "forecast",
+    "inputs",
+    "main",
+    "random_alpha",
+    "random_walks",
+]
 
+NEEDED = (
+    *("noise_type", "noise_mix_type", "noise_dim", "dropout"),
+    *("pooling_type", "pool_every_timestep", "neighborhood_size", "grid_size"),
+)
+"""Arguments that the description of a case has, whether the constructor takes them or not."""
 SIZES = (3, 2, 1, 5)
 """People in each scene: of a scene of more than two the first one stands still."""
 
@@ -42,8 +54,15 @@ def main(path, given, out, name, seed):
     network = network_class(**row)
     network.load_state_dict(state)
     walks = random_walks(arguments["obs_len"] + arguments["pred_len"], int(seed))
-    arrays, layers = forecast(torch, network, inputs(walks, arguments, int(seed)))
+    arrays, layers = forecast(
+        torch, network, inputs(walks, arguments, int(seed), network)
+    )
+    for name in NEEDED:
+        if name in arguments:
+            row.setdefault(name, arguments[name])
     row.update(model="sgan", file=title + ".npz")
+    if "alpha" in arrays:
+        row.update(model="neurosym", alpha="random")
     np.savez_compressed(os.path.join(out, row["file"]), **arrays)
     with open(os.path.join(out, "manifest.json"), "w") as manifest:
         json.dump([dict(row, layers=layers)], manifest, indent=1)
@@ -77,28 +96,47 @@ def random_walks(steps, seed):
     return walks
 
 
-def inputs(walks, arguments, seed):
-    """Arrays of a case's scenes `walks`, [N, steps, 2] each, and noise for them."""
+def inputs(walks, arguments, seed, network=None):
+    """Arrays of a case's scenes `walks`, [N, steps, 2] each, and noise for them.
+
+    They are float32, or float64 for a network of doubles.
+    """
+    kind = np.float32
+    if network is not None and "64" in str(next(network.parameters()).dtype):
+        kind = np.float64
     ends, positions = np.cumsum([len(walk) for walk in walks]), np.concatenate(walks)
     rows = len(walks) if arguments["noise_mix_type"] == "global" else len(positions)
     dim = int(np.sum(arguments.get("noise_dim") or 0))
     return {
-        "traj": positions.astype(np.float32),
-        "traj_rel": np.diff(positions, axis=1, prepend=positions[:, :1]).astype(
-            np.float32
-        ),
+        "traj": positions.astype(kind),
+        "traj_rel": np.diff(positions, axis=1, prepend=positions[:, :1]).astype(kind),
         "scene_start_end": np.stack([np.append(0, ends[:-1]), ends], 1),
-        "noise": np.random.RandomState(seed)
-        .normal(size=(rows, dim))
-        .astype(np.float32),
+        "noise": np.random.RandomState(seed).normal(size=(rows, dim)).astype(kind),
     }
+
+
+def random_alpha(bounds, steps):
+    """Weights [P, steps] of all ordered pairs of each scene, whose row is i * N + j."""
+    pairs = int(((bounds[:, 1] - bounds[:, 0]) ** 2).sum())
+    return np.random.RandomState(0).uniform(0.1, 1, (pairs, steps)).astype(np.float32)
+
+
+def alpha_layouts(torch, alpha, bounds):
+    """The forms in which the releases take `alpha [P, T]`, each as a tuple of arguments.
+
+    The robot package takes a list of [N * N, 1, T], one a scene; the first release all
+    rows as [P, T, 1].
+    """
+    pairs = ((bounds[:, 1] - bounds[:, 0]) ** 2).tolist()
+    by_scene = [rows[:, None] for rows in torch.split(alpha, pairs)]
+    return [(by_scene,), (alpha[..., None],)]
 
 
 def forecast(torch, network, scenes):
     """The arrays of a case, and by its name the class of each submodule, in the order of calls.
 
     `scenes` are arrays as `inputs` makes them. A copy of the network runs, after
-    `eval()`.
+    `eval()`. NeuroSyM's, whose `forward` takes weights of pairs, gets random ones.
     """
     network = copy.deepcopy(network).cpu().eval()
     arrays = {
@@ -124,20 +162,29 @@ def forecast(torch, network, scenes):
 
     for name, module in network.named_modules():
         module.register_forward_hook(functools.partial(keep, name))
-    positions, moves = (
-        torch.tensor(scenes[name][:, : network.obs_len], dtype=dtype)
-        .transpose(0, 1)
-        .contiguous()
-        for name in ("traj", "traj_rel")
-    )
-    bounds, noise = (
-        torch.tensor(scenes["scene_start_end"]),
-        torch.tensor(scenes["noise"]),
-    )
+    observed = []
+    for name in ("traj", "traj_rel"):
+        steps = torch.tensor(scenes[name][:, : network.obs_len], dtype=dtype)
+        observed.append(steps.transpose(0, 1).contiguous())
+    positions = observed[0]
+    bounds = torch.tensor(scenes["scene_start_end"])
+    noise = torch.tensor(scenes["noise"]).to(dtype)
+    layouts = [()]
+    if any("weight" in name for name in inspect.signature(network.forward).parameters):
+        arrays["alpha"] = random_alpha(scenes["scene_start_end"], network.obs_len)
+        alpha = torch.tensor(arrays["alpha"]).to(dtype)
+        layouts = alpha_layouts(torch, alpha, scenes["scene_start_end"])
     run = torch.no_grad()(network)
     # The released code moves its states to a CUDA device.
     with mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self):
-        moved = run(positions, moves, bounds, user_noise=noise.to(dtype))
+        for number, weights in enumerate(layouts):
+            try:
+                moved = run(*observed, *weights, bounds, user_noise=noise)
+                break
+            except (AttributeError, IndexError, RuntimeError, TypeError):
+                if number == len(layouts) - 1:
+                    raise
+                classes.clear()
     arrays["pred_rel"] = moved.transpose(0, 1).numpy()
     arrays["pred_abs"] = (positions[-1] + moved.cumsum(dim=0)).transpose(0, 1).numpy()
     return arrays, classes

@@ -22,7 +22,7 @@ from neurosym_jax.configuration import Checked, Rule, Seed, Size, differences, r
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.parameters import leaves_by_path, nested_parameters
 from neurosym_jax.models.tracking_errors import repair_scene, settle
-from neurosym_jax.plugins import Registry
+from neurosym_jax.plugins import Registry, additions
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.runtime.process import COMPILED_QUICKLY, refuse_forked
 from neurosym_jax.runtime.programs import kept_json, program
@@ -374,6 +374,10 @@ class Forecaster(abc.ABC):
 
         return SceneStream(windows, recipe.batch_scenes, recipe.seed).batch
 
+    def groups_of(self, batch: Any) -> tuple[Scene, ...]:
+        """The scenes of a batch, a `Scene` [B, N, ...] of each padded size."""
+        return batch
+
     def loss(
         self, params: Any, batch: Any, key: Array, recipe: Any
     ) -> tuple[Array, Any]:
@@ -448,16 +452,38 @@ def forecaster_of(config: Any) -> Forecaster:
     """The forecaster of a configuration.
 
     Raises:
-        InputError: for the configuration of no family.
+        InputError: for the configuration of no family, or of several that learn.
     """
     # Those imported come first: of the others none may be needed.
     for families in (FORECASTERS.imported(), FORECASTERS.items()):
         for _, family in families:
             if family.Config is type(config):
+                _refuse_shared(family)
                 return family(config)
     raise InputError(
         f"config: {type(config).__name__} is the Config of no registered forecaster"
     )
+
+
+def _refuse_shared(family: type[Forecaster]) -> None:
+    """Refuse a configuration by which two families that learn cannot be told apart.
+
+    Raises:
+        InputError: naming both.
+    """
+    if not additions():  # Families that ship have their own.
+        return
+    names = [
+        name
+        for name, other in FORECASTERS.items()
+        if other.Config is family.Config and other.init is not Forecaster.init
+    ]
+    if len(names) > 1:
+        kind = family.Config.__name__
+        raise InputError(
+            f"{kind} is the Config of {' and '.join(names)}: give the later one a "
+            f"Config of its own, such as a subclass of {kind}"
+        )
 
 
 def refuse_many(

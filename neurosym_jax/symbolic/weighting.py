@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -205,9 +206,13 @@ class Cnd(Weighting):
         table = jnp.asarray(
             parameters.get("table", self.state_weights()), positions.dtype
         )
-        return table.at[self.codes(parameters, positions, period=period)].get(
-            mode="clip"
-        )
+        codes = self.codes(parameters, positions, period=period)
+        # On an Explicit mesh the sharding of a gather's result, and of its gradient under
+        # `vmap`, is ambiguous; that of a product is not.
+        if jax.typeof(codes).sharding.mesh.are_all_axes_explicit:
+            rows = jax.nn.one_hot(codes.clip(0, len(table) - 1), len(table))
+            return rows.astype(table.dtype) @ table
+        return table.at[codes].get(mode="clip")
 
 
 def value_of(parameters: Parameters, weighting: Weighting, option: str) -> Any:

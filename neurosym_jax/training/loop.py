@@ -18,6 +18,7 @@ from neurosym_jax.errors import InputError, TrainingError, option
 from neurosym_jax.models.disk import load_model
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import forecaster_of
+from neurosym_jax.training.custom import SceneLoss, make_custom
 from neurosym_jax.training.preparation import prepare
 from neurosym_jax.training.recipe import Recipe
 from neurosym_jax.training.run import (
@@ -139,6 +140,9 @@ def train(
     read: ReadOptions = AS_IT_SAYS,
     dataset: str | None = None,
     data: Sequence[str] = (),
+    loss: SceneLoss | None = None,
+    optimizer: Any = None,
+    schedule: Mapping[str, Callable[[Any], Any]] | None = None,
     resume: bool = False,
     quiet: bool = False,
     on_row: Callable[[Row], object] = lambda row: None,
@@ -162,6 +166,12 @@ def train(
         dataset: the data set that was left out, to be tested on; recorded with the
             model.
         data: names of the data sets learned from, for the card and licences.
+        loss: `(forecast [k, N, pred_len, 2], scene) -> []`, in place of the family's;
+            its mean over scenes is trained.
+        optimizer: of optax, in place of Adam and the recipe's learning rate; the
+            recipe's clipping goes before it.
+        schedule: parameters that follow a function of the step in place of learning,
+            by dotted path: `{"weighting.log_temperature": lambda step: ...}`.
         resume: continue the run in `folder`, to more steps if the recipe has more.
         quiet: tell no progress.
         on_row: called with each row of `metrics.jsonl`.
@@ -177,7 +187,8 @@ def train(
     parts = prepare(
         config, recipe, training, validation, tested, read=read, fold=fold, seen=seen
     )
-    run = Run(config, recipe, *parts, dataset, tuple(data), init=init)
+    custom = make_custom(loss, optimizer, schedule)
+    run = Run(config, recipe, *parts, dataset, tuple(data), init=init, custom=custom)
     return train_run(run, Path(folder), resume=resume, quiet=quiet, on_row=on_row)
 
 
@@ -305,6 +316,8 @@ def _slower(good: _Session, run: Run, folder: Path, done: int, bad: str) -> _Ses
     """
     step = int(good.state.step)
     text = f"{folder}: after step {done} numbers are not finite: {bad}"
+    if run.custom.optimizer is not None:
+        raise TrainingError(f"{text}; give your optimizer a smaller learning rate")
     if good.is_slower:
         step = best_row(good.rows).get("step")
         model = (

@@ -1,7 +1,8 @@
 """What every recipe of training has; families add their own fields."""
 
 import dataclasses
-from typing import Literal
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
 
 from neurosym_jax.configuration import (
     AtLeastOne,
@@ -36,6 +37,8 @@ class Recipe(Checked):
     """Steps in which the learning rate of the cosine schedule rises; at most half of all."""
     clip_norm: NotNegative = 2.0
     """Largest norm of the gradient, of a generator's; 0 for no clipping."""
+    clip_epsilon: NotNegative = 0.0
+    """Added to the norm that a larger gradient is divided by: 1e-6 in torch."""
     ema: BelowOne = 0.0
     """Decay of the averaged parameters, which are validated and kept; 0 averages none."""
     validate_every: Count = 500
@@ -63,3 +66,11 @@ class Recipe(Checked):
     """Probability that a training scene gets no such noise. Recordings differ in their noise."""
     single_agent_share: Share = 0.0
     """Probability that a training scene is reduced to one random person."""
+
+    def optimizer(self) -> Any:
+        """The optax optimiser that follows the clipping; None is Adam by `learning_rate`."""
+        return None
+
+    def scheduled(self) -> Mapping[str, Callable[[Any], Any]]:
+        """Parameters that do not learn: a function of the step, by dotted path."""
+        return {}

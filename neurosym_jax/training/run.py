@@ -29,8 +29,9 @@ from neurosym_jax.models.forecaster import FORECASTERS, Forecaster, forecaster_o
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import append_text, write_json, write_text
 from neurosym_jax.runtime.process import COMPILED_QUICKLY, code_version, run_environment
+from neurosym_jax.training.custom import Custom
 from neurosym_jax.training.recipe import Recipe
-from neurosym_jax.training.state import TrainState, warmup_of
+from neurosym_jax.training.state import TrainState, warmup_of, with_schedule
 
 __all__ = [
     "ROUND",
@@ -125,7 +126,9 @@ def known_configs() -> dict[str, Any]:
     """The configurations of all models that learn, by name."""
     configs: dict[str, Any] = {}
     for family in _learners():
-        configs |= family.configs or {FORECASTERS.name_of(family): family.Config()}
+        # A subclass inherits the names of another's models; its own is its key.
+        own = family.configs if "configs" in vars(family) else {}
+        configs |= own or {FORECASTERS.name_of(family): family.Config()}
     return configs
 
 
@@ -203,6 +206,8 @@ class Run:
     """The file of options that repeats it, in YAML; empty where no command made it."""
     init: Model | None = None
     """The model whose parameters it starts from; None for new ones."""
+    custom: Custom = Custom()  # noqa: RUF009 (frozen)
+    """A loss, an optimiser and schedules in place of the recipe's."""
 
     def __post_init__(self):
         """Refuse a recipe of another kind of network, and what does not fit the initial model."""
@@ -234,12 +239,15 @@ class Run:
 
     def init_state(self) -> TrainState:
         """The state before training."""
-        init = functools.partial(self.forecaster.init_state, self.recipe)
+        recipe = self.custom.recipe(self.recipe)
+        init = functools.partial(self.forecaster.init_state, recipe)
         state = jax.jit(init, compiler_options=COMPILED_QUICKLY)(self._key(0))
-        if self.init is None:
+        params = state.params if self.init is None else self.init.params
+        if self.init is None and not recipe.scheduled():
             return state
-        params, average = (jax.tree.map(jnp.array, self.init.params) for _ in range(2))
-        return state._replace(params=params, average=average if self.recipe.ema else ())
+        params = with_schedule(recipe, params, 0)
+        average = jax.tree.map(jnp.array, params) if recipe.ema else ()
+        return state._replace(params=jax.tree.map(jnp.array, params), average=average)
 
     def slower(self) -> "Run":
         """The run with smaller steps, after one whose numbers were not finite."""
@@ -256,7 +264,16 @@ class Run:
         self,
     ) -> Callable[[TrainState, int, int], tuple[TrainState, Mapping[str, Any]]]:
         """See `Forecaster.rounds`."""
-        return self.forecaster.rounds(self.training, self.recipe, self._key(1))
+        forecaster = self.custom.forecaster(self.forecaster)
+        recipe = self.custom.recipe(self.recipe)
+        advance = forecaster.rounds(self.training, recipe, self._key(1))
+
+        def checked(state: TrainState, done: int, count: int) -> Any:
+            result = advance(state, done, count)
+            self.custom.refuse_unheard(forecaster)
+            return result
+
+        return checked
 
     def _key(self, part: int) -> Array:
         return jax.random.fold_in(jax.random.key(self.recipe.seed), part)
@@ -276,6 +293,7 @@ def record_of(run: Run) -> dict[str, Any]:
             "training": _digest(run.training),
             "validation": _digest(run.validation),
         },
+        "custom": run.custom.facts(),
         "environment": run_environment(),
     }
 
@@ -313,7 +331,9 @@ def refuse_other_run(
 def _fixed(record: dict[str, Any]) -> dict[str, Any]:
     """What of a record no resumption may change."""
     recipe = {name: x for name, x in record["training"].items() if name not in EXTENDED}
-    return {name: record[name] for name in RESULTS} | {"training": recipe}
+    fixed = {name: record[name] for name in RESULTS} | {"training": recipe}
+    # Records of earlier versions have no "custom".
+    return fixed | {"custom": record.get("custom", {})}
 
 
 def differences_between(before: Any, now: Any, name: str = "") -> Iterator[str]:
@@ -370,6 +390,7 @@ def model_card(
         settings["people whom their neighbours change"] = (
             f"{100 * share:.1f} %, in validation"
         )
+    settings |= facts.get("custom", {})
     for section, prefix in (
         ("training", ""),
         ("config", "config: "),

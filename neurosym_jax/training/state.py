@@ -27,12 +27,14 @@ from neurosym_jax.runtime.files import (
     remove_half_written,
 )
 from neurosym_jax.runtime.programs import program
+from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.soft import safe_root
 from neurosym_jax.training.batches import Groups, augment
 from neurosym_jax.training.recipe import Recipe
 
 __all__ = [
     "TrainState",
+    "batch_samples",
     "clipping",
     "gradient_rounds",
     "gradient_step",
@@ -45,6 +47,7 @@ __all__ = [
     "update",
     "variety_loss",
     "warmup_of",
+    "with_schedule",
 ]
 
 
@@ -79,13 +82,16 @@ def update(
     state: TrainState,
     gradient: Any,
     scale: Callable[[Any], Any] = lambda moves: moves,
+    value: Array | None = None,
 ) -> TrainState:
-    """The state after clipping the gradient and one Adam step of the forecaster.
+    """The state after clipping the gradient and one step of the forecaster's optimiser.
 
-    Modules that the recipe freezes have no gradient. `scale` may change the step. The
-    average has `ema` for its decay; early, it is over the last tenth of the steps.
+    Modules that the recipe freezes have no gradient, and neither have scheduled
+    parameters, which get their values of the next step. `scale` may change the step.
+    `value` [] is the loss, which some optimisers use. The average has `ema` for its
+    decay; early, it is over the last tenth of the steps.
     """
-    if recipe.freeze:
+    if recipe.freeze or recipe.scheduled():
         gradient = jax.tree_util.tree_map_with_path(
             lambda path, leaf: (
                 jnp.zeros_like(leaf) if is_frozen(recipe, path) else leaf
@@ -93,9 +99,10 @@ def update(
             gradient,
         )
     moves, optimizer = optimizer_step(
-        _optimizer(recipe), gradient, state.optimizer, state.params
+        _optimizer(recipe), gradient, state.optimizer, state.params, value
     )
     params: Any = optax.apply_updates(state.params, scale(moves))
+    params = with_schedule(recipe, params, state.step + 1)
     average = state.average
     if recipe.ema:
         done = jnp.asarray(state.step, float)
@@ -103,7 +110,7 @@ def update(
 
         def averaged(path: tuple[Any, ...], mean: Array, value: Array) -> Array:
             if is_frozen(recipe, path):  # The mean of equal numbers is rounded.
-                return mean
+                return value
             share = decay.astype(mean.dtype)
             return share * mean + (1 - share) * value
 
@@ -114,25 +121,78 @@ def update(
 
 
 def optimizer_step(
-    optimizer: optax.GradientTransformation, gradient: Any, state: Any, params: Any
+    optimizer: optax.GradientTransformation,
+    gradient: Any,
+    state: Any,
+    params: Any,
+    value: Array | None = None,
 ) -> tuple[Any, Any]:
     """`optimizer.update`, which itself counts on promotions that JAX's strict mode refuses."""
     with jax.numpy_dtype_promotion("standard"):
-        return optimizer.update(gradient, state, params)
+        extra = optax.with_extra_args_support(optimizer)
+        return extra.update(gradient, state, params, value=value)
 
 
 def is_frozen(recipe: Recipe, path: tuple[Any, ...]) -> bool:
-    """Whether a leaf of the parameters is in a module that the recipe freezes."""
-    return any(getattr(entry, "key", None) in recipe.freeze for entry in path)
+    """Whether a leaf of the parameters does not learn: it is frozen, or scheduled."""
+    keys = [getattr(entry, "key", None) for entry in path]
+    if any(key in recipe.freeze for key in keys):
+        return True
+    return ".".join(map(str, keys)) in recipe.scheduled()
+
+
+def with_schedule(recipe: Recipe, params: Any, step: Array | int) -> Any:
+    """The parameters with the values that scheduled ones have at `step`.
+
+    Raises:
+        InputError: for a path without a parameter, and a value of another shape.
+    """
+    schedule = recipe.scheduled()
+    if not schedule:
+        return params
+    missing = set(schedule)
+
+    def scheduled(path: tuple[Any, ...], leaf: Array) -> Array:
+        name = jax.tree_util.keystr(path, simple=True, separator=".")
+        if name not in schedule:
+            return leaf
+        missing.discard(name)
+        value = jnp.asarray(schedule[name](step), leaf.dtype)
+        if value.shape not in ((), leaf.shape):
+            raise InputError(
+                f"schedule of {name}: returns {list(value.shape)}, "
+                f"and the parameter is {list(leaf.shape)}"
+            )
+        return jnp.broadcast_to(value, leaf.shape)
+
+    params = jax.tree_util.tree_map_with_path(scheduled, params)
+    if missing:
+        leaves = jax.tree_util.tree_leaves_with_path(params)
+        names = [
+            jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in leaves
+        ]
+        # Those of a weighting first: they are what is annealed.
+        names.sort(key=lambda name: not name.startswith("weighting"))
+        raise InputError(
+            f"schedule: there is no parameter {min(missing)!r}; some of those that "
+            f"there are: {', '.join(names[:8])}"
+        )
+    return params
 
 
 def clipping(recipe: Recipe) -> optax.GradientTransformation:
     """The first part of an update: gradients of at most the recipe's norm."""
-    return (
-        optax.clip_by_global_norm(recipe.clip_norm)
-        if recipe.clip_norm
-        else optax.identity()
-    )
+    if not recipe.clip_norm:
+        return optax.identity()
+    if not recipe.clip_epsilon:
+        return optax.clip_by_global_norm(recipe.clip_norm)
+
+    def clip(gradient: Any, params: Any = None) -> Any:
+        norm = optax.tree.norm(gradient) + recipe.clip_epsilon
+        share = jnp.minimum(recipe.clip_norm / norm, 1)
+        return jax.tree.map(lambda leaf: leaf * share.astype(leaf.dtype), gradient)
+
+    return optax.stateless(clip)
 
 
 def warmup_of(recipe: Any) -> int:
@@ -145,6 +205,9 @@ def warmup_of(recipe: Any) -> int:
 
 
 def _optimizer(recipe: Recipe) -> optax.GradientTransformation:
+    own = recipe.optimizer()
+    if own is not None:
+        return optax.chain(clipping(recipe), own)
     rate: optax.ScalarOrSchedule = recipe.learning_rate
     if recipe.schedule == "cosine":
         rate = optax.warmup_cosine_decay_schedule(
@@ -191,7 +254,8 @@ def gradient_step(
         return forecaster.loss(params, batch, step_key, recipe)
 
     (value, metrics), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
-    return update(recipe, state, gradient), {"loss": value, **metrics}
+    state = update(recipe, state, gradient, value=value)
+    return state, {"loss": value, **metrics}
 
 
 def variety_loss(
@@ -201,9 +265,24 @@ def variety_loss(
 
     The batch is augmented; every scene gets its own noise. Consumes `key`.
     """
+    total, people = jnp.zeros(()), jnp.zeros(())
+    for scenes, futures in batch_samples(forecaster, params, groups, key, recipe):
+        distance = safe_root(jnp.square(futures - scenes.known_future[None]).sum(-1))
+        error = distance.mean(-1) + recipe.fde_weight * distance[..., -1]  # [k, B, N]
+        total += jnp.where(scenes.valid[None], error, 0).sum(-1).min(0).sum()
+        people += scenes.valid.sum(dtype=people.dtype)
+    return total / people, {}
+
+
+def batch_samples(
+    forecaster: Any, params: Any, groups: Groups, key: Array, recipe: Any
+) -> Iterator[tuple[Scene, Array]]:
+    """The augmented scenes [B, N, ...] of each group and samples [k, B, N, pred_len, 2].
+
+    Consumes `key`.
+    """
     move_key, noise_key = jax.random.split(key)
     samples, spec = forecaster.best_of(recipe), forecaster.noise
-    total, people = jnp.zeros(()), jnp.zeros(())
     for number, scenes in enumerate(augment(groups, move_key, recipe)):
         scenes = jax.tree.map(jnp.asarray, scenes)
         slots = scenes.valid.shape if spec.per_agent else scenes.valid.shape[:1]
@@ -211,12 +290,7 @@ def variety_loss(
             jax.random.fold_in(noise_key, number), (samples, *slots, spec.dim)
         )
         forecast = jax.vmap(forecaster.forecast, in_axes=(None, 0, 1), out_axes=1)
-        futures = forecast(params, scenes.replace(future=None), noise)
-        distance = safe_root(jnp.square(futures - scenes.known_future[None]).sum(-1))
-        error = distance.mean(-1) + recipe.fde_weight * distance[..., -1]  # [k, B, N]
-        total += jnp.where(scenes.valid[None], error, 0).sum(-1).min(0).sum()
-        people += scenes.valid.sum(dtype=people.dtype)
-    return total / people, {}
+        yield scenes, forecast(params, scenes.replace(future=None), noise)
 
 
 # The states of a training run on disk: whole or not at all, verified, the two newest.

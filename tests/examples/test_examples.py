@@ -21,6 +21,7 @@ TESTED = {
         "train_model",
         "weighting_gradient",
     ),
+    "own_training",
     "encounter_pooling",  # by tests/models/test_network_plugin.py
     "peer_forecasts",  # by tests/examples/test_peer_forecasts.py
     "run_exported",  # by tests/interop/test_export.py
@@ -43,6 +44,13 @@ def test_the_gradient_finds_the_pair_that_matters(capsys):
     assert abs(foretold[most]) > 1e-5
     np.testing.assert_allclose(foretold[most], largest[most], rtol=0.2)
     assert capsys.readouterr().out.count("by the gradient") == 12
+
+
+@pytest.mark.slow
+def test_a_training_of_ones_own(tmp_path):
+    model = example("own_training").main(tmp_path, steps=2)
+    kept = float(model.params["weighting"]["log_temperature"])
+    assert kept == pytest.approx(np.log(0.2) + 2 / 300 * np.log(0.1), rel=1e-5)
 
 
 @pytest.mark.slow

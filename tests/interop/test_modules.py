@@ -2,9 +2,11 @@
 
 import ast
 import itertools
+import json
 from collections import defaultdict
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -167,6 +169,52 @@ def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsy
     models.write_text(SGAN.read_text().replace(*RELU))
     assert run(torch_module=module, checkpoint=tmp_path / "again.pt") == 1
     assert "activation LeakyReLU, ours is ReLU" in capsys.readouterr().out
+
+
+NEUROSYM = Path(__file__).with_name("neurosym_torch.py")
+
+
+@pytest.mark.parametrize("release", ["InformedGenerator", "FirstRelease"])
+def test_the_command_compares_both_releases_of_neurosym(
+    torch, tmp_path, capsys, release
+):
+    text, code = SGAN.read_text() + NEUROSYM.read_text(), {}
+    models, path = tmp_path / "models_informed.py", tmp_path / "mine.pt"
+    models.write_text(text)
+    exec(text, code)
+    torch.manual_seed(0)
+    names = code["InformedGenerator"].__init__.__code__.co_varnames[1:11]
+    network = code[release](**{name: ARGUMENTS[name] for name in names})
+    torch.save({"g_state": network.state_dict(), "args": ARGUMENTS}, path)
+    module, out = f"{models}:{release}", tmp_path / "parity.json"
+    kept = tmp_path / "kept"
+    assert run(torch_module=module, checkpoint=path, keep=kept, out=out) == 0
+    report = json.loads(out.read_text())
+    assert report["ok"]
+    rows = {row["output"]: row for row in report["rows"]}
+    assert {"pool_net_g", "pool_net_g.spatial_embedding (alone)"} < rows.keys()
+    assert rows["pred_rel"]["max_abs"] < 1e-5
+    assert run(kept) == 0
+    # The networks are told apart by what alpha weights.
+    models.write_text(
+        text.replace("repeat(1, 1, self.emb", "pow(2).repeat(1, 1, self.emb")
+    )
+    assert run(torch_module=module, checkpoint=path, out=out) == 1
+    rows = {row["output"]: row for row in json.loads(out.read_text())["rows"]}
+    assert rows["encoder"]["ok"]
+    assert not rows["pool_net_g"]["ok"]
+    assert "MISS" in capsys.readouterr().out
+
+
+def test_in_float64_a_network_of_doubles_is_compared_to_1e_12(torch):
+    with jax.enable_x64(True):
+        network = network_of(torch, ARGUMENTS).double()
+        state = {name: value.numpy() for name, value in network.state_dict().items()}
+        model = model_from_torch({"args": ARGUMENTS, "g_state": state})
+        kernel = model.params["params"]["decoder"]["hidden2pos"]["kernel"]
+        assert kernel.dtype == np.float64
+        parity = compare(network, model, tolerance=1e-12)
+        assert parity.ok, str(parity)
 
 
 @pytest.mark.parametrize(

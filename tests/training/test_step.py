@@ -263,7 +263,9 @@ def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(
     # Scores end in a ReLU, which may be shut at first; a shut one teaches nothing.
     state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
     with jax.debug_key_reuse(True):
-        step = jax.jit(lambda key: train_step(run.config, config, state, batches, key))
+        step = jax.jit(
+            lambda key: train_step(run.forecaster, config, state, batches, key)
+        )
         (first, metrics), (again, _), (other, _) = (
             step(jax.random.key(s)) for s in (1, 1, 2)
         )
@@ -287,7 +289,7 @@ def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
     config, state, _ = start(run, groups, **changes)
     state.extra.params["params"]["classifier"]["layer_1"]["bias"] += 0.5
     step = jax.jit(
-        lambda batches: train_step(run.config, config, state, batches, key)[0]
+        lambda batches: train_step(run.forecaster, config, state, batches, key)[0]
     )
     key = jax.random.key(1)
 

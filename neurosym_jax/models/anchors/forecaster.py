@@ -146,6 +146,10 @@ class AnchorTableForecaster(Forecaster):
         """Scenes of one size class, and the crowds that they are merged into."""
         return AnchorStream(windows, recipe).batch
 
+    def groups_of(self, batch: Any) -> tuple[Scene, ...]:
+        """The scenes, without the index of their crowds."""
+        return batch[:1]
+
     def loss(
         self, params: Any, batch: Any, key: Array, recipe: Any
     ) -> tuple[Array, Any]:

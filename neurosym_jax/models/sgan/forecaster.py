@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 from jax import Array
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.models.forecaster import NoiseSpec, TwoStageForecaster
 from neurosym_jax.models.sgan.network import (
     POOLINGS,
@@ -15,8 +16,14 @@ from neurosym_jax.models.sgan.network import (
     init_generator,
 )
 from neurosym_jax.models.sgan.pooling import LSTM, NO_FORECAST
-from neurosym_jax.models.sgan.training import RECIPES, generator_rounds, init_state
+from neurosym_jax.models.sgan.training import (
+    RECIPES,
+    batch_loss,
+    generator_rounds,
+    init_state,
+)
 from neurosym_jax.scene import Scene
+from neurosym_jax.training.batches import SceneStream
 
 __all__ = ["GeneratorForecaster"]
 
@@ -36,7 +43,9 @@ class GeneratorForecaster(TwoStageForecaster):
 
     @property
     def model(self) -> str:
-        """`neurosym` if its pooling weights pairs, else `sgan`."""
+        """`neurosym` if its pooling weights pairs, else `sgan`; a subclass's key."""
+        if self.Config is not GeneratorConfig:
+            return self.key
         weighted = self.config.pooling.inputs & {"alpha", "alpha_rows"}
         return "neurosym" if weighted else "sgan"
 
@@ -116,8 +125,31 @@ class GeneratorForecaster(TwoStageForecaster):
         """See `step.init_state`: a recipe may have a discriminator."""
         return init_state(self.config, recipe, key)
 
+    def batches(self, windows: Any, recipe: Any) -> Callable[[int], Any]:
+        """See `Forecaster.batches`; crowds are cropped as the recipe says."""
+        batch_scenes, seed = recipe.batch_scenes, recipe.seed
+        return SceneStream(windows, batch_scenes, seed, recipe.max_agents).batch
+
+    def loss(
+        self, params: Any, batch: Any, key: Array, recipe: Any
+    ) -> tuple[Array, Any]:
+        """The variety loss of the recipe's criterion."""
+        return batch_loss(self.config, recipe, params, batch, key)
+
     def rounds(
         self, windows: Any, recipe: Any, key: Array
     ) -> Callable[..., tuple[Any, Any]]:
-        """A round is one compiled call, see `step.train_steps`."""
-        return generator_rounds(self.config, windows, recipe, key)
+        """A round is one compiled call, see `training.train_steps`.
+
+        Raises:
+            InputError: for a loss or batches of a subclass that would not be used.
+        """
+        family = type(self)
+        if recipe.adversarial_weight and family.loss is not GeneratorForecaster.loss:
+            raise InputError(
+                f"adversarial_weight {recipe.adversarial_weight:g} trains by SGAN's "
+                f"losses and would not call {family.__name__}.loss: set it to 0"
+            )
+        if family.batches is not GeneratorForecaster.batches:
+            return super().rounds(windows, recipe, key)
+        return generator_rounds(self, windows, recipe, key)

@@ -263,8 +263,12 @@ class Encoder(nn.Module):
                 gates + state[0] @ self.recurrent.recurrent_kernel, state
             ), None
 
-        zeros = jnp.zeros((displacement.shape[0], self.h_dim), displacement.dtype)
-        return jax.lax.scan(step, self.cell.start(zeros), driven)[0][0]
+        # Zeros made from the gates have their type and, under `jax.shard_map`, vary over
+        # the same devices, as a scan's carry must.
+        zero = jnp.zeros_like(driven[0, :, :1])
+        hidden = jnp.broadcast_to(zero, (zero.shape[0], self.h_dim))
+        state, _ = jax.lax.scan(step, self.cell.start(hidden), driven)
+        return state[0]
 
 
 # What a pooling is, and those of SGAN: none, Social LSTM's and its own.
@@ -445,8 +449,33 @@ def max_over_neighbours(
     """
     layer = jax.vmap(first_layer, in_axes=(None, None, 0, 0))
     inputs = (shared, agents, neighbours, pairs, second.kernel, second.bias, valid)
-    highest: Any = _maximum(layer, *inputs)
+    highest: Any = _maximum(layer, *_varying_alike(inputs))
     return jnp.where(valid.any(), highest, 0)
+
+
+def _varying_alike(arrays: Any) -> Any:
+    """The tree `arrays`, each of which varies over the devices that any of them varies over.
+
+    Under `jax.shard_map` the gradient of a parameter, which is on all devices, is a
+    sum over them. A gradient written by hand has that sum only if the parameter is
+    marked as varying before.
+    """
+    every_axis = frozenset[str]()
+    for leaf in jax.tree.leaves(arrays):
+        every_axis |= _varying_axes(leaf)
+
+    def varying(leaf: Array) -> Array:
+        missing = every_axis - _varying_axes(leaf)
+        return jax.lax.pcast(leaf, tuple(missing), to="varying") if missing else leaf
+
+    return jax.tree.map(varying, arrays)
+
+
+def _varying_axes(leaf: Array) -> frozenset[str]:
+    kind: Any = jax.typeof(leaf)
+    if hasattr(kind, "vma"):  # Its name in JAX before 0.10.2.
+        return kind.vma
+    return kind.manual_axis_type.varying
 
 
 @functools.partial(jax.custom_vjp, nondiff_argnums=(0,))

@@ -35,6 +35,7 @@ from neurosym_jax.models.sgan.pooling import (
     PoolNet,
     Social,
 )
+from neurosym_jax.scene import model_dtype
 
 __all__ = ["params_from_torch", "params_to_torch", "torch_names", "without_dropout"]
 
@@ -115,7 +116,9 @@ def without_dropout(
 
 
 def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any]:
-    """Our nested float32 parameters from torch's flat state dict of arrays.
+    """Our nested parameters from torch's flat state dict of arrays.
+
+    They are float32, or with x64 enabled float64 where torch's are.
 
     Raises:
         InputError: naming the tensors that `config` needs and `state` lacks, those that
@@ -159,7 +162,7 @@ def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.n
 def _checked(
     arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]], config: Config
 ) -> dict[str, np.ndarray]:
-    """The arrays as float32, once their names and shapes are exactly `shapes`."""
+    """The arrays as floats, once their names and shapes are exactly `shapes`."""
     for name, array in arrays.items():
         if array.dtype.kind != "f":
             raise InputError(f"{brief(name)} is not floating point")
@@ -167,6 +170,9 @@ def _checked(
     refuse_misfit(
         arrays, shapes, f"the {part}'s parameters do not fit its configuration"
     )
+    widest = model_dtype()
+    dtypes = {name: array.dtype for name, array in arrays.items()}
     return {
-        name: array.astype(np.float32, copy=False) for name, array in arrays.items()
+        name: array.astype(widest if dtypes[name] == widest else np.float32, copy=False)
+        for name, array in arrays.items()
     }

@@ -37,12 +37,15 @@ __all__ = [
     "GeneratorRecipe",
     "Scalars",
     "adversarial_loss",
+    "batch_loss",
     "decode_groups",
     "discriminator_gradient",
     "distance_errors",
+    "draw_batch",
     "draw_group_noise",
     "encode_groups",
     "generator_gradient",
+    "generator_loss",
     "generator_rounds",
     "init_adversary",
     "init_gentle_pooling",
@@ -101,6 +104,7 @@ RECIPES = {
         # The released code smooths zeros by multiplying them by the random number: they
         # stay 0.
         label_fake=(0.0, 0.0),
+        clip_epsilon=1e-6,
         learning_rate=1e-4,
         schedule="constant",
         warmup_steps=0,
@@ -176,39 +180,62 @@ def generator_gradient(
     Without adversarial term `discriminator` is (); with one, `label` is what the
     forecasts should get.
     """
-    decode = functools.partial(decode_groups, generator_config)
 
     def loss(params: Any) -> tuple[Array, Scalars]:
         params = with_leak(params) if recipe.gentle_pooling else params
-        contexts = encode_groups(generator_config, params, groups)
-        trials = decode(*jax.lax.stop_gradient((params, contexts)), groups, noises)
-        take = jax.vmap(
-            lambda scene_noise, index: scene_noise[index], in_axes=(1, 0), out_axes=1
+        return generator_loss(
+            generator_config,
+            recipe,
+            params,
+            discriminator,
+            groups,
+            noises,
+            label=label,
         )
-        chosen = [
-            take(noise, criterion_errors(recipe, scene, future).argmin(axis=-1))
-            for noise, scene, future in zip(noises, groups, trials)
-        ]
-        best = len(chosen[0])
-        if recipe.adversarial_weight:
-            # The discriminator scores the last sample, as SGAN's generator step does.
-            chosen = [
-                jnp.concatenate([best_noise, noise[-1:]])
-                for best_noise, noise in zip(chosen, noises)
-            ]
-        futures = decode(params, contexts, groups, chosen)
-        variety = variety_loss(recipe, groups, [future[:best] for future in futures])
-        terms, total = {"g_variety": variety}, recipe.variety_weight * variety
-        if recipe.adversarial_weight:
-            last = [future[-1] for future in futures]
-            scores = merge(_scores(recipe, discriminator, groups, last))
-            valid = merge([scene.valid for scene in groups])
-            terms["g_adversarial"] = adversarial_loss(scores, label, valid)
-            total += recipe.adversarial_weight * terms["g_adversarial"]
-        return total, terms | {"g_loss": total}
 
-    gradient, metrics = jax.grad(loss, has_aux=True)(generator)
-    return gradient, metrics | {"g_gradient_norm": optax.tree.norm(gradient)}
+    (value, terms), gradient = jax.value_and_grad(loss, has_aux=True)(generator)
+    norm = optax.tree.norm(gradient)
+    return gradient, terms | {"g_loss": value, "g_gradient_norm": norm}
+
+
+def generator_loss(
+    generator_config: GeneratorConfig,
+    recipe: GeneratorRecipe,
+    generator: Any,
+    discriminator: Any,
+    groups: Groups,
+    noises: Sequence[Array],
+    *,
+    label: Array | float,
+) -> tuple[Array, Scalars]:
+    """[] loss of a batch, and its terms []; arguments are those of `generator_gradient`."""
+    decode = functools.partial(decode_groups, generator_config)
+    contexts = encode_groups(generator_config, generator, groups)
+    trials = decode(*jax.lax.stop_gradient((generator, contexts)), groups, noises)
+    take = jax.vmap(
+        lambda scene_noise, index: scene_noise[index], in_axes=(1, 0), out_axes=1
+    )
+    chosen = [
+        take(noise, criterion_errors(recipe, scene, future).argmin(axis=-1))
+        for noise, scene, future in zip(noises, groups, trials)
+    ]
+    best = len(chosen[0])
+    if recipe.adversarial_weight:
+        # The discriminator scores the last sample, as SGAN's generator step does.
+        chosen = [
+            jnp.concatenate([best_noise, noise[-1:]])
+            for best_noise, noise in zip(chosen, noises)
+        ]
+    futures = decode(generator, contexts, groups, chosen)
+    variety = variety_loss(recipe, groups, [future[:best] for future in futures])
+    terms, total = {"g_variety": variety}, recipe.variety_weight * variety
+    if recipe.adversarial_weight:
+        last = [future[-1] for future in futures]
+        scores = merge(_scores(recipe, discriminator, groups, last))
+        valid = merge([scene.valid for scene in groups])
+        terms["g_adversarial"] = adversarial_loss(scores, label, valid)
+        total += recipe.adversarial_weight * terms["g_adversarial"]
+    return total, terms
 
 
 def with_leak(generator: Any) -> Any:
@@ -449,7 +476,7 @@ def init_adversary(recipe: GeneratorRecipe, params: Any) -> Adversary:
 
 
 def generator_rounds(
-    config: GeneratorConfig, windows: Windows, recipe: GeneratorRecipe, key: Array
+    forecaster: Any, windows: Windows, recipe: GeneratorRecipe, key: Array
 ) -> Callable[..., tuple[TrainState, Scalars]]:
     """See `Forecaster.rounds`."""
     stream = SceneStream(windows, recipe.batch_scenes, recipe.seed, recipe.max_agents)
@@ -462,14 +489,14 @@ def generator_rounds(
             lambda leaf: leaf.reshape(count, batches, *leaf.shape[1:]),
             stream.steps(done * batches, count * batches),
         )
-        return train_steps(config, recipe, key, state, groups)
+        return train_steps(forecaster, recipe, key, state, groups)
 
     return advance
 
 
 @program((0, 1), donate_argnums=3)
 def train_steps(
-    generator_config: GeneratorConfig,
+    forecaster: Any,
     recipe: GeneratorRecipe,
     key: Array,
     state: TrainState,
@@ -483,14 +510,14 @@ def train_steps(
 
     def step(state: TrainState, batches: Groups):
         # The key follows from the step, not from where the run was interrupted.
-        key_of_step = jax.random.fold_in(key, state.step)
-        return train_step(generator_config, recipe, state, batches, key_of_step)
+        step_key = jax.random.fold_in(key, state.step)
+        return train_step(forecaster, recipe, state, batches, step_key)
 
     return jax.lax.scan(step, state, batches)
 
 
 def train_step(
-    generator_config: GeneratorConfig,
+    forecaster: Any,
     recipe: GeneratorRecipe,
     state: TrainState,
     batches: Groups,
@@ -498,35 +525,82 @@ def train_step(
 ) -> tuple[TrainState, Scalars]:
     """Discriminator steps (where there is one), then a generator step, each on the next batch.
 
-    `batches` are groups with a leading axis: a batch for each step. `key` is consumed.
+    `forecaster` is a `GeneratorForecaster`; without a discriminator its `loss` is
+    what the generator learns. `batches` are groups with a leading axis: a batch for
+    each step. `key` is consumed.
     """
-    earlier = recipe.discriminator_steps - 1 if recipe.adversarial_weight else 0
+    if not recipe.adversarial_weight:
+        batch = jax.tree.map(lambda leaf: leaf[-1], batches)
+        return _loss_step(forecaster, recipe, state, batch, key)
+    config, earlier = forecaster.config, recipe.discriminator_steps - 1
     keys = jax.random.split(key, 7 + 4 * earlier)
 
     def drawn(batch: int, keys: Array, samples: int) -> Drawn:
-        groups = augment(
-            jax.tree.map(lambda leaf: leaf[batch], batches), keys[0], recipe
-        )
-        return groups, draw_group_noise(generator_config, groups, keys[1], samples)
+        groups = jax.tree.map(lambda leaf: leaf[batch], batches)
+        return draw_batch(config, recipe, groups, keys, samples)
 
     def label(key: Array, between: tuple[float, float]) -> Array:
         return jax.random.uniform(key, (), minval=between[0], maxval=between[1])
 
     for batch, own in enumerate(keys[7:].reshape(earlier, 4)):
         labels = label(own[2], recipe.label_real), label(own[3], recipe.label_fake)
-        state, *_ = learn_discriminator(
-            generator_config, recipe, state, drawn(batch, own[:2], 1), *labels
-        )
+        first = drawn(batch, own[:2], 1)
+        state, *_ = learn_discriminator(config, recipe, state, first, *labels)
     state, metrics, _ = learn(
-        generator_config,
+        config,
         recipe,
         state,
-        drawn(-2, keys[:2], 1) if recipe.adversarial_weight else None,
+        drawn(-2, keys[:2], 1),
         drawn(-1, keys[3:5], recipe.best_k),
         real=(label(keys[2], recipe.label_real), label(keys[5], recipe.label_real)),
         fake=label(keys[6], recipe.label_fake),
     )
     return state, metrics
+
+
+def _loss_step(
+    forecaster: Any, recipe: GeneratorRecipe, state: TrainState, batch: Groups, key: Any
+) -> tuple[TrainState, Scalars]:
+    """A step of the generator by the forecaster's loss."""
+
+    def loss(params: Any) -> tuple[Array, Scalars]:
+        params = with_leak(params) if recipe.gentle_pooling else params
+        return forecaster.loss(params, batch, key, recipe)
+
+    (value, terms), grads = jax.value_and_grad(loss, has_aux=True)(state.params)
+    metrics = {**terms, "g_loss": value, "g_gradient_norm": optax.tree.norm(grads)}
+    return update(recipe, state, grads, _scale_of(recipe), value), metrics
+
+
+def batch_loss(
+    config: GeneratorConfig,
+    recipe: GeneratorRecipe,
+    params: Any,
+    batch: Groups,
+    key: Array,
+) -> tuple[Array, Scalars]:
+    """[] variety loss of a batch, augmented, and its terms []; consumes `key`."""
+    # The keys that a step with a discriminator leaves for this batch.
+    keys = jax.random.split(key, 7)[3:5]
+    groups, noises = draw_batch(config, recipe, batch, keys, recipe.best_k)
+    alone = dataclasses.replace(recipe, adversarial_weight=0.0)
+    return generator_loss(config, alone, params, (), groups, noises, label=0.0)
+
+
+def draw_batch(
+    config: GeneratorConfig,
+    recipe: GeneratorRecipe,
+    groups: Groups,
+    keys: Array,
+    samples: int,
+) -> Drawn:
+    """The augmented groups, and noises of `samples` samples; consumes `keys` [2]."""
+    groups = augment(groups, keys[0], recipe)
+    return groups, draw_group_noise(config, groups, keys[1], samples)
+
+
+def _scale_of(recipe: GeneratorRecipe) -> Callable[[Any], Any]:
+    return scale_pooling_updates if recipe.gentle_pooling else lambda moves: moves
 
 
 def learn(
@@ -553,12 +627,8 @@ def learn(
     grads, terms = generator_gradient(
         generator_config, recipe, state.params, discriminator, *second, label=real[1]
     )
-    scale = scale_pooling_updates if recipe.gentle_pooling else lambda moves: moves
-    return (
-        update(recipe, state, grads, scale),
-        metrics | terms,
-        (discriminator_grads, grads),
-    )
+    state = update(recipe, state, grads, _scale_of(recipe), terms["g_loss"])
+    return state, metrics | terms, (discriminator_grads, grads)
 
 
 def learn_discriminator(
