@@ -20,6 +20,7 @@ from .models.distribution import predict_distribution as predict_distribution
 from .models.forecast import Model as Model
 from .models.forecast import forecast as forecast
 from .models.forecast import predict as predict
+from .models.forecast import predict_batches as predict_batches
 from .models.forecast import predict_representatives as predict_representatives
 from .models.forecast import predict_scenes as predict_scenes
 from .models.forecaster import Forecaster as Forecaster

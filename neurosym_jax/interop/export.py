@@ -8,7 +8,9 @@ takes `observed` alone. The parameters are in the program. It is StableHLO, whic
 ONNX Runtime and others, with any k where there is noise.
 """
 
-from collections.abc import Callable
+import contextlib
+import traceback
+from collections.abc import Callable, Iterator
 
 import jax
 import jax.export
@@ -16,7 +18,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.errors import optional_module
+from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.interop.onnx import to_onnx
 from neurosym_jax.models.forecast import Model, forecast_scene
 from neurosym_jax.scene import make_scene
@@ -36,9 +38,32 @@ def export_model(model: Model, samples: int = 20) -> bytes:
     optional_module("flatbuffers", "exporting", "export")  # JAX imports it.
     program = program_of(model, samples)
     arguments = _arguments(model, str(model.forecaster.count(samples)))
-    with jax.enable_x64(False):
+    with jax.enable_x64(False), _sizes_are_symbols():
         exported = jax.export.export(jax.jit(program), platforms=("cpu", "cuda"))
         return bytes(exported(*arguments.values()).serialize())
+
+
+@contextlib.contextmanager
+def _sizes_are_symbols() -> Iterator[None]:
+    """Name the line of a network that takes the number of people for a known number.
+
+    Raises:
+        InputError: with the file and the line.
+    """
+    try:
+        yield
+    except Exception as error:
+        message = str(error)
+        if "_DimExpr" not in message and "symbolic dimension" not in message.lower():
+            raise
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if "site-packages" not in frame.filename]
+        last = own[-1]
+        raise InputError(
+            f"{last.filename}:{last.lineno}: `{last.line}` needs the number of people, "
+            "which is free in an exported program: use x.shape[0] for len(x) and "
+            "functions of jax.numpy for numpy's"
+        ) from error
 
 
 def export_onnx(model: Model, samples: int = 20) -> bytes:

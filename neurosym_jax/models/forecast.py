@@ -4,10 +4,11 @@ of scenes.
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import reprlib
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -58,6 +59,7 @@ __all__ = [
     "forecast_scene",
     "forecast_windows",
     "predict",
+    "predict_batches",
     "predict_representatives",
     "predict_scenes",
     "refuse_other_length",
@@ -399,24 +401,21 @@ def forecast(
         [k, N, pred_len, 2] metres, in the frame of `observed`.
 
     Raises:
-        InputError: without the noise that the forecaster takes.
+        InputError: without the noise that the forecaster takes, and for another shape
+            than these, which is known when the function is traced.
     """
     observed = jnp.asarray(observed)
-    if (
-        observed.dtype.itemsize < 4
-    ):  # A loop over steps keeps its type: that of the parameters.
+    # A loop over steps keeps its type: that of the parameters.
+    if not jnp.issubdtype(observed.dtype, jnp.floating) or observed.dtype.itemsize < 4:
         observed = observed.astype(jnp.float32)
+    forecaster = forecaster_of(config)
+    _refuse_shapes(forecaster, params, observed, noise, alpha, valid)
     last = observed[:, -1]
     present = jnp.ones(last.shape[0], bool) if valid is None else jnp.asarray(valid)
     # For precision only: a network sees differences of positions.
     share = present.astype(observed.dtype)
     origin = jax.lax.stop_gradient(share @ last / jnp.maximum(share.sum(), 1))
-    forecaster = forecaster_of(config)
     if noise is None:
-        if forecaster.noise.dim:
-            raise InputError(
-                "noise: this forecaster needs one, [k, dim] or [k, N, dim]"
-            )
         noise = jnp.zeros((forecaster.count(getattr(config, "samples", 1)), 0))
     scene = Scene(
         observed=observed - origin[None, None],
@@ -428,6 +427,69 @@ def forecast(
     )
     samples = forecaster.forecast(params, scene, jnp.asarray(noise))
     return samples + origin[None, None, None]
+
+
+def _refuse_shapes(
+    forecaster: Forecaster,
+    params: Any,
+    observed: Array,
+    noise: ArrayLike | None,
+    alpha: ArrayLike | None,
+    valid: ArrayLike | None,
+) -> None:
+    """Refuse arguments of `forecast` by their shapes alone: nothing is computed.
+
+    Raises:
+        InputError: naming the argument, its shape and the one expected.
+    """
+    # Sizes may be symbols of an export, which are compared but not converted.
+    steps = forecaster.config.obs_len
+    shape = jnp.shape(observed)
+    if len(shape) != 3 or shape[1] != steps or shape[2] != 2:
+        hint = ""
+        if len(shape) == 3 and shape[0] == steps and shape[2] == 2:
+            hint = "; steps come second: observed.swapaxes(0, 1)"
+        raise InputError(
+            f"observed is {_text(shape)}, and the model takes [N, {steps}, 2]{hint}"
+        )
+    agents = shape[0]
+    if valid is not None and jnp.shape(valid) != (agents,):
+        raise InputError(f"valid is {_text(jnp.shape(valid))}, not [{agents}]")
+    if alpha is not None:
+        _refuse_alpha(forecaster, jnp.shape(alpha), agents, steps)
+
+    spec = forecaster.noise
+    axes = (agents, spec.dim) if spec.per_agent else (spec.dim,)
+    if noise is None and spec.dim:
+        raise InputError(f"noise: this forecaster needs one, [k, {_text(axes)[1:]}")
+    if noise is not None and spec.dim:
+        noise_shape = jnp.shape(noise)
+        if len(noise_shape) != len(axes) + 1 or noise_shape[1:] != axes:
+            expected = f"[k, {_text(axes)[1:]}"
+            raise InputError(
+                f"noise is {_text(noise_shape)}, and the model takes {expected}"
+            )
+    weighting = getattr(forecaster.config, "weighting", None)
+    if isinstance(weighting, Weighting) and isinstance(params, Mapping):
+        weighting.refuse_parameters(params.get("weighting", {}))
+
+
+def _refuse_alpha(
+    forecaster: Forecaster, shape: tuple[Any, ...], agents: Any, steps: int
+) -> None:
+    if not getattr(forecaster.config, "symbolic", True):
+        raise InputError(
+            f"alpha: {forecaster.title} weights no pairs; leave it out, or take "
+            "pooling='as_described'"
+        )
+    if shape != (agents, agents, steps):
+        raise InputError(
+            f"alpha is {_text(shape)}, and the model takes [{agents}, {agents}, {steps}]"
+        )
+
+
+def _text(shape: tuple[Any, ...]) -> str:
+    return f"[{', '.join(map(str, shape))}]"
 
 
 # Forecasts of many scenes at once: batches, and agents packed without padding.
@@ -455,8 +517,8 @@ def predict_scenes(
 
     Forecast i equals `predict(model, observed[i], frame=frames[i], ...)` up to float
     rounding; `frames` are 0, 1, 2, ... by default, `repair` is that of `predict`. All forecasts are in memory
-    together, 16 pred_len bytes for each sample of a person; pass larger numbers of
-    scenes in parts, with the `frames` of each.
+    together, 16 pred_len bytes for each sample of a person; `predict_batches` streams
+    larger numbers of scenes.
 
     Returns:
         For each scene `[k, N_i, pred_len, 2]` float64 metres in its own frame.
@@ -472,6 +534,79 @@ def predict_scenes(
     if not len(observed):
         return []
     named = {f"observed[{number}]": scene for number, scene in enumerate(observed)}
+    return _predict_named(
+        model,
+        named,
+        frames,
+        samples=samples,
+        seed=seed,
+        recording=recording,
+        repair=repair,
+    )
+
+
+STREAMED = 512
+"""Scenes of a stream that are forecast together."""
+
+
+def predict_batches(
+    scenes: Iterable[ArrayLike],
+    model: Model,
+    *,
+    samples: int = 20,
+    seed: int = 0,
+    recording: str = "",
+    repair: bool = False,
+) -> Iterator[np.ndarray]:
+    """`predict` for a stream of scenes without end, in bounded memory.
+
+    Forecast i equals `predict(model, scene, frame=i, ...)` up to float rounding, however
+    the scenes arrive. A file of padded arrays is a stream of
+    `(positions[valid] for positions, valid in zip(...))`.
+
+    Args:
+        scenes: [N_i, obs_len, 2] metres each, such as a generator; read as they are
+            needed.
+        model: see `load_model`.
+        samples: number of futures k.
+        seed: with `recording` and the number of a scene, determines its noise.
+        recording: name of the recording.
+        repair: see `predict`.
+
+    Yields:
+        For each scene [k, N_i, pred_len, 2] float64 metres in its own frame.
+
+    Raises:
+        InputError: as `predict_scenes`, when the scene is reached.
+    """
+    numbered = enumerate(scenes)
+    while True:
+        part = list(itertools.islice(numbered, STREAMED))
+        if not part:
+            return
+        named = {f"scene {number}": scene for number, scene in part}
+        yield from _predict_named(
+            model,
+            named,
+            [number for number, _ in part],
+            samples=samples,
+            seed=seed,
+            recording=recording,
+            repair=repair,
+        )
+
+
+def _predict_named(
+    model: Model,
+    named: Mapping[str, ArrayLike],
+    frames: Sequence[int],
+    *,
+    samples: int,
+    seed: int,
+    recording: str,
+    repair: bool,
+) -> list[np.ndarray]:
+    """`predict_scenes` of scenes by the names that messages call them."""
     scenes = [checked_positions(name, scene) for name, scene in named.items()]
     for name, scene in zip(named, scenes):
         refuse_other_length(model, scene, name)

@@ -21,7 +21,7 @@ from neurosym_jax.configuration import (
     component,
     differences,
 )
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, brief
 from neurosym_jax.plugins import Registry
 from neurosym_jax.symbolic.qtc import (
     Convention,
@@ -84,6 +84,35 @@ class Weighting(Checked, abc.ABC):
         """Parameters before training."""
         return {}
 
+    def accepted(self) -> Parameters:
+        """Parameters that `alpha` takes, with values of their shapes; by default `start()`."""
+        return self.start()
+
+    def refuse_parameters(self, parameters: Parameters) -> None:
+        """Refuse parameters of other names or shapes than the weighting has.
+
+        Raises:
+            InputError: naming the first, and those that there are.
+        """
+        accepted = self.accepted()
+        for name, value in parameters.items():
+            if name not in accepted:
+                known = ", ".join(accepted) or "none"
+                raise InputError(
+                    f"{self.name} has no parameter {brief(name)}; it has {known}"
+                )
+            shape, expected = list(jnp.shape(value)), list(np.shape(accepted[name]))
+            if shape != expected:
+                raise InputError(
+                    f"the parameter {name} of {self.name} is {shape}, not {expected}"
+                )
+        for name in self.start():
+            if name not in parameters:
+                raise InputError(
+                    f"{self.name} needs the parameter {name!r}; "
+                    "initial_parameters(weighting) has all, before training"
+                )
+
     def thresholds(self, parameters: Parameters, period: float) -> dict[str, Any]:
         """Arguments of `qtc.observe` at steps of `period` seconds."""
         return {}
@@ -122,11 +151,19 @@ class Weighting(Checked, abc.ABC):
 
         Returns:
             [N, N, T]; (i, j) is how much j matters to i.
+
+        Raises:
+            InputError: for other shapes, and parameters of other names than `start()`
+                has; both are known when the function is traced.
         """
         positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
-        present = (
-            jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)
-        )
+        if positions.ndim != 3 or positions.shape[2] != 2:
+            raise InputError(f"positions are {list(positions.shape)}, not [N, T, 2]")
+        self.refuse_parameters(parameters)
+        agents = positions.shape[0]
+        present = jnp.ones(agents, bool) if valid is None else jnp.asarray(valid)
+        if present.shape != (agents,):
+            raise InputError(f"valid is {list(present.shape)}, not [{agents}]")
         missing = jnp.isnan(positions).any(axis=-1)
         filled = jnp.where(missing[..., None], 0, positions)
         alpha = self.weigh(parameters, filled, present, period).astype(positions.dtype)
@@ -274,6 +311,12 @@ class Quantised(Cnd):
         if self.learned and not self.speed:
             raise InputError("a speed of 0 cannot be learned: its logarithm is")
 
+    def accepted(self) -> Parameters:
+        """Those that it would learn, learned or not: a temperature may be traced."""
+        if self.learned or not self.speed:
+            return self.start()
+        return dataclasses.replace(self, learned=True).start()
+
     def start(self) -> Parameters:
         """`log_speed` [] if learned."""
         return {"log_speed": np.log(self.speed)} if self.learned else {}
@@ -397,16 +440,39 @@ class FunctionWeighting(Weighting):
         self, parameters: Parameters, positions: Array, valid: Array, period: float
     ) -> Array:
         """See `Weighting.weigh`."""
-        seconds = {"period": period} if self.takes_period else {}
-        return type(self).function(positions, valid, **seconds, **parameters)
+        arguments = dict(vars(self))
+        if self.takes_period:
+            arguments["period"] = period
+        return type(self).function(positions, valid, **arguments, **parameters)
 
     def __reduce__(self):
         # Its class is in no module: another process finds it by its name.
-        return _registered, (self.title,)
+        return _registered, (self.title, vars(self))
 
 
-def _registered(name: str) -> Weighting:
-    return WEIGHTINGS[name]()
+def _registered(name: str, options: Mapping[str, Any]) -> Weighting:
+    return WEIGHTINGS[name](**options)
+
+
+def _function_class(
+    name: str, function: Callable[..., Array], start: Parameters
+) -> type[FunctionWeighting]:
+    """The weighting of a function; its arguments with a default value are options."""
+    fields = []
+    arguments = inspect.signature(function).parameters
+    for argument in arguments.values():
+        has_default = argument.default is not argument.empty
+        if has_default and argument.name not in {*start, "period", "valid"}:
+            option = dataclasses.field(default=argument.default)
+            fields.append((argument.name, type(argument.default), option))
+    methods = {
+        "function": staticmethod(function),
+        "start": lambda _: start,
+        "takes_period": "period" in arguments,
+    }
+    return dataclasses.make_dataclass(
+        name, fields, bases=(FunctionWeighting,), namespace=methods, frozen=True
+    )
 
 
 def register_weighting(
@@ -415,7 +481,8 @@ def register_weighting(
     """Register the decorated function or class as a weighting.
 
     A function is `(positions [N, T, 2], valid [N], **parameters) -> alpha [N, N, T]`,
-    and gets the seconds between steps where it has an argument `period`. A class is a
+    and gets the seconds between steps where it has an argument `period`. Arguments with
+    a default value are options: `--weighting near,reach=2.0`. A class is a
     `Weighting`, a frozen dataclass whose fields are its options. Weights of an agent
     for itself, in padding, alone and where a position is not there are set afterwards
     (`Weighting.alpha`).
@@ -429,17 +496,12 @@ def register_weighting(
     """
 
     def register(weighting: Any) -> Any:
-        made = isinstance(weighting, type)
-        own: dict[str, Any] = {
-            "function": staticmethod(weighting),
-            "start": lambda _: start,
-        }
-        own["takes_period"] = "period" in inspect.signature(weighting).parameters
-        if made and start:
+        is_class = isinstance(weighting, type)
+        if is_class and start:
             raise InputError(
                 f"{name}: initial values of a class are its fields' defaults"
             )
-        cls: Any = weighting if made else type(name, (FunctionWeighting,), own)
+        cls: Any = weighting if is_class else _function_class(name, weighting, start)
         WEIGHTINGS.register(name, cls, replace=replace)
         cls.title = name
         return weighting

@@ -127,7 +127,10 @@ def optimizer_step(
     params: Any,
     value: Array | None = None,
 ) -> tuple[Any, Any]:
-    """`optimizer.update`, which itself counts on promotions that JAX's strict mode refuses."""
+    """`optimizer.update`, which itself counts on promotions that JAX's strict mode refuses.
+
+    `value` [] is the loss, which some optimisers use.
+    """
     with jax.numpy_dtype_promotion("standard"):
         extra = optax.with_extra_args_support(optimizer)
         return extra.update(gradient, state, params, value=value)
@@ -142,7 +145,7 @@ def is_frozen(recipe: Recipe, path: tuple[Any, ...]) -> bool:
 
 
 def with_schedule(recipe: Recipe, params: Any, step: Array | int) -> Any:
-    """The parameters with the values that scheduled ones have at `step`.
+    """The parameters with the values [...] that scheduled ones have at `step` [].
 
     Raises:
         InputError: for a path without a parameter, and a value of another shape.

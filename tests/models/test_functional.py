@@ -1,0 +1,131 @@
+"""The pure functions refuse other shapes and names when they are traced, in words."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import neurosym_jax as nj
+from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic import Cnd, Learned, Quantised, Soft, initial_parameters
+from tests.models.test_strict import CONFIGS, WALKS
+from tests.networks import random_model
+
+NOISE = np.ones((3, 2), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        (
+            "SGAN",
+            {"observed": WALKS[:, :3]},
+            r"observed is \[3, 3, 2\], .* \[N, 4, 2\]",
+        ),
+        (
+            "SGAN",
+            {"observed": WALKS.swapaxes(0, 1)},
+            r"observed is \[4, 3, 2\].*observed.swapaxes\(0, 1\)",
+        ),
+        ("SGAN", {"observed": WALKS[None]}, r"observed is \[1, 3, 4, 2\]"),
+        ("SGAN", {"noise": NOISE[0]}, r"noise is \[2\], and the model takes \[k, 2\]"),
+        ("SGAN", {"noise": NOISE[:, :1]}, r"noise is \[3, 1\], and .* \[k, 2\]"),
+        ("SGAN", {"noise": None}, r"this forecaster needs one, \[k, 2\]"),
+        ("SGAN", {"valid": np.ones(4, bool)}, r"valid is \[4\], not \[3\]"),
+        ("SGAN", {"alpha": np.ones((3, 3, 4))}, "alpha: SGAN weights no pairs"),
+        ("NeuroSyM", {"alpha": np.ones((3, 3))}, r"alpha is \[3, 3\], .*\[3, 3, 4\]"),
+    ],
+)
+def test_other_shapes(name, change, message):
+    model = random_model(CONFIGS[name])
+    arguments = {"observed": WALKS, "noise": NOISE, **change}
+    with pytest.raises(InputError, match=message):
+        jax.eval_shape(lambda: nj.forecast(model.config, model.params, **arguments))
+
+
+def test_whole_numbers_are_positions():
+    model = random_model(CONFIGS["SGAN"])
+    shape = jax.eval_shape(
+        lambda: nj.forecast(model.config, model.params, WALKS.astype(int), NOISE)
+    )
+    assert (shape.shape, shape.dtype) == ((3, 3, 3, 2), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("weighting", "parameters", "message"),
+    [
+        (
+            Soft(learned=True),
+            {"log_tempratur": 0.0},
+            "has no parameter 'log_tempratur'",
+        ),
+        (Learned(), {}, "learned needs the parameter 'table'"),
+        (
+            Learned(),
+            {"table": np.ones(80), "unobserved": 0.0},
+            r"the parameter table of learned is \[80\], not \[81\]",
+        ),
+        (Cnd(), {"table": np.ones(81)}, "cnd has no parameter 'table'; it has none"),
+    ],
+)
+def test_other_parameters_of_a_weighting(weighting, parameters, message):
+    with pytest.raises(InputError, match=message):
+        weighting.alpha(parameters, WALKS)
+
+
+@pytest.mark.parametrize("weighting", [Soft(), Quantised()])
+def test_a_speed_of_a_weighting_that_does_not_learn_may_be_traced(weighting):
+    def alpha(speed):
+        return weighting.alpha({"log_speed": jnp.log(speed)}, WALKS)
+
+    shape = jax.eval_shape(jax.grad(lambda speed: alpha(speed).sum()), 0.1)
+    assert shape.shape == ()
+    given = initial_parameters(Learned())
+    assert jax.eval_shape(lambda: Learned().alpha(given, WALKS)).shape == (3, 3, 4)
+
+
+def test_a_stream_is_read_as_it_is_needed_and_equals_predict(monkeypatch):
+    monkeypatch.setattr("neurosym_jax.models.forecast.STREAMED", 2)
+    model, read = random_model(CONFIGS["SGAN"]), []
+
+    def scenes():
+        for number in range(5):
+            read.append(number)
+            yield WALKS[: 1 + number % 3]
+
+    stream = nj.predict_batches(scenes(), model, samples=2)
+    first = next(stream)
+    assert read == [0, 1]
+    forecasts = [first, *stream]
+    assert read == [0, 1, 2, 3, 4]
+    expected = nj.predict_scenes(model, list(scenes()), samples=2)
+    for mine, other in zip(forecasts, expected, strict=True):
+        np.testing.assert_allclose(mine, other, atol=1e-6)
+
+
+def test_an_argument_with_a_default_is_an_option_of_a_weighting():
+    @nj.register_weighting("level", slope=0.5)
+    def level(positions, valid, slope, height=2.0):
+        agents, steps = positions.shape[:2]
+        return jnp.full((agents, agents, steps), height * slope)
+
+    weigh = nj.symbolic.make_weighting("level,height=3.0")
+    assert float(weigh(WALKS)[0, 1, -1]) == 1.5
+    with pytest.raises(InputError, match="height must be a finite number"):
+        nj.symbolic.make_weighting("level,height=tall")
+
+
+def test_an_export_names_the_line_that_needs_a_number_of_people():
+    class CountedConfig(nj.models.ConstantVelocity.Config):
+        pass
+
+    class Counted(nj.models.ConstantVelocity):
+        Config = CountedConfig
+
+        def decode(self, params, context, scene, noise):
+            return super().decode(params, context, scene, noise) * len(scene.valid)
+
+    nj.register_forecaster("counted")(Counted)
+    model = nj.Model(CountedConfig(), {}, family="counted")
+    with pytest.raises(InputError, match=r"test_functional.py:\d+: .*len\(scene.valid"):
+        nj.interop.export_model(model)
