@@ -7,3 +7,5 @@ from .hub import push_to_hub as push_to_hub
 from .parity import Parity as Parity
 from .parity import compare as compare
 from .parity import run_parity as run_parity
+from .torch_training import TorchTraining as TorchTraining
+from .torch_training import load_torch_training as load_torch_training

@@ -40,5 +40,6 @@ from .sgan.pooling import register_cell as register_cell
 from .sgan.training import GeneratorRecipe as GeneratorRecipe
 from .sgan.training import discriminator_gradient as discriminator_gradient
 from .sgan.training import generator_gradient as generator_gradient
+from .sgan.training import learn as learn
 from .sgan.training import train_step as train_step
 from .sgan.training import warn_if_no_gradient as warn_if_no_gradient
