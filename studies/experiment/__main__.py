@@ -66,11 +66,12 @@ def experiment(
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: already there, and nothing is overwritten")
-    networks, recordings, latencies = (
-        load_models([Path(name) for name in models]),
-        [],
-        {},
-    )
+    loaded = load_models([Path(name) for name in models])
+    # By how the names of tables begin: the first is an SGAN, the second a NeuroSyM.
+    networks = {
+        model.name.split(",")[0].split(" (")[0]: model for model in loaded.values()
+    }
+    recordings, latencies = [], {}
     storages = iter(STORAGES)
     for scenario, seeds in SEEDS.items():
         for number, seed in enumerate(seeds, 1):
