@@ -225,8 +225,8 @@ def test_a_slow_view_delays_no_frame_in_real_time_and_has_every_one_otherwise(
                 return [view]
 
         began = time.monotonic()
-        few = {"samples": 3, "max_people": 4}
-        command.run(WithSlowView((folder / "run",), MODELS[:1], rate=rate, **few))
+        options = {"recording": (folder / "run",), "model": MODELS[:1], "rate": rate}
+        command.run(WithSlowView(**options, samples=3, max_people=4))
         assert rate == "max" or slow.seconds * len(frames) > time.monotonic() - began
         assert (slow.stamps[-1], slow.ends) == (frames[-1], 1)
         assert (slow.stamps == frames) == (rate == "max")
