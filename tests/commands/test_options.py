@@ -163,6 +163,7 @@ CASES: dict[str, dict[str, Case]] = {
         "DIRECTORY": ("one", "other"),
         **added(
             "--torch-module m.py:N --checkpoint d.pt --python python9 --seed 1 --keep here"
+            " --out here.json"
         ),
         "--tolerance": "--tolerance 0.1",
     },
