@@ -1122,7 +1122,7 @@ def _seconds(
 _CLOCK = r"^(?:(\d+) days? |(.*\d) )?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)$"
 DATE = "as 2024-05-01 12:30:00.4, or 12:30:00.4"
 DAYS = ("%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y")
-DAY = 86_400.0
+DAY, NIGHT = 86_400.0, 72_000.0  # seconds
 
 
 def _moments(table: Table, texts: pl.Series) -> np.ndarray:
@@ -1151,7 +1151,12 @@ def _moments(table: Table, texts: pl.Series) -> np.ndarray:
         return stamp + DAY * _days(table, date)
     if stamp.max() >= DAY:
         return stamp
-    return stamp + DAY * np.cumsum(np.diff(stamp, prepend=stamp[0]) < -DAY / 2)
+    # Of clocks alone, a night without rows in the middle of a day is midnight.
+    moments = np.unique(stamp)
+    gaps = np.diff(moments)
+    if len(gaps) and gaps.max() > NIGHT:
+        stamp = stamp + DAY * (stamp <= moments[gaps.argmax()])
+    return stamp
 
 
 def _days(table: Table, texts: pl.Series) -> np.ndarray:

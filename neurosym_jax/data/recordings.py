@@ -11,7 +11,12 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
 from neurosym_jax.configuration import component
-from neurosym_jax.data.columns import names_in_comments, names_tracks
+from neurosym_jax.data.columns import (
+    names_in_comments,
+    names_tracks,
+    role_of,
+    vocabulary,
+)
 from neurosym_jax.data.evidence import judge
 from neurosym_jax.data.readers import columns, storage, thor, trajnet
 from neurosym_jax.data.readers.storage import FRAME, is_frame, table_of
@@ -52,7 +57,17 @@ __all__ = [
 
 # Endings of the files that are taken from a folder.
 SUFFIXES = (".txt", ".csv", ".tsv", ".ndjson", ".json", ".gz", ".parquet", ".feather")
-SUFFIXES += (".arrow", ".sqlite", ".db", ".h5", ".hdf5")
+SUFFIXES += (
+    ".arrow",
+    ".sqlite",
+    ".db",
+    ".h5",
+    ".hdf5",
+    ".npy",
+    ".npz",
+    ".mat",
+    ".xlsx",
+)
 
 FORMATS: Registry[type[Format]] = Registry(
     "format",
@@ -102,6 +117,8 @@ def is_folder(path: Path) -> bool:
 
 def _owner(path: Path) -> Format | None:
     """The format that a path is of by its name."""
+    if path.suffix.lower() in SUFFIXES and not os.path.isdir(path):
+        return None  # No package of another format is loaded for a table.
     load_entry_points()
     return next(
         (form for kind in reversed(FORMATS.values()) if (form := kind()).owns(path)),
@@ -217,16 +234,34 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     if options.columns or options.format:
         return paths
     tables = [path for path in paths if isinstance(format_of(path), columns.Columns)]
-    others = [path for path in tables if not _names_tracks(path)]
-    for path in others:
-        warnings.warn(
-            f"{path}: left out: it has no columns of tracks", InputWarning, stacklevel=2
-        )
+    others = {}
+    for path in tables:
+        if not _names_tracks(path):
+            others[path] = "it has no columns of tracks"
+        elif _has_no_people(path, options):
+            others[path] = "it has no people"
+    for path, why in others.items():
+        warnings.warn(f"{path}: left out: {why}", InputWarning, stacklevel=2)
     if len(paths) == len(others):
         raise InputError(
-            f"{folder}: its tables have no columns of tracks; name them, or others"
+            f"{folder}: its tables have no columns of tracks of people; name them, or others"
         )
     return [path for path in paths if path not in others]
+
+
+def _has_no_people(path: Path, options: ReadOptions) -> bool:
+    """Whether all rows are of other kinds, which are looked for where the first ones are."""
+    head = read_head(path)
+    known = vocabulary()["others"]
+    for name, *kinds in zip(*head.fields):
+        if role_of(name) == "label" and known.issuperset(map(str.lower, kinds)):
+            try:
+                columns.Columns().read(path, options, PERIOD)
+            except columns.NoPeople:
+                return True
+            except InputError:
+                return False
+    return False
 
 
 def _names_tracks(path: Path) -> bool:

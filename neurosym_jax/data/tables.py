@@ -268,17 +268,30 @@ class Format(abc.ABC):
 
 
 def read_text_file(path: Path) -> str:
-    """The text of a UTF-8 file, without byte-order mark.
+    """The text of a file in UTF-8, UTF-16 or Windows-1252, without byte-order mark.
 
     Raises:
         InputError: if the file cannot be read or is not text.
     """
+    text = _text_in(_bytes_of(path))
+    if text is None:
+        raise InputError(f"{path}: no text, and of no other format that is read here")
+    return text
+
+
+def _text_in(content: bytes) -> str | None:
+    """The text in a file, or in its beginning; None if it is none."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return codecs.getincrementaldecoder("utf-16")().decode(content)
     try:
-        return _bytes_of(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: not text in UTF-8 ({error.reason}): save it so"
-        ) from None
+        return codecs.getincrementaldecoder("utf-8-sig")().decode(content)
+    except UnicodeDecodeError:
+        text = content.decode("cp1252", errors="replace")
+    # Others would be letters of other languages, or no text at all.
+    is_text = all(
+        letter.isprintable() or letter in "\t\r\n" for letter in text[:10_000]
+    )
+    return text if is_text and "\ufffd" not in text else None
 
 
 def _bytes_of(path: Path, size: int = -1) -> bytes:
@@ -312,10 +325,7 @@ def _unpacked(path: Path, size: int) -> bytes:
 def read_head(path: Path) -> Head:
     """How the file at `path` begins."""
     content = _bytes_of(path, 1 << 16)
-    try:
-        text = codecs.getincrementaldecoder("utf-8-sig")().decode(content)
-    except UnicodeDecodeError:  # The reader explains it; here it only fits no format.
-        text = ""
+    text = _text_in(content) or ""  # The reader explains it; here it fits no format.
     lines = [line.strip() for line in text.split("\n")]
     comments = tuple(line.strip("# ") for line in lines if line.startswith("#"))
     lines = [line for line in lines if line and not line.startswith("#")]

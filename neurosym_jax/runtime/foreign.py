@@ -23,6 +23,7 @@ from neurosym_jax.errors import InputError, printable
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 
 __all__ = [
+    "read_array",
     "read_arrays",
     "read_bytes",
     "read_json",
@@ -162,6 +163,15 @@ def read_arrays(path: Path | str, what: str = "arrays of numpy") -> dict[str, An
                 with reading(f"array {printable(name)}"):
                     arrays[name] = _array(archive.read(entry))
     return arrays
+
+
+def read_array(path: Path | str, what: str = "an array of numpy") -> np.ndarray:
+    """The array in an `.npy`, read-only, which may hold no objects.
+
+    Raises: InputError: naming the file: as `read_bytes`, and for another content.
+    """
+    with reading(path, what):
+        return _array(read_bytes(path, UNPACKED))
 
 
 def _array(content: bytes) -> np.ndarray:

@@ -343,7 +343,7 @@ MISTAKES = [
     read("decimal commas", text().replace(".", ",")),
     read("semicolons", text(mark=";")),
     read("a byte-order mark, Windows lines", "\ufeff" + table().replace("\n", "\r\n")),
-    refused("UTF-16", "not text", text().encode("utf-16")),
+    read("UTF-16", text().encode("utf-16")),
     refused("a head without rows", "no rows", "t,id,x,y\n"),
     refused(
         "two columns x",

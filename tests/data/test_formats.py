@@ -177,7 +177,7 @@ REFUSALS = [
         "t|id|x|y\n0|1|2|3\n",
         r"only the columns 't\|id\|x\|y': separate columns by",
     ),
-    ("text", "0\xa0", r"not text in UTF-8 \(.*\): save it so"),
+    ("text", "0\x00\xa0", "no text, and of no other format"),
     ("columns", f'{TABLE}0,"7\n",1,2\n', "wrong quotes .*goes on in the next line"),
     ("trajnet", '{"track": {"f": 1, "p": 1, "x": 0}}', "row 1: y is not a number"),
     (

@@ -44,11 +44,17 @@ __all__ = [
     "Layout",
     "Mot",
     "MotResults",
+    "NoPeople",
     "Obsmat",
     "Stanford",
     "Text",
+    "answered",
     "recordings_of",
 ]
+
+
+class NoPeople(InputError):
+    """All rows of a table are of vehicles, robots or animals."""
 
 
 YES, NO = ("true", "yes", "t", "y"), ("false", "no", "f", "n")
@@ -107,6 +113,7 @@ class Columns(Format):
 
         def take(columns: Iterable[str]) -> list[Tracks]:
             stated, _ = parse_columns(columns)
+            stated.pop("table", "")  # It was chosen where there are several.
             rows = table
             if stated.get("id") == "none":  # The whole table is one person.
                 rows = table.with_column("none", pl.Series([["0"]]))
@@ -456,6 +463,8 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
         left = texts.filter(~mask).unique(maintain_order=True).head(6)
         left = printable(", ".join(kind[:30] or "nothing" for kind in left))
         if not mask.any():
+            if not keep and texts.is_in(others).all():
+                raise NoPeople(f"{table.path}: column {name!r} has {left} alone")
             raise Unsaid(
                 f"{table.path}: column {name!r} has {left}: say with {option('keep')} which are "
                 "people"

@@ -4,12 +4,15 @@ None of these libraries is imported before an object or a file asks for it.
 """
 
 import contextlib
+import dataclasses
 import importlib
 import json
+import shlex
 import sqlite3
 import time
+import zipfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,12 +20,30 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.columns import RATE_NAMES, names_tracks, plain_name
-from neurosym_jax.data.readers.columns import Columns
-from neurosym_jax.data.tables import Head, ReadOptions, Table, read_head, read_text_file
+from neurosym_jax.data.columns import (
+    RATE_NAMES,
+    names_tracks,
+    parse_columns,
+    plain_name,
+    role_of,
+)
+from neurosym_jax.data.readers.columns import SMOOTHER, Columns, answered
+from neurosym_jax.data.tables import (
+    Head,
+    Question,
+    ReadOptions,
+    Table,
+    read_head,
+    read_text_file,
+)
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.errors import InputError, optional_module
-from neurosym_jax.runtime.foreign import reading, refuse_dense
+from neurosym_jax.errors import InputError, brief, optional_module
+from neurosym_jax.runtime.foreign import (
+    read_array,
+    read_arrays,
+    reading,
+    refuse_dense,
+)
 
 __all__ = ["FRAME", "Json", "Storage", "is_frame", "table_of"]
 
@@ -31,7 +52,12 @@ LONGEST, CHECKED = 1_000_000, 100_000
 SECONDS, RATE = 20, 1e6
 """Seconds that reading a database may take, and bytes of it for each further one."""
 FRAME = Path("dataframe")  # what messages call one, and its recording
+PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 MAGIC = {
+    **dict.fromkeys(PICKLES, "pickle"),
+    b"\x93NUMPY": "npy",
+    b"PK\x03\x04": "zip",
+    b"MATLAB 5.0": "mat",
     b"SQLite format 3": "sqlite",
     b"\x89HDF": "hdf5",
     b"PAR1": "parquet",
@@ -40,7 +66,7 @@ MAGIC = {
 
 
 class Storage(Columns):
-    """SQLite, HDF5, Parquet or Arrow."""
+    """SQLite, HDF5, Parquet, Arrow, arrays of numpy and MATLAB, sheets of Excel."""
 
     title = "table in a database or a columnar file"
 
@@ -49,10 +75,19 @@ class Storage(Columns):
         return head.magic.startswith(tuple(MAGIC))
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in its table of tracks."""
-        return self.take(
-            _table_in_storage(path, read_head(path).magic), options, period
-        )
+        """The recordings in its table of tracks, or in the one that `table=NAME` says."""
+        magic = read_head(path).magic
+
+        def take(columns: Iterable[str]) -> list[Tracks]:
+            stated, _ = parse_columns(columns)
+            table = _table_in_storage(path, magic, stated.get("table", ""))
+            chosen = dataclasses.replace(options, columns=tuple(columns))
+            return self.take(table, chosen, period)
+
+        try:
+            return take(options.columns)
+        except Question as question:
+            raise answered(question, options.columns, take) from None
 
 
 class Json(Columns):
@@ -70,9 +105,12 @@ class Json(Columns):
 
 
 def is_frame(data: object) -> bool:
-    """Whether `data` is a table of pandas, polars, pyarrow, GeoPandas, PedPy or MovingPandas."""
+    """Whether `data` is a table of pandas, polars, pyarrow, GeoPandas, PedPy or MovingPandas, an
+    array or a dictionary of columns."""
     if isinstance(data, type):
         return False
+    if isinstance(data, np.ndarray | dict):
+        return True
     framed = hasattr(data, "collect_schema") or hasattr(
         data, "columns"
     )  # Polars warns of it.
@@ -100,6 +138,11 @@ def table_of(data: Any) -> Table:
         InputError: for an empty one.
     """
     facts: dict[str, str] = {}
+    if isinstance(data, np.ndarray):
+        return columns_table(FRAME, array_columns(FRAME, data))
+    if isinstance(data, dict):
+        columns = {str(name): np.asarray(values) for name, values in data.items()}
+        return columns_table(FRAME, columns)
     if _is_pedpy(data):
         facts, data = {"fps": str(float(data.frame_rate))}, data.data
     elif _is_moving(data):
@@ -122,6 +165,63 @@ def table_of(data: Any) -> Table:
     else:
         columns = {name: _texts(data[name]) for name in data.columns}
     return _table(FRAME, columns, facts)
+
+
+def columns_table(path: Path, columns: Mapping[str, np.ndarray]) -> Table:
+    """The table of columns [R] by name.
+
+    Raises:
+        InputError: for columns of several lengths.
+    """
+    shapes = sorted({values.shape for values in columns.values()})
+    if len(shapes) != 1 or len(shapes[0]) != 1:
+        raise InputError(
+            f"{path}: columns of shapes {brief(shapes)}, not of one length: `make_tracks` takes "
+            "arrays of stamps, ids and positions"
+        )
+    texts = {
+        name: pl.Series([*map(str, values.tolist())])
+        for name, values in columns.items()
+    }
+    return _table(path, texts)
+
+
+def array_columns(path: Path, array: np.ndarray) -> dict[str, np.ndarray]:
+    """The columns of rows `frame id x y` [R, 4] or others [R, C], of fields, or of positions
+    [T, N, 2] or [N, T, 2], NaN where nobody is.
+
+    Time is the axis along which people go on. Positions of one point each are frames 0,
+    1, ... of ids 0, 1, ...
+
+    Raises:
+        InputError: for another shape, and where both axes may be time.
+    """
+    if array.dtype.names:
+        return {name: array[name] for name in array.dtype.names}
+    if array.ndim == 2 and array.dtype.kind in "biuf":
+        names = ("frame", "id", "x", "y")
+        if array.shape[1] != 4:
+            names = tuple(str(at + 1) for at in range(array.shape[1]))
+        return dict(zip(names, array.T))
+    if array.ndim != 3 or array.shape[2] != 2 or array.dtype.kind not in "biuf":
+        raise InputError(
+            f"{path}: {list(array.shape)} {array.dtype} is no recording: rows [R, 4] of frame, "
+            "id, x, y, or positions [T, N, 2] are; `make_tracks` takes stamps, ids and positions"
+        )
+    bends = []
+    for axis in (0, 1):
+        bend = np.abs(np.diff(array, 2, axis=axis))
+        bends.append(
+            np.median(bend[np.isfinite(bend)]) if np.isfinite(bend).any() else np.inf
+        )
+    if SMOOTHER * min(bends) > max(bends):
+        raise InputError(
+            f"{path}: positions {list(array.shape)}: which axis is time? `make_tracks` says it"
+        )
+    places = np.indices(array.shape[:2]).reshape(2, -1)
+    frame, person = places if bends[0] < bends[1] else places[::-1]
+    x, y = array.reshape(-1, 2).T
+    return {"frame": frame, "id": person, "x": x, "y": y}
 
 
 def _columns_of_pandas(columns: Mapping[str, Any]) -> Any:
@@ -163,20 +263,71 @@ def _table(
     return Table(path, list(columns), fields, np.arange(rows), facts=facts)
 
 
-def _table_in_storage(path: Path, magic: bytes) -> Table:
-    """The table of tracks in a database, an HDF5 file of Jülich or a columnar file.
+def _table_in_storage(path: Path, magic: bytes, name: str) -> Table:
+    """The table of tracks, called `name` if there are several.
 
     Raises:
-        InputError: for a file that cannot be read, or has no table, or several.
+        InputError: for a file that cannot be read, or has no table.
+        Question: for one with several.
     """
     kind = next((kind for start, kind in MAGIC.items() if magic.startswith(start)), "")
-    read = {"sqlite": _in_sqlite, "hdf5": _in_hdf5}.get(kind, _in_columns)
+    if kind == "pickle":
+        code = "import pandas, sys; pandas.read_pickle(sys.argv[1]).to_csv(sys.argv[1] + '.csv')"
+        raise InputError(
+            f"{path}: a pickle may run any code, so it is not read; if you trust it: "
+            f'python -c "{code}" {shlex.quote(str(path))}'
+        )
     with reading(path, kind):
-        columns, facts = read(path)
+        if kind == "npy":
+            return columns_table(path, array_columns(path, read_array(path)))
+        if kind == "mat" or (kind == "zip" and not _is_sheet(path)):
+            return _table_of_arrays(path, kind, name)
+        read = {"sqlite": _in_sqlite, "hdf5": _in_hdf5, "zip": _in_sheet}
+        columns, facts = read.get(kind, _in_columns)(path, name)
     return _table(path, columns, facts)
 
 
-def _in_columns(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
+def _table_of_arrays(path: Path, kind: str, name: str) -> Table:
+    """The table in one array of an `.npz` or `.mat`, or in columns that it holds as arrays."""
+    if kind == "zip":
+        arrays = read_arrays(path)
+    else:
+        from scipy.io import loadmat
+
+        contents = loadmat(path)
+        arrays = {key: contents[key] for key in contents if not key.startswith("_")}
+        arrays = {key: np.squeeze(values) for key, values in arrays.items()}
+    if names_tracks(list(arrays)):
+        return columns_table(path, {key: np.ravel(arrays[key]) for key in arrays})
+    chosen = _the_one(path, {key: a for key, a in arrays.items() if a.ndim > 1}, name)
+    return columns_table(path, array_columns(path, arrays[chosen]))
+
+
+def _the_one(path: Path, names: Collection[str], name: str) -> str:
+    """The table called `name`, or the only one."""
+    if name in names:
+        return name
+    if len(names) == 1 and not name:
+        return next(iter(names))
+    raise Question(
+        f"{path}: has {len(names)} tables of tracks: {', '.join(names)[:200]}",
+        {(f"table={other}",): "" for other in list(names)[:8]},
+    )
+
+
+def _is_sheet(path: Path) -> bool:
+    with zipfile.ZipFile(path) as archive:
+        return "xl/workbook.xml" in archive.namelist()
+
+
+def _in_sheet(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
+    """The first sheet of a workbook, or the one called so."""
+    optional_module("fastexcel", f"{path}: a workbook", "excel")
+    frame = pl.read_excel(path, sheet_name=name or None)
+    return {name: _texts(frame[name]) for name in frame.columns}, {}
+
+
+def _in_columns(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
     with path.open("rb") as file:
         is_parquet = file.peek(4)[:4] == b"PAR1"
         lazy = (pl.scan_parquet if is_parquet else pl.scan_ipc)(file)
@@ -187,54 +338,37 @@ def _in_columns(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
     return {name: _texts(frame[name]) for name in frame.columns}, {}
 
 
-def _in_sqlite(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
+def _in_sqlite(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
     """The one table whose columns name tracks; `metadata` has rows of key and value."""
     with contextlib.closing(
         sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
     ) as base:
         _limit(base, path)
-        names = [
-            name
-            for (name,) in base.execute(
-                "select name from sqlite_master where type='table'"
-            )
-        ]
-        quoted = {name: '"' + name.replace('"', '""') + '"' for name in names}
-        heads = {
-            name: [
-                column[1]
-                for column in base.execute(f"pragma table_info({quoted[name]})")
-            ]
-            for name in names
-        }
-        tracks = [name for name in names if names_tracks(heads[name])]
-        if len(tracks) != 1:
-            tables = ", ".join(
-                f"{name} ({' '.join(head)})" for name, head in heads.items()
-            )
-            raise InputError(
-                f"{path}: has {len(tracks)} tables of tracks among {tables[:200]}"
-            )
+        found = base.execute("select name from sqlite_master where type='table'")
+        quoted = {table: '"' + table.replace('"', '""') + '"' for (table,) in found}
+        heads = {}
+        for table in quoted:
+            columns = base.execute(f"pragma table_info({quoted[table]})")
+            heads[table] = [column[1] for column in columns]
+        tracks = [table for table in heads if names_tracks(heads[table])]
         facts = {}
-        for name in names:
-            if len(heads[name]) == 2:
-                rows = base.execute(f"select * from {quoted[name]}").fetchmany(1000)
-                rates = [
-                    value
-                    for key, value in rows
-                    if plain_name(str(key))[0] in RATE_NAMES
-                ]
-                facts |= {"fps": str(float(rates[0]))} if rates else {}
+        for table, head in heads.items():
+            if len(head) == 2:
+                pairs = base.execute(f"select * from {quoted[table]}").fetchmany(1000)
+                for key, value in pairs:
+                    if plain_name(str(key))[0] in RATE_NAMES:
+                        facts["fps"] = str(float(value))
+        chosen = name if name in heads else _the_one(path, tracks, name)
         rows = []
-        for row in base.execute(f"select * from {quoted[tracks[0]]}"):
+        for row in base.execute(f"select * from {quoted[chosen]}"):
             rows.append(row)
             # Pages of a damaged table may lead round in a circle.
             if len(rows) % CHECKED == 0:
                 refuse_dense(path, len(rows) * len(row))
-    columns = zip(
-        heads[tracks[0]], zip(*rows) if rows else [[]] * len(heads[tracks[0]])
-    )
-    return {name: pl.Series(list(map(str, values))) for name, values in columns}, facts
+    if not rows:
+        raise InputError(f"{path}: table {chosen} has no rows")
+    columns = zip(heads[chosen], zip(*rows))
+    return {key: pl.Series([*map(str, values)]) for key, values in columns}, facts
 
 
 def _limit(base: sqlite3.Connection, path: Path) -> None:
@@ -245,29 +379,26 @@ def _limit(base: sqlite3.Connection, path: Path) -> None:
     base.set_progress_handler(lambda: time.monotonic() > end, 1_000_000)
 
 
-def _in_hdf5(path: Path) -> tuple[dict[str, pl.Series], dict[str, str]]:
-    """The data set `trajectory`, or the only one with named fields, and its attribute fps."""
+def _in_hdf5(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
+    """The data set called `name`, else `trajectory` or the only one, and its attribute fps."""
     h5py = optional_module("h5py", f"{path}: HDF5", "hdf5")
     with h5py.File(path) as file:
-        sets = {
-            name: item
-            for name, item in file.items()
-            if getattr(item, "dtype", None) is not None
-        }
-        sets = {name: item for name, item in sets.items() if item.dtype.names}
-        if len(sets) != 1 and "trajectory" not in sets:
-            raise InputError(
-                f"{path}: has {len(sets)} data sets with named fields, not one"
-            )
-        item = sets.get("trajectory") or next(iter(sets.values()))
-        refuse_dense(path, item.size * len(item.dtype.names))
+        sets = {}
+        for key, item in file.items():
+            dtype = getattr(item, "dtype", None)
+            if dtype is not None and (dtype.names or len(item.shape) > 1):
+                sets[key] = item
+        if not name and "trajectory" in sets:
+            name = "trajectory"
+        item = sets[_the_one(path, sets, name)]
+        refuse_dense(path, item.size * len(item.dtype.names or " "))
         refuse_dense(path, item.nbytes / 8)
         attributes = {**file.attrs, **item.attrs}
         facts = {"fps": str(float(attributes["fps"]))} if "fps" in attributes else {}
         values = item[()]
+    columns = array_columns(path, values)
     return {
-        name: pl.Series(list(map(str, values[name].tolist())))
-        for name in values.dtype.names
+        key: pl.Series([*map(str, columns[key].tolist())]) for key in columns
     }, facts
 
 
@@ -288,7 +419,9 @@ def _table_in_json(path: Path) -> Table:
             content = [json.loads(line) for line in text.split("\n") if line.strip()]
         except (ValueError, RecursionError) as error:
             raise InputError(f"{path}: no JSON ({str(error)[:60]})") from None
-    objects = content if isinstance(content, list) else [content]
+    if isinstance(content, dict) and {"images", "annotations"} <= content.keys():
+        content = _coco_rows(content)
+    objects = content if isinstance(content, list) else _keyed(content)
     if len(objects) == 1 and isinstance(objects[0], dict):
         inner = [value for value in objects[0].values() if isinstance(value, list)]
         if len(inner) == 1 and inner[0] and isinstance(inner[0][0], dict):
@@ -298,6 +431,49 @@ def _table_in_json(path: Path) -> Table:
     return _table(
         path, {name: pl.Series([str(row.get(name)) for row in rows]) for name in names}
     )
+
+
+def _coco_rows(content: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Boxes of COCO with the frame of their image and the name of their category."""
+    frames, names = {}, {}
+    for image in content["images"]:
+        frame = image.get("frame_id", image.get("frame_index", image["id"]))
+        frames[image["id"]] = frame
+    for category in content.get("categories", []):
+        names[category["id"]] = category["name"]
+    rows = []
+    for box in content["annotations"]:
+        left, top, width, height = box["bbox"]
+        row = {"frame": frames[box["image_id"]], "id": box.get("track_id", -1)}
+        row |= {"left": left, "top": top, "width": width, "height": height}
+        label = names.get(box.get("category_id"))
+        rows.append(row if label is None else row | {"label": label})
+    return rows
+
+
+def _keyed(content: Any) -> list[Any]:
+    """The objects of an object by key, with the key as the id or frame that they lack."""
+    if not isinstance(content, dict) or not content:
+        return [content]
+    inner = []
+    for value in content.values():
+        inner.append(value[0] if isinstance(value, list) and value else value)
+    if not all(isinstance(value, dict) for value in inner):
+        return [content]
+    names = {frozenset(value) for value in inner}
+    roles = set(map(role_of, inner[0]))
+    if len(names) > 1 or not {"x", "y"} <= roles:
+        return [content]
+    key = ""
+    if "id" not in roles:
+        key = "id"
+    elif not {"time", "frame"} & roles:
+        key = "frame"
+    objects = []
+    for name, value in content.items():
+        for item in value if isinstance(value, list) else [value]:
+            objects.append({key: name, **item} if key else item)
+    return objects
 
 
 def _rows(path: Path, item: Any) -> list[dict[str, Any]]:
