@@ -328,8 +328,10 @@ def _in_sheet(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, st
 
 
 def _in_columns(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
-    with path.open("rb") as file:
-        is_parquet = file.peek(4)[:4] == b"PAR1"
+    # Polars takes the descriptor, which a buffer of ours would have moved.
+    with path.open("rb", buffering=0) as file:
+        is_parquet = file.read(4) == b"PAR1"
+        file.seek(0)
         lazy = (pl.scan_parquet if is_parquet else pl.scan_ipc)(file)
         rows = lazy.select(pl.len()).collect().item()
         refuse_dense(path, rows * len(lazy.collect_schema()))
