@@ -43,6 +43,9 @@ __all__ = [
     "torch_contents",
 ]
 
+WRAPPERS = re.compile(r"^module\.|\b_orig_mod\.")
+"""What DataParallel and `torch.compile` put before the names of tensors."""
+
 TORCH_POOLING = {"none": "none", "pool_net": "pool_net", "social": "spool"}
 """SGAN's names of the poolings; NeuroSyM's code calls its own `pool_net` as well."""
 SAME = (
@@ -131,11 +134,17 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
             f"unknown argument {brief(refused[0])}, which may change the network: if it does not, "
             f"`ignored` names it (neurosym convert --ignore-arg {refused[0][:80]})"
         )
+    state = {}
     for name, tensor in contents["g_state"].items():
         if not isinstance(name, str) or not isinstance(tensor, np.ndarray):
             raise InputError(f"g_state is not a state dict: {brief(name)} is no tensor")
-    config, params = generator(arguments, contents["g_state"])
+        state[WRAPPERS.sub("", name)] = tensor
+    config, params = generator(arguments, state)
     assumed = ["forward as in the released code"]
+    if state.keys() != contents["g_state"].keys():
+        assumed.append(
+            "without the prefixes module. and _orig_mod. of torch's wrappers"
+        )
     if "activation" not in arguments:
         assumed.append("activation relu")
     if config.weighting is not None and "weighting" not in arguments:

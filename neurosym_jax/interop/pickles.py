@@ -85,10 +85,55 @@ class PlainDict(dict):
         """Pass over the versions of modules that torch hangs on a state dict."""
 
 
+class PlainNamespace(dict):
+    """Stands for an argparse.Namespace, whose attributes are its items."""
+
+    def __setstate__(self, state):
+        """Take the attributes, which argparse keeps in a dictionary."""
+        if type(state) is not dict:
+            raise InputError("a namespace is made in a way argparse does not")
+        self.update(state)
+
+
+class ScalarType:
+    """Stands for the numpy.dtype of a number."""
+
+    def __init__(self, code, *_):
+        if code not in ("f8", "f4", "f2", "i8", "i4", "i2", "i1", "u1", "b1"):
+            raise InputError(f"a number of numpy is of {brief(code)}")
+        self.code = code
+
+    def __setstate__(self, state):
+        """Pass over the order of bytes, if it is that of torch's own numbers."""
+        if type(state) is not tuple or len(state) < 2 or state[1] not in ("<", "|"):
+            raise InputError("a number of numpy is stored in another order of bytes")
+
+
+def _number_of_numpy(kind, data):
+    """The number that numpy stores as bytes."""
+    if type(kind) is not ScalarType or type(data) is not bytes:
+        raise InputError("a number is made in a way numpy does not")
+    if len(data) != np.dtype(kind.code).itemsize:
+        raise InputError(f"a number of {kind.code} has {len(data)} bytes")
+    return np.frombuffer(data, np.dtype(kind.code).newbyteorder("<"))[0].item()
+
+
+def _latin_bytes(text, encoding):
+    """The bytes that protocol 2 stores as text."""
+    if type(text) is not str or encoding != "latin1":
+        raise InputError("bytes are stored in a way pickle does not")
+    return text.encode("latin1")
+
+
 # A name stands for itself where it is only ever passed on, never called.
 KNOWN_GLOBALS: dict[str, Any] = {
     "collections.OrderedDict": PlainDict,
     "collections.defaultdict": PlainDict,
+    "argparse.Namespace": PlainNamespace,
+    "numpy.dtype": ScalarType,
+    "numpy.core.multiarray.scalar": _number_of_numpy,
+    "numpy._core.multiarray.scalar": _number_of_numpy,
+    "_codecs.encode": _latin_bytes,
     "builtins.list": "list",
     "__builtin__.list": "list",
     "torch._utils._rebuild_tensor": Tensor,

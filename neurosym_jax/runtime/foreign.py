@@ -168,7 +168,8 @@ def read_arrays(path: Path | str, what: str = "arrays of numpy") -> dict[str, An
 def read_array(path: Path | str, what: str = "an array of numpy") -> np.ndarray:
     """The array in an `.npy`, read-only, which may hold no objects.
 
-    Raises: InputError: naming the file: as `read_bytes`, and for another content.
+    Raises:
+        InputError: naming the file: as `read_bytes`, and for another content.
     """
     with reading(path, what):
         return _array(read_bytes(path, UNPACKED))

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import Rule, refuse
+from neurosym_jax.configuration import NotNegative, Rule, refuse
 from neurosym_jax.errors import InputError
 
 __all__ = [
@@ -308,11 +308,17 @@ def observe(
             next.
 
     Raises:
-        InputError: for an unknown calculus or convention, and for distances that do not
-            increase.
+        InputError: for an unknown calculus or convention, positions of other shapes, a
+            factor below 0, and distances that do not increase.
     """
     refuse(Calculus, {"calculus": calculus})
     refuse(Distances, {"distances": distances})
+    if isinstance(quantisation_factor, int | float):  # Others may be traced.
+        refuse(NotNegative, {"quantisation_factor": quantisation_factor})
+    k, l = (np.asarray(way) if isinstance(way, list | tuple) else way for way in (k, l))
+    if np.shape(k)[-1:] != (2,) or np.shape(k)[-2:] != np.shape(l)[-2:]:
+        shapes = f"{list(np.shape(k))} and {list(np.shape(l))}"
+        raise InputError(f"positions must be [..., T, 2] of one length, not {shapes}")
     if calculus == "argd":
         symbols = [_distance_symbol(k, l, distances)]
     elif calculus == "mos":

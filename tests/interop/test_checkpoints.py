@@ -1,5 +1,6 @@
 """Checkpoints of SGAN and NeuroSyM: names, shapes and arguments, read and written."""
 
+import argparse
 import dataclasses
 from collections import OrderedDict, defaultdict
 
@@ -18,7 +19,7 @@ from neurosym_jax.interop.checkpoint import (
 )
 from neurosym_jax.interop.pickles import read_torch_file
 from neurosym_jax.models.disk import load_model
-from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecast import Model, predict
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.models.sgan.torch_names import params_from_torch, params_to_torch
 from tests.networks import random_model
@@ -309,3 +310,23 @@ def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form):
     for name, array in first["g_state"].items():
         assert_array_equal(array, second["g_state"][name], strict=True)
         assert_array_equal(array, state[name], strict=True)
+
+
+def test_what_wrappers_and_newer_torch_add_is_read(tmp_path):
+    """Prefixes of names, a namespace of arguments, and a number of numpy beside the weights."""
+    torch = pytest.importorskip("torch")
+    model = load_model("sgan_zara1_8")
+    export_torch_checkpoint(tmp_path / "plain.pt", model)
+    contents = torch.load(tmp_path / "plain.pt", weights_only=False)
+    weights = contents["g_state"].items()
+    variants = (
+        {"g_state": {f"module._orig_mod.{name}": tensor for name, tensor in weights}},
+        {"args": argparse.Namespace(**contents["args"])},
+        {"best_ade": np.float64(0.31), "seed": np.int64(3)},
+    )
+    past = np.cumsum(np.full((3, 8, 2), 0.3), axis=1) + np.arange(3)[:, None, None]
+    expected = predict(model, past, samples=1)
+    for variant in variants:
+        torch.save(contents | variant, tmp_path / "wrapped.pt")
+        result = predict(load_model(tmp_path / "wrapped.pt"), past, samples=1)
+        assert_array_equal(result, expected)

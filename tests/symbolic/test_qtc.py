@@ -300,3 +300,14 @@ def forecast(**change):
 def test_refusals(call, arguments, message):
     with pytest.raises(InputError, match=message):
         call(**arguments) if isinstance(arguments, dict) else call(*arguments)
+
+
+def test_positions_of_lists_are_read_and_of_other_shapes_refused():
+    way, other = np.cumsum(np.full((9, 2), 0.3), axis=0), np.zeros((9, 2))
+    symbols = observe(way.tolist(), other.tolist())
+    np.testing.assert_array_equal(symbols, observe(way, other))
+    for wrong in (other[:8], np.zeros((9, 3))):
+        with pytest.raises(InputError, match=r"\[\.\.\., T, 2\] of one length"):
+            observe(way, wrong)
+    with pytest.raises(InputError, match="quantisation_factor"):
+        observe(way, other, quantisation_factor=-0.1)
