@@ -567,6 +567,7 @@ def _result(
         **facts,
         **dataclasses.asdict(test.test_set),
         "samples": evaluation.samples,
+        "draws": evaluation.draws,
         "seed": settings.seed,
         "seeds": settings.seeds,
         "scenes": windows.scenes,

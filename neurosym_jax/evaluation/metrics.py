@@ -48,11 +48,12 @@ __all__ = [
 # independently, as SGAN does.
 #
 # The energy score and the CRPS are proper: in expectation nothing scores better than the
-# distribution that the truth comes from (Gneiting and Raftery, JASA 2007). Both take the
-# k samples as they are: the estimator with 1 / k^2, which also holds for samples that
-# depend on each other, and which for a single forecast is its error. The price is that
-# scores of different k are not comparable. Samples that have probabilities [k] are
-# weighted by them in place of 1 / k.
+# distribution that the truth comes from (Gneiting and Raftery, JASA 2007). k samples
+# without probabilities are taken for independent draws: the mean distance of two of them
+# is that of the k (k - 1) pairs, which is unbiased, so that scores of different k are
+# comparable (Ferro, "Fair scores for ensemble forecasts", QJRMS 2014). k samples that
+# have probabilities are taken for all that can happen: their mean distance is weighted
+# by both probabilities, and nothing is estimated. A single forecast scores its error.
 #
 # Few of a crowd's pairs come near each other, and which ones depends on the numbers; so
 # collisions are found on the host, where pairs whose bounding boxes lie apart are dropped
@@ -140,7 +141,8 @@ def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Ar
     square = jnp.diag(product)
     spread = jnp.sqrt(jnp.maximum(square[:, None] + square - 2 * product, 0))
     scale = jnp.sqrt(jnp.maximum(scene.valid.sum(), 1) * forecast.shape[2])
-    return (weight @ jnp.sqrt(error) - weight @ spread @ weight / 2) / scale
+    apart = weight @ spread @ weight * _pairs(forecast, probability)
+    return (weight @ jnp.sqrt(error) - apart / 2) / scale
 
 
 def person_energy(forecast: Array, scene: Scene, probability: Array | None) -> Array:
@@ -159,6 +161,7 @@ def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N] CRPS of each coordinate by itself, mean over steps and both. The same, section 4.2."""
     weight = _numbers(forecast, probability) / len(forecast)
     spread = jnp.tensordot(weight, _apart(forecast, weight, jnp.abs), 1)
+    spread = spread * _pairs(forecast, probability)
     error = jnp.tensordot(weight, jnp.abs(forecast - scene.known_future), 1)
     return (error - spread / 2).mean(axis=(1, 2))
 
@@ -232,6 +235,12 @@ def _numbers(forecast: Array, probability: Array | None) -> Array:
     """[k] how many samples each one counts for."""
     k = len(forecast)
     return jnp.ones(k, forecast.dtype) if probability is None else k * probability
+
+
+def _pairs(forecast: Array, probability: Array | None) -> float:
+    """Number of all pairs of k samples over that of different ones, 1 where these are known."""
+    k = len(forecast)
+    return 1.0 if k == 1 or probability is not None else k / (k - 1)
 
 
 def collisions(forecast: ArrayLike, valid: ArrayLike) -> np.ndarray:
@@ -426,8 +435,8 @@ class Metric:
     """Whether `compute` takes a third argument, the probabilities [k] of the samples; None where
     all are the same. Other metrics take the samples for equally probable."""
     drawn: bool = False
-    """Whether the metric is of the distribution: of equally probable draws, in place of samples,
-    where the forecaster is calibrated."""
+    """Whether the metric is of the distribution: of independent draws, as many of every
+    forecaster, in place of samples."""
     on_host: bool = False
     """Whether `compute` gets numpy arrays of a batch, [k, B, N, T, 2] and a scene with a leading
     axis B, and returns [B, N] or [B]: for work that depends on the numbers."""
@@ -452,7 +461,10 @@ _MISS = (
     "missed: even the best of k samples of an agent ends more than 2 m from the truth"
 )
 _CENTRAL = "central: the most probable sample of the scene, or else the one nearest to the others"
-_PROPER = "energy score, CRPS: proper scores of the distribution; less is better"
+_PROPER = (
+    "energy score, CRPS: proper scores of the distribution, by independent draws, unbiased; "
+    "less is better"
+)
 _COVERED = "covered: true positions in the region that should hold this share of them"
 _NEIGHBOURS = (
     "neighbours: people of scenes of two or more whose forecast moves by over 1 mm when the others "

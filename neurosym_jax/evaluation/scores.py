@@ -49,8 +49,7 @@ __all__ = [
 ]
 
 DRAWS = 100
-"""Draws by which the distribution of a calibrated forecaster is scored. With 20 the energy score of
-a crowd would be too large by up to 2.5 %, with 100 it is by 0.5 %."""
+"""Independent draws by which the distribution of every forecaster is scored."""
 
 
 class Score(NamedTuple):
@@ -91,6 +90,9 @@ class Evaluation(NamedTuple):
     agents: int
     samples: int
     """k; 1 for a deterministic forecaster."""
+    draws: int
+    """Draws by which metrics of the distribution are; the one forecast of a deterministic
+    forecaster is each of them."""
     seconds: float
 
     def mean(self, metric: str) -> float:
@@ -122,7 +124,8 @@ def score_forecaster(
     start = time.perf_counter()
     samples, cores = forecaster.count(samples), cpu_cores()
     slots = max(batch.scene.valid.size for batch in batches) * min(cores, len(batches))
-    futures = samples + DRAWS * forecaster.calibrated
+    drawn = any(metric.drawn for _, metric in chosen(metrics))
+    futures = samples + DRAWS * drawn
     refuse_many(forecaster, futures, slots, min(slots, PART * cores))
     options = {"samples": samples, "seed": seed, "metrics": chosen(metrics)}
     score_one = functools.partial(score_batch, forecaster, params, **options)
@@ -136,7 +139,7 @@ def score_forecaster(
                     lambda *pair: score_one(pair[0], memory=pair[1]), scenes, memories
                 )
             )
-    return _evaluation(parts, batches, samples, start)
+    return _evaluation(parts, batches, samples, DRAWS, start)
 
 
 def score_samples(
@@ -171,7 +174,8 @@ def score_samples(
         return score_scenes(computed, places, batch.scene, likely)
 
     with ThreadPoolExecutor(cpu_cores()) as pool:
-        evaluation = _evaluation(list(pool.map(score_part, batches)), batches, k, start)
+        parts = list(pool.map(score_part, batches))
+    evaluation = _evaluation(parts, batches, k, k, start)
     nothing = Score(*np.zeros((2, windows.scenes)))
     return evaluation._replace(
         scores={name: evaluation.scores.get(name, nothing) for name, _ in selected}
@@ -179,7 +183,11 @@ def score_samples(
 
 
 def _evaluation(
-    parts: Sequence[Scores], batches: Sequence[Batch], samples: int, start: float
+    parts: Sequence[Scores],
+    batches: Sequence[Batch],
+    samples: int,
+    draws: int,
+    start: float,
 ) -> Evaluation:
     """The scores of all batches, in the order of the windows; `start` is of `time.perf_counter`."""
     index = np.concatenate([batch.index for batch in batches])
@@ -190,7 +198,8 @@ def _evaluation(
         counts = np.concatenate([part[name].count for part in parts])
         scores[name] = Score(totals[order], counts[order])
     agents = sum(int(batch.scene.valid.sum()) for batch in batches)
-    return Evaluation(scores, agents, samples, time.perf_counter() - start)
+    seconds = time.perf_counter() - start
+    return Evaluation(scores, agents, samples, draws, seconds)
 
 
 def score_batch(
@@ -211,16 +220,30 @@ def score_batch(
             forecaster, params, *without_neighbours(scenes, noise)
         )
         moves = unpacked(futures - alone, valid)
-    is_drawn = forecaster.calibrated or memory is not None
-    drawn = tuple(named for named in metrics if is_drawn and named[1].drawn)
-    others = tuple(named for named in metrics if named not in drawn)
+    drawn = tuple(named for named in metrics if named[1].drawn)
+    others = tuple(named for named in metrics if not named[1].drawn)
     scores = score_scenes(others, unpacked(futures, valid), scenes, probability, moves)
     if drawn:
-        # As many as without a memory, of which they would be the samples.
-        count = DRAWS if forecaster.calibrated else samples
-        draws = draw_batch(forecaster, params, scenes, seed, count, memory)
+        draws = _draws(forecaster, params, scenes, seed, memory)
         scores |= score_scenes(drawn, draws, scenes)
     return {name: scores[name] for name, _ in metrics}
+
+
+def _draws(
+    forecaster: Forecaster,
+    params: Any,
+    scenes: Scene,
+    seed: int,
+    memory: Remembered | None,
+) -> np.ndarray:
+    """[n, B, N, T, 2] independent draws for a batch; n is `DRAWS`, or 1 without noise."""
+    plain = forecaster.noise.dim and not forecaster.calibrated
+    if memory is not None or not plain:
+        return draw_batch(forecaster, params, scenes, seed, DRAWS, memory)
+    # The same as `draw_batch`, of agents packed without padding.
+    noise = batch_noise(forecaster, scenes, DRAWS, seed)
+    futures, _ = forecast_batch(forecaster, params, scenes, noise)
+    return unpacked(futures, np.asarray(scenes.valid))
 
 
 def without_neighbours(scenes: Scene, noise: np.ndarray) -> tuple[Scene, np.ndarray]:

@@ -701,9 +701,10 @@ def draw_batch(
     count: int,
     memory: Remembered | None = None,
 ) -> np.ndarray:
-    """Draws of a batch of B scenes, [n, B, N, pred_len, 2]; see `Forecaster.distribution`.
+    """Independent draws of a batch of B scenes, [n, B, N, pred_len, 2].
 
-    A `memory` has a leading axis B, too.
+    See `Forecaster.independent_draws`; a forecaster without noise and distribution has
+    one. A `memory` has a leading axis B, too.
     """
     refuse(Seed, {"seed": seed})
     key = key_numbers(seed)
@@ -757,7 +758,7 @@ def _forecast(forecaster, params, scenes, noise):
 @program((0, 4))
 def _draws(forecaster, params, scenes, key, count, memory):
     axes = (None, 0, None, None, 0)
-    drawn = jax.vmap(forecaster.distribution, in_axes=axes, out_axes=1)
+    drawn = jax.vmap(forecaster.independent_draws, in_axes=axes, out_axes=1)
     return drawn(params, scenes, key_of(key), count, memory)
 
 

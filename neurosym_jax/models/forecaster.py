@@ -347,6 +347,20 @@ class Forecaster(abc.ABC):
         """
         return self.distribution(params, scene, key, POINTS)
 
+    def independent_draws(
+        self,
+        params: Any,
+        scene: Scene,
+        key: Array,
+        count: int,
+        memory: "Remembered | None" = None,
+    ) -> Array:
+        """`distribution`, by draws that are independent of each other, for scores.
+
+        Those of `distribution` may be spread more evenly than chance does.
+        """
+        return self.distribution(params, scene, key, count, memory)
+
     def count(self, samples: int) -> int:
         """Number of samples it makes where `samples` are asked for: one without noise.
 

@@ -118,14 +118,14 @@ CLOSE = SINGLE + 30 + 1e-3 * SAMPLES
 
 @pytest.mark.parametrize("forecast", [SAMPLES, SINGLE, SINGLE.repeat(5, axis=0), CLOSE])
 def test_proper_scores_and_the_central_sample_by_their_formulas(forecast):
+    k = len(forecast)
+    pairs = max(k * (k - 1), 1)  # Ordered ones of different samples.
     distances = np.sqrt(np.square(forecast[:, None] - forecast).sum(axis=(2, 3, 4)))
     error = np.sqrt(np.square(forecast - TRUTH).sum(axis=(1, 2, 3)))
-    expected = (error.mean() - distances.mean() / 2) / np.sqrt(4 * 6)
+    expected = (error.mean() - distances.sum() / pairs / 2) / np.sqrt(4 * 6)
     assert_allclose(mean("energy_score", forecast, TRUTH), expected, rtol=1e-5)
-    expected = (
-        np.abs(forecast - TRUTH).mean()
-        - np.abs(forecast[:, None] - forecast).mean() / 2
-    )
+    apart = np.abs(forecast[:, None] - forecast).mean((2, 3, 4)).sum() / pairs
+    expected = np.abs(forecast - TRUTH).mean() - apart / 2
     assert_allclose(mean("crps", forecast, TRUTH), expected, rtol=1e-5)
     medoid = (
         np.linalg.norm(forecast[:, None] - forecast, axis=-1)
@@ -137,6 +137,40 @@ def test_proper_scores_and_the_central_sample_by_their_formulas(forecast):
     assert_allclose(
         mean("central_fde", forecast, TRUTH), error[:, -1].mean(), rtol=1e-5
     )
+
+
+@pytest.mark.parametrize("metric", ["energy_score", "crps"])
+def test_proper_scores_do_not_depend_on_the_number_of_draws(metric):
+    """One scene by 2, 5 and 50 independent draws, many times: the same within the noise."""
+    rng = np.random.default_rng(0)
+    truth = rng.normal(size=(3, 2, 2))
+    means = {}
+    for k, repeats in ((2, 1200), (5, 500), (50, 60)):
+        values = [
+            mean(metric, rng.normal(size=(k, 3, 2, 2)), truth) for _ in range(repeats)
+        ]
+        means[k] = np.mean(values), np.std(values) / np.sqrt(repeats)
+    expected, noise = means[50]
+    for k in (2, 5):
+        value, error = means[k]
+        assert abs(value - expected) < 3.5 * np.hypot(error, noise), (k, means)
+        # By all k^2 pairs it would be too large by spread / (2 k).
+        assert 3.5 * np.hypot(error, noise) < 0.5 / (2 * k)
+
+
+def test_samples_with_probabilities_are_all_that_can_happen():
+    """Of a fair coin's two sides: the exact score, which draws of it have on average."""
+    sides = np.array([0.0, 1.0])[:, None, None, None] * np.ones(2)
+    truth = np.zeros((1, 1, 2))
+    half = np.full(2, 0.5)
+    options = {"metrics": ["energy_score"], "probability": half}
+    exact = score(sides, truth, **options)["energy_score"].mean
+    length = np.sqrt(2)
+    assert exact == pytest.approx(length / 2 - length / 4, rel=1e-6)
+    rng = np.random.default_rng(1)
+    drawn = sides[rng.integers(2, size=4000)][None].reshape(400, 10, 1, 1, 2)
+    scores = [mean("energy_score", forecast, truth) for forecast in drawn]
+    assert np.mean(scores) == pytest.approx(exact, abs=0.02)
 
 
 @pytest.mark.parametrize("k", [2, 5, 20])

@@ -17,7 +17,8 @@ from jax import Array
 from neurosym_jax.models.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene
 
-__all__ = ["couple", "draw_samples", "draw_scenes", "nearest", "pair_terms"]
+__all__ = ["couple", "draw_apart", "draw_samples", "draw_scenes", "nearest"]
+__all__ += ["pair_terms"]
 
 DISTANCE = 0.3
 """Distance of two people's centres below which they overlap, metres."""
@@ -35,14 +36,30 @@ NEAREST = 16
 """People on whom a person's choice depends: those who come nearest to its mean path."""
 
 
-def draw_samples(samples: Array, probability: Array, key: Array, count: int) -> Array:
+def draw_samples(
+    samples: Array, probability: Array, key: Array, count: int, even: bool = True
+) -> Array:
     """[count, N, T, 2] of `samples [k, N, T, 2]`, each as often as its `probability [k]` says.
 
-    A sample is drawn `count` times its probability, rounded up or down at random.
+    A sample is drawn `count` times its probability, rounded up or down at random;
+    without `even`, draws are independent.
     """
     place = (jnp.arange(count) + jax.random.uniform(key)) / count
+    if not even:
+        place = jax.random.uniform(key, (count,))
     chosen = jnp.searchsorted(jnp.cumsum(probability), place)
     return samples[jnp.minimum(chosen, len(samples) - 1)]
+
+
+def draw_apart(samples: Array, key: Array, count: int, even: bool = True) -> Array:
+    """[count, N, T, 2] of `samples [k, N, T, 2]`, of which each person has one of their own.
+
+    A person's samples are drawn about equally often; without `even`, draws are
+    independent.
+    """
+    lots = _lots(key, samples.shape[1], count, even).T
+    chosen = (lots * len(samples)).astype(int)
+    return jnp.take_along_axis(samples, chosen[..., None, None], axis=0)
 
 
 def draw_scenes(
@@ -52,14 +69,16 @@ def draw_scenes(
     count: int,
     period: float,
     weight: Array | None = None,
+    even: bool = True,
 ) -> Array:
     """[count, N, T, 2] equally probable futures of `scene`, of each person's `points [P, N, T, 2]`.
 
     Steps are of `period` seconds. Somebody alone has each point about as often as its
-    `weight [N, P]` says; by default all are the same.
+    `weight [N, P]` says; by default all are the same. Without `even`, draws are
+    independent.
     """
     independent, coupled = jax.random.split(key)
-    lots = _lots(independent, points.shape[1], count).T
+    lots = _lots(independent, points.shape[1], count, even).T
     if weight is None:
         chosen = (lots * len(points)).astype(int)
     else:
@@ -69,12 +88,17 @@ def draw_scenes(
         near, present = nearest(points, jnp.asarray(scene.valid), weight)
         overlap, parting = pair_terms(points, scene, near, present, period)
         table = REPULSION * overlap + COHESION * parting
-        chosen = couple(chosen, near, table, coupled, weight)
+        chosen = couple(chosen, near, table, coupled, weight, even)
     return jnp.take_along_axis(points, chosen[..., None, None], axis=0)
 
 
 def couple(
-    chosen: Array, near: Array, table: Array, key: Array, weight: Array | None = None
+    chosen: Array,
+    near: Array,
+    table: Array,
+    key: Array,
+    weight: Array | None = None,
+    even: bool = True,
 ) -> Array:
     """[n, N] points of each person in n draws, chosen anew from `chosen [n, N]`, given the others'.
 
@@ -90,7 +114,7 @@ def couple(
     turns, number = jnp.argsort(~bound), bound.sum()
 
     def sweep(round: Array, chosen: Array) -> Array:
-        lots = _lots(jax.random.fold_in(key, round), agents, count)
+        lots = _lots(jax.random.fold_in(key, round), agents, count, even)
 
         def choose(turn: Array, chosen: Array) -> Array:
             agent = turns[turn]
@@ -109,14 +133,18 @@ def couple(
     return jax.lax.fori_loop(0, SWEEPS, sweep, chosen)
 
 
-def _lots(key: Array, agents: int, count: int) -> Array:
+def _lots(key: Array, agents: int, count: int, even: bool) -> Array:
     """[agents, count] numbers in [0, 1), one in each `count`-th part of it, in random order.
+
+    Without `even`, they are independent of each other.
 
     Those of an agent depend on its slot alone, so that padding changes nothing.
     """
 
     def of(agent: Array) -> Array:
         order, within = jax.random.split(jax.random.fold_in(key, agent))
+        if not even:
+            return jax.random.uniform(within, (count,))
         part = jax.random.uniform(order, (count,)).argsort()
         lots = (part + jax.random.uniform(within, (count,))) / count
         return jnp.minimum(lots, 1 - 1e-6)  # Rounding may reach 1.

@@ -17,7 +17,7 @@ from neurosym_jax.models.anchors.config import (
     AnchorForecast,
     AnchorTableConfig,
 )
-from neurosym_jax.models.anchors.draws import draw_samples, draw_scenes
+from neurosym_jax.models.anchors.draws import draw_apart, draw_samples, draw_scenes
 from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.forecaster import Forecaster, with_weighting
@@ -101,18 +101,19 @@ class AnchorTableForecaster(Forecaster):
         key: Array,
         count: int,
         memory: Remembered | None = None,
+        even: bool = True,
     ) -> Array:
-        """See `Forecaster.distribution`; without points, samples drawn by their probabilities.
+        """See `Forecaster.distribution`; possible futures are drawn about equally often.
 
         Half of the scenes are drawn from points of the mirrored scene: people's left
         and right differ less than what a network has learned of them at a few places.
+        Without `even`, draws are independent.
         """
         for part in scene.identity:
             key = jax.random.fold_in(key, part)
         if not self.calibrated:
             forecast = apply_anchors(self.config, params, scene)
-            probability = jnp.exp(forecast.log_probability)
-            draws = draw_samples(forecast.samples, probability, key, count)
+            draws = self._sample_draws(forecast, key, count, even)
             return draws if memory is None else memory.among(draws, scene, key, count)
 
         order, *parts = jax.random.split(key, 3)
@@ -124,10 +125,27 @@ class AnchorTableForecaster(Forecaster):
             if memory is not None:
                 points, weight = memory.beside(points, view, 2)
             number, period = -(-count // 2), self.config.period
-            return draw_scenes(points, scene, part, number, period, weight)
+            return draw_scenes(points, scene, part, number, period, weight, even)
 
         draws = jax.lax.map(drawn, (views, jnp.stack(parts)))
         return draws.swapaxes(0, 1).reshape(-1, *draws.shape[2:])[:count]
+
+    def independent_draws(
+        self,
+        params: Any,
+        scene: Scene,
+        key: Array,
+        count: int,
+        memory: Remembered | None = None,
+    ) -> Array:
+        """See `Forecaster.independent_draws`."""
+        return self.distribution(params, scene, key, count, memory, even=False)
+
+    def _sample_draws(
+        self, forecast: AnchorForecast, key: Array, count: int, even: bool
+    ) -> Array:
+        """[n, N, pred_len, 2] of the table's samples, one of their own for each person."""
+        return draw_apart(forecast.samples, key, count, even)
 
     def points(self, params: Any, scene: Scene, key: Array) -> Array:
         """See `Forecaster.points`; those of the scene, and of the mirrored one."""
@@ -176,6 +194,13 @@ class AnchorsForecaster(AnchorTableForecaster):
         if config.weighting is not None:
             parts += [config.weighting.name]
         return ", ".join(parts)
+
+    def _sample_draws(
+        self, forecast: AnchorForecast, key: Array, count: int, even: bool
+    ) -> Array:
+        """[n, N, pred_len, 2] of the network's samples, drawn by their probabilities."""
+        probability = jnp.exp(forecast.log_probability)
+        return draw_samples(forecast.samples, probability, key, count, even)
 
     @property
     def calibrated(self) -> bool:

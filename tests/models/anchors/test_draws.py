@@ -25,10 +25,9 @@ from neurosym_jax.models.disk import load_model
 from neurosym_jax.models.forecast import (
     predict,
     predict_distribution,
-    predict_representatives,
 )
 from neurosym_jax.models.sgan.network import GeneratorConfig
-from neurosym_jax.scene import make_scene
+from neurosym_jax.scene import make_scene, to_world
 from tests.networks import random_model
 from tests.repository import exhaustive
 
@@ -277,13 +276,43 @@ def test_models_without_a_trained_distribution_draw_their_samples():
     np.testing.assert_allclose(
         draws, predict(generator, observed, samples=7, seed=2), atol=1e-5
     )
+
+
+def test_a_table_draws_an_index_for_each_person():
+    """Each of the 20 about equally often, of one person independently of another."""
+    observed = np.random.default_rng(0).normal(0, 0.3, (2, 8, 2)).cumsum(1)
     table = load_model("anchor_table_zara1_8")
     draws = predict_distribution(table, observed, draws=200)
-    samples, probability = predict_representatives(table, observed)
-    often = np.bincount(
-        np.abs(draws[:, None] - samples).max((2, 3, 4)).argmin(1), minlength=20
+    samples = predict(table, observed)
+    chosen = np.abs(draws[:, None] - samples).max((3, 4)).argmin(1)  # [200, 2]
+    for agent in range(2):
+        often = np.bincount(chosen[:, agent], minlength=20)
+        np.testing.assert_allclose(often, 10, atol=1)
+    assert (chosen[:, 0] == chosen[:, 1]).mean() < 0.2
+
+
+def test_independent_draws_are_no_more_even_than_chance():
+    observed = np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(1)
+    table = load_model("anchor_table_zara1_8")
+    scene = make_scene(observed).bare()
+    samples = predict(table, observed)
+    draws = table.forecaster.independent_draws(
+        table.params, scene, jax.random.key(0), 2000
     )
-    np.testing.assert_allclose(often, 200 * probability, atol=1)
+    offset = np.abs(to_world(draws, make_scene(observed))[:, None] - samples)
+    often = np.bincount(offset[:, :, 0].max((2, 3)).argmin(1), minlength=20)
+    # The variance of a multinomial count is 2000 / 20 * 19 / 20; even draws have none.
+    assert 40 < often.var() < 220
+
+
+def independent(model, observed, frame):
+    """The draws that a score takes."""
+    scene = make_scene(observed, frame=frame)
+    forecaster = model.forecaster
+    draws = forecaster.independent_draws(
+        model.params, scene.bare(), jax.random.key(0), DRAWS
+    )
+    return to_world(draws, scene)
 
 
 def test_metrics_of_the_distribution_are_of_draws(model):
@@ -304,7 +333,7 @@ def test_metrics_of_the_distribution_are_of_draws(model):
     pairs = ((windows.rows(np.array([number])), number) for number in range(3))
     for rows, number in pairs:
         observed, future = np.split(paths[rows], [8], axis=1)
-        draws = predict_distribution(model, observed, draws=DRAWS, frame=number)
+        draws = independent(model, observed, number)
         for name, own in score(
             draws, future, metrics=["energy_score", "coverage_50"]
         ).items():
