@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import polars as pl
@@ -13,11 +14,12 @@ from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import collisions, register_metric
-from neurosym_jax.evaluation.scores import score_forecaster
-from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.evaluation.scores import DRAWS, score_forecaster
+from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
 from neurosym_jax.models.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.models.forecast import draw_batch
-from neurosym_jax.models.forecaster import Lengths, draw_noise
+from neurosym_jax.models.forecaster import Lengths, draw_noise, forecaster_of
+from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model
 from tests.registrations import restored_registrations
 
@@ -115,6 +117,35 @@ def test_distributions_are_scored_by_draws_of_their_own():
         total += (error - spread / 2).mean(axis=(1, 2)).sum()
     assert both.mean("crps") == pytest.approx(total / WINDOWS.agents, rel=1e-5)
     assert both.mean("joint_ade") == scores("joint_ade").mean("joint_ade")
+
+
+SMALL = {"obs_len": 8, "pred_len": 8}
+COMPARED = {
+    "sampled": ConstantVelocitySampled(Lengths()),
+    "anchors": forecaster_of(AnchorConfig(points=8)),
+    "no points": forecaster_of(AnchorConfig()),
+    "table": forecaster_of(AnchorTableConfig()),
+    "SGAN": forecaster_of(GeneratorConfig(pooling="none", **SMALL)),
+}
+
+
+@pytest.mark.parametrize("name", COMPARED)
+def test_whoever_is_compared_is_scored_by_the_same_number_of_draws(name):
+    """One k for all, whatever number of samples is asked for."""
+    forecaster, counts = COMPARED[name], []
+    shapes = forecaster.shapes()
+    params = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+
+    def count_draws(forecast, scene):
+        counts.append(len(forecast))
+        return forecast[0, :, 0, 0]
+
+    register_metric("count", "draws", drawn=True)(count_draws)
+    options = {"samples": 3, "seed": 0, "metrics": ("count", "joint_ade")}
+    batches = make_batches(WINDOWS)
+    evaluation = score_forecaster(forecaster, params, batches, **options)
+    assert set(counts) == {DRAWS}
+    assert (evaluation.draws, evaluation.samples) == (DRAWS, 3)
 
 
 def own(compute, windows=WINDOWS):

@@ -9,9 +9,12 @@ from unittest import mock
 
 import matplotlib.pyplot as plt
 import numpy as np
+import polars as pl
 import pytest
 
 from neurosym_jax.data.recordings import read_any
+from neurosym_jax.errors import InputError
+from studies.distribution import table as distribution_table
 from studies.driving import CONTACT, STEPS, drive
 from studies.mistakes.__main__ import tell
 from studies.mistakes.corpus import MISTAKES
@@ -62,6 +65,12 @@ def test_mistakes(mistake, tmp_path):
         mistake.outcome,
         True,
     ), message
+
+
+def test_scores_by_different_numbers_of_draws_are_not_put_in_one_table():
+    rows = pl.DataFrame({"model": ["anchors", "SGAN"], "draws": [100, 20]})
+    with pytest.raises(InputError, match=r"draws: scores by \[20, 100\] draws"):
+        distribution_table(rows)
 
 
 def test_a_robot_goes_round_people_it_believes_in():
