@@ -6,7 +6,7 @@ put them. Trainings that differ in their seed become one row: RUNS has five of e
 so on, and three of SGAN and NeuroSyM for eth and zara1 (`--steps 5000`); those of seed
 0 ship.
 
-python evaluate.py --data DATA --seeds 5 --metrics energy_score central_ade neighbour_share \\
+python evaluate.py --data DATA --seeds 5 --metrics central_ade neighbour_share \\
     --baselines constant_velocity constant_velocity_sampled \\
     --checkpoint checkpoints/{anchor_table,n,s}*_[ehuz]*_* RUNS/*_seed[0-4] PUBLISHED \\
     --json docs/results.json
@@ -21,7 +21,6 @@ import io
 import itertools
 import json
 import sys
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -74,7 +73,7 @@ Value = dict[str, Any]
 """A row of `summarise`."""
 COLUMNS = (*SCENES, "mean")
 ERRORS = {"joint": "joint ADE / FDE", "marginal": "marginal ADE / FDE"}
-SCORES = {"central_ade": "central forecast, ADE", "energy_score": "energy score"}
+SCORES = {"central_ade": "central forecast, ADE"}
 """What the small table has of 8 + 12 besides."""
 
 PAGE = """# Results
@@ -158,13 +157,12 @@ for significance.
 What it does not do:
 
 - Its 20 samples are no distribution: by their probabilities, on zara1 (8 + 8) the region that
-  should hold 50 % of true positions holds 33 %, that of 90 % holds 77 %. The first table's
-  energy scores are of these samples. {not_best} The [distribution](#the-distribution) is another
-  output.
+  should hold 50 % of true positions holds 33 %, that of 90 % holds 77 %. The
+  [distribution](#the-distribution) is another output.
 - Its central forecast is behind that of the anchor table, which has no network, on the recordings
   of Stanford, and behind constant velocity on [the campus left out whole](left_out.md).
 - SGAN trained here is behind constant velocity on univ."""
-"""Written by hand from the numbers but for `not_best`; check it when they change."""
+"""Written by hand from the numbers; check it when they change."""
 
 
 def document(rows: Sequence[dict[str, Any]]) -> str:
@@ -177,7 +175,7 @@ def document(rows: Sequence[dict[str, Any]]) -> str:
                 texts.append(f"{row['dataset']} {row['scenes']} / {row['agents']}")
         sizes[f"sizes_{steps}"] = ", ".join(texts)
     return PAGE.format(
-        headline=HEADLINE.format(not_best=_not_best(rows)),
+        headline=HEADLINE,
         means=_means(rows),
         samples=max(row["samples"] for row in rows),
         seeds=max(row["seeds"] for row in rows),
@@ -206,26 +204,6 @@ def table(rows: Sequence[dict[str, Any]], all_windows: Sequence[dict[str, Any]])
         if " / " in cells[0]:
             writer.writerow([model, steps, "windows of one person too", *cells])
     return text.getvalue()
-
-
-def _not_best(rows: Sequence[dict[str, Any]]) -> str:
-    """A sentence on the data sets where anchors do not have the least energy score."""
-    scenes = []
-    for scene in SCENES:
-        scores = defaultdict(list)
-        for row in rows:
-            if (row["dataset"], row["pred_len"]) == (scene, 12) and row.get(
-                "energy_score"
-            ):
-                trained = None if row["model"] == "anchors" else row["checkpoint"]
-                scores[row["model"], trained].append(row["energy_score"])
-        means = {key: sum(values) / len(values) for key, values in scores.items()}
-        (name, _), own = min(means, key=lambda key: means[key]), means["anchors", None]
-        best = min(means.values())
-        if best < own:
-            scenes.append(f"on {scene} ({name} {best:.2f} m, its own {own:.2f} m)")
-    where = " and ".join(scenes) or "nowhere"
-    return f"At 8 + 12, others have a better energy score {where}."
 
 
 def _by_name(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Value]]]:
