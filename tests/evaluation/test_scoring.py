@@ -15,7 +15,7 @@ from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import collisions, register_metric
 from neurosym_jax.evaluation.scores import DRAWS, score_forecaster
-from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
+from neurosym_jax.models.anchors.config import AnchorConfig, AnchorTableConfig
 from neurosym_jax.models.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.models.forecast import draw_batch
 from neurosym_jax.models.forecaster import Lengths, draw_noise, forecaster_of

@@ -20,7 +20,7 @@ from neurosym_jax.models.anchors.draws import (
     draw_scenes,
 )
 from neurosym_jax.models.anchors.forecaster import apply_anchors
-from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.models.anchors.config import AnchorConfig
 from neurosym_jax.models.disk import load_model
 from neurosym_jax.models.forecast import (
     predict,
