@@ -154,6 +154,7 @@ def person_energy(forecast: Array, scene: Scene, probability: Array | None) -> A
     square = jnp.square(offset).sum(axis=(2, 3)).T
     apart = square[:, :, None] + square[:, None] - 2 * product
     spread = jnp.einsum("i,nij,j->n", weight, jnp.sqrt(jnp.maximum(apart, 0)), weight)
+    spread = spread * _pairs(forecast, probability)
     return (weight @ jnp.sqrt(gap) - spread / 2) / jnp.sqrt(forecast.shape[2])
 
 

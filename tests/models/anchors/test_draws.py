@@ -12,6 +12,7 @@ from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import collisions
 from neurosym_jax.evaluation.scores import DRAWS, score, score_forecaster
+from neurosym_jax.models.anchors.config import AnchorConfig
 from neurosym_jax.models.anchors.draws import (
     _overlaps,
     _partings,
@@ -20,7 +21,6 @@ from neurosym_jax.models.anchors.draws import (
     draw_scenes,
 )
 from neurosym_jax.models.anchors.forecaster import apply_anchors
-from neurosym_jax.models.anchors.config import AnchorConfig
 from neurosym_jax.models.disk import load_model
 from neurosym_jax.models.distribution import predict_distribution
 from neurosym_jax.models.forecast import predict
