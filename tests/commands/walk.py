@@ -45,8 +45,9 @@ READ = {
     "--eth-stride": ("tables/biwi_eth.txt", "--eth-stride 12"),
     "--max-gap": ("gap.txt", "--max-gap 9"),
     "--allow": ("tables/fast.txt", "--allow fast"),
-    "--homography": ("walk.txt", "--homography {d}/a.h --allow slow near"),
+    "--homography": ("walk.txt", "--homography {d}/a.h --allow slow"),
     "--flip-y": ("walk.txt", "--flip-y"),
+    "--missing": ("tables/lost.txt", "--missing=-1000"),
 }
 """Options of reading: a file, and what is said of it."""
 
@@ -72,6 +73,7 @@ def write_data(folder: Path) -> Path:
                 [(f, i, -y, x) for f, i, x, y in frames if i != 1 or not 400 < f < 460],
             ),
             "tables/biwi_eth.txt": ("", frames),
+            "tables/lost.txt": ("", [*frames[:-1], (*frames[-1][:2], -1000, -1000)]),
             "tables/fast.txt": ("", [(f, i, 9 * x, 9 * y) for f, i, x, y in frames]),
             "tables/odd.csv": ("t,who,px,py", seconds),
             "tables/ms.csv": ("time,id,x,y", [(1000 * t, *row) for t, *row in seconds]),
