@@ -723,9 +723,10 @@ def _points_of(
     table = table.take(is_seen, "without a position")
     column = dict(zip(roles, values[is_seen].T))
     if "x" in column:
-        # Of a box, x and y are the middle; in metres nobody gives its height.
-        below = column["height"] / 2 if "height" in column else 0.0
-        return table, np.column_stack([column["x"], column["y"] + below])
+        y = column["y"]
+        if "height" in column:  # Of a box, x and y are the middle.
+            y = y + column["height"] / 2
+        return table, np.column_stack([column["x"], y])
 
     left, top = column["left"], column["top"]
     right = column["right"] if "right" in column else left + column["width"]
