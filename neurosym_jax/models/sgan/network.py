@@ -283,24 +283,28 @@ class Decoder(nn.Module):
         feedback = recurrent + self.hidden2pos.kernel @ kernel
         feedback_bias = bias + self.hidden2pos.bias @ kernel
 
-        def step(carry, _):
-            gates, state = carry
+        def displaced(gates, state):
             # The bias is added here: were the sum carried, XLA would store it in a pass
             # of its own.
             state = cell.update(with_bias(gates, feedback_bias), state)
             # The displacement is computed here: were the hidden states the loop's
             # output, XLA would compute them twice, once to be stacked and once for the
             # product.
-            return (state[0] @ feedback, state), self.hidden2pos(state[0])
+            return state, self.hidden2pos(state[0])
+
+        def step(state, _):
+            return displaced(state[0] @ feedback, state)
 
         # `feedback_bias` has the output layer's bias, which the displacement observed
         # has not.
         gates = (
             with_bias(displacement, -self.hidden2pos.bias) @ kernel + hidden @ recurrent
         )
-        carry = gates, cell.start(hidden)
-        _, displacements = jax.lax.scan(step, carry, length=self.config.pred_len)
-        return jnp.moveaxis(displacements, 0, 1)
+        # The first step stands apart, so that the last computes no gates that no step
+        # reads.
+        state, first = displaced(gates, cell.start(hidden))
+        _, others = jax.lax.scan(step, state, length=self.config.pred_len - 1)
+        return jnp.moveaxis(jnp.concatenate([first[None], others]), 0, 1)
 
     def _pooled_step(self, carry: Any, valid: Any, weigh: Weigh | None):
         state, track, displacement = carry
