@@ -464,7 +464,10 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
         left = printable(", ".join(kind[:30] or "nothing" for kind in left))
         if not mask.any():
             if not keep and texts.is_in(others).all():
-                raise NoPeople(f"{table.path}: column {name!r} has {left} alone")
+                raise NoPeople(
+                    f"{table.path}: column {name!r} has {left} alone: say with "
+                    f"{option('keep')} which are people"
+                )
             raise Unsaid(
                 f"{table.path}: column {name!r} has {left}: say with {option('keep')} which are "
                 "people"
