@@ -12,6 +12,7 @@ from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.forecasts import read_forecasts
+from neurosym_jax.evaluation.scores import DRAWS
 
 SAME = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "collision_rate")
 
@@ -264,10 +265,17 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     for name, model_name in zip(
         list(named)[2:], ("anchor table", "constant velocity, sampled")
     ):
-        for metric in (*SAME[:4], *metrics):
+        for metric in (*SAME[:4], "central_ade"):
             assert named[name][metric] == pytest.approx(
                 named[model_name][metric], abs=2e-4
             )
+        # A file has no other draws than its samples.
+        assert (named[name]["draws"], named[model_name]["draws"]) == (3, DRAWS)
+    by_three, by_draws = (
+        named[name]["energy_score"]
+        for name in (files[1].stem, "constant velocity, sampled")
+    )
+    assert by_three == pytest.approx(by_draws, rel=0.05)  # Unbiased.
     alone = run(
         Options(**where, forecasts=files, baselines=("constant_velocity_sampled",))
     )

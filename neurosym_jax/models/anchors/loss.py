@@ -134,8 +134,8 @@ def points_loss(
 def personal_energy(points: Array, future: Array) -> Array:
     """[N] energy score of each person's equally probable `points [P, N, T, 2]`, metres.
 
-    That of `evaluation.metrics.energy_score`, of a scene with nobody else. `future` is
-    [N, T, 2].
+    That of `evaluation.metrics.energy_score` given these probabilities, for points are
+    no draws, of a scene with nobody else. `future` is [N, T, 2].
     """
     steps = points.shape[2]
     offset = (

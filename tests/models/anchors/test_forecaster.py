@@ -96,13 +96,15 @@ def test_probabilities_count_in_scores(model, windows):
     """Each sample as often as its probability says gives the score of equally probable samples."""
     rng = np.random.default_rng(2)
     forecast, future = rng.normal(size=(3, 2, 4, 2)), rng.normal(size=(2, 4, 2))
-    repeated = np.repeat(forecast, [3, 1, 2], axis=0)
-    for metrics, probability, same in (
-        (["energy_score", "crps"], [1 / 2, 1 / 6, 1 / 3], repeated),
-        (["energy_score", "crps", "coverage_50"], [1 / 3] * 3, forecast),
+    repeated, proper = np.repeat(forecast, [3, 1, 2], axis=0), ["energy_score", "crps"]
+    # Without probabilities, samples are draws, whose pairs are counted otherwise.
+    for metrics, probability, same, equal in (
+        (proper, [1 / 2, 1 / 6, 1 / 3], repeated, [1 / 6] * 6),
+        (["coverage_50"], [1 / 3] * 3, forecast, None),
     ):
         weighted = score(forecast, future, probability=probability, metrics=metrics)
-        for name, equal_score in score(same, future, metrics=metrics).items():
+        expected = score(same, future, probability=equal, metrics=metrics)
+        for name, equal_score in expected.items():
             assert weighted[name].mean == pytest.approx(equal_score.mean, rel=1e-4)
     # All probability on samples far from the truth covers nothing.
     moved = forecast + np.array([9.0, 9.0, 0.0])[:, None, None, None]
