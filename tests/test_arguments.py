@@ -23,6 +23,8 @@ from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model
 
 ELSEWHERE = {
+    "load_place": "what was saved: tests/models/place/test_place.py",
+    "predict_batches": "streams: tests/models/test_functional.py",
     "load_model": "what is shipped: tests/models/test_model_places.py",
     "train": "takes minutes: tests/training/test_loop.py",
 }
@@ -30,7 +32,8 @@ ELSEWHERE = {
 
 RNG = np.random.default_rng(0)
 WALKS = RNG.normal(0, 0.3, (7, 40, 2)).cumsum(1) + RNG.uniform(-2, 2, (7, 1, 2))
-OBSERVED = WALKS[:3, :4]
+OBSERVED = WALKS[:3, :4].copy()
+OBSERVED[0, 2] += 9.0  # A tracking error, for `repair`.
 NETWORK = GeneratorConfig(
     obs_len=4, pred_len=3, embedding_dim=4, encoder_h_dim=8, decoder_h_dim=8, mlp_dim=8,
     pooling="as_described,hidden_dim=8", noise_dim=2,
@@ -76,7 +79,7 @@ READING = {
     "homography": "absent.txt",
     "flip_y": True,
 }
-"""A value for each field of `ReadOptions` but two, which have tests of their own."""
+"""A value for each field of `ReadOptions` but three, which have tests of their own."""
 
 NOISE, ALPHA = RNG.normal(size=(2, 2)), RNG.uniform(size=(3, 3, 4))
 CALLS = {
@@ -84,21 +87,21 @@ CALLS = {
         lambda folder: {"model": MODEL, "observed": OBSERVED, "samples": 3},
         lambda folder: {
             "model": OTHER, "observed": OBSERVED[::-1], "samples": 4,
-            "seed": 1, "recording": "a", "frame": 5,
+            "seed": 1, "recording": "a", "frame": 5, "repair": True,
         },
     ),
     "predict_distribution": (
         lambda folder: {"model": MODEL, "observed": OBSERVED, "draws": 3},
         lambda folder: {
             "model": OTHER, "observed": OBSERVED[::-1], "draws": 4,
-            "seed": 1, "recording": "a", "frame": 5,
+            "seed": 1, "recording": "a", "frame": 5, "repair": True,
         },
     ),
     "predict_scenes": (
         lambda folder: {"model": MODEL, "observed": [OBSERVED, OBSERVED[:2]], "samples": 3},
         lambda folder: {
             "model": OTHER, "observed": [OBSERVED], "samples": 4,
-            "seed": 1, "recording": "a", "frames": [5, 1],
+            "seed": 1, "recording": "a", "frames": [5, 1], "repair": True,
         },
     ),
     "forecast": (
@@ -194,11 +197,13 @@ def test_every_public_function_and_every_argument_has_a_row():
     }
     assert functions == set(CALLS) | set(ELSEWHERE) | {"predict_representatives"}
     for name, (_, others) in CALLS.items():
-        # `replace` changes nothing in an empty folder; its test is below.
-        assert names(exported[name]) - {"replace"} <= set(others(Path())), name
+        # `replace` changes nothing in an empty folder; its test is below. That of `place`
+        # is tests/models/place/test_place.py.
+        left = names(exported[name]) - {"replace", "place"}
+        assert left <= set(others(Path())), name
     assert names(nj.predict_representatives) == names(nj.predict)
     fields = {field.name for field in dataclasses.fields(ReadOptions)}
-    assert fields == {*READING, "allow", "eth_stride"}
+    assert fields == {*READING, "allow", "eth_stride", "missing"}
 
 
 @pytest.mark.parametrize("name", [*CALLS, "predict_representatives"])

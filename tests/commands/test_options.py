@@ -129,6 +129,12 @@ CASES: dict[str, dict[str, Case]] = {
             "--partial: has no effect without --forecasts",
         ),
         **added("--plots here.png --style talk", f"--data {WALK}"),
+        **added("--online", f"--data {WALK}"),
+        "--place": (
+            BASE["evaluate"],
+            f"{BASE['evaluate']} --place here.npz",
+            "--place: has no effect without --online",
+        ),
     },
     "symbols": {
         "DATA": (WALK, "{d}/b/walk.txt"),

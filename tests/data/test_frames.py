@@ -122,10 +122,12 @@ def test_wherever_recordings_are_taken(tmp_path):
         read_any(frame, ReadOptions(format="text"))
     with pytest.raises(InputError, match="dataframe: has no rows"):
         read_any(frame[:0])
+    with pytest.raises(InputError, match="is no recording"):
+        windows_from(np.zeros((3, 8, 5)), 4, 4)
     with pytest.raises(
-        InputError, match=r"\(0.0\): is no recording: give a file, table or `make"
+        InputError, match=r"7\.0: is no recording: give a file, table or"
     ):
-        windows_from(np.zeros((3, 8, 2)), 4, 4)
+        windows_from(7.0, 4, 4)
 
 
 @pytest.mark.filterwarnings("error")
