@@ -155,7 +155,7 @@ class Program:
                 return executable
         lowered = self.jitted.lower(*arguments)
         # Where the source alone has changed, and not what is computed, it is there too.
-        place = _place(lowered, self.name)
+        place = _place(lowered, self.name, shapes)
         executable = _read(place, tree)
         if executable is None:
             with apart_from_cache():
@@ -217,9 +217,13 @@ def _key(name: str, fixed: Any, tree: Any = None, shapes: Any = ()) -> str:
     return _digest(parts, _source(), _settings(), _machine())
 
 
-def _place(lowered: Any, name: str) -> str:
-    """Digest of a lowered program and of all that its executable follows from."""
-    trees = str(lowered.in_tree), str(lowered.out_tree)
+def _place(lowered: Any, name: str, shapes: Any) -> str:
+    """Digest of a lowered program and of all that its executable follows from.
+
+    An argument that the program does not use is not in its text, but the executable
+    asks for its shape.
+    """
+    trees = str(lowered.in_tree), str(lowered.out_tree), str(shapes)
     return _digest(name, lowered.as_text(), trees, _settings(), _machine())
 
 

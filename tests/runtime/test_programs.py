@@ -179,6 +179,18 @@ def test_what_differs_in_any_argument_is_another_program(kept):
         assert len(places) == count
 
 
+def first_of(used, unused):
+    """The second argument stands in no lowered program, but its shape is asked for."""
+    return used + 1
+
+
+def test_an_argument_that_is_not_used_has_its_shape_in_the_key(kept):
+    used = np.zeros(3, np.float32)
+    for size in (2, 5):
+        result = newly(first_of, ())(used, np.zeros(size, np.float32))
+        assert numbers(result) == numbers(used + 1)
+
+
 def test_within_a_trace_it_is_a_part_of_the_traced_program(kept):
     scene, key, state = ARGUMENTS
     outer = jax.jit(lambda scene, key: newly()(2.0, scene, key, state)[0])
