@@ -42,6 +42,7 @@ SKIPPED = {
     "from_pretrained": "needs the Hub",
     "nj.train(": "trains a whole recipe",
     "nj.interop.compare": "needs torch's module",
+    "load_torch_training": "run by tests/interop/test_torch_training.py",
     "InferenceSession": "run by tests/interop/test_onnx.py",
     "jax.export": "run by tests/interop/test_export.py",
     "Dashboard(": "serves a page",

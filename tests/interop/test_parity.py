@@ -296,12 +296,6 @@ def test_bad_options(options, reason):
             "(cannot be read as|not JSON|holds objects)",
         ),
         (
-            "neurosym_ijcnn_1.npz",
-            without("alpha_rows_used"),
-            {},
-            "'alpha_rows_used' is missing",
-        ),
-        (
             "neurosym_ros_1.npz",
             None,
             {"pooling_type": "spool"},

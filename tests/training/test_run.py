@@ -56,15 +56,16 @@ def begin(files, out, *options):
 
 @pytest.mark.slow
 def test_a_kill_changes_nothing(files, tmp_path, final):
-    """A run killed soon after a state was saved, and resumed in a fresh process: the same bits."""
+    """A run killed soon after its first state and then model were saved, and resumed in a fresh
+    process: the same bits.
+    """
     killed = begin(files, tmp_path / "run")
-    while killed.poll() is None and not list(
-        (tmp_path / "run" / "checkpoints").glob("step_*")
-    ):
+    while killed.poll() is None and not (tmp_path / "run" / "model").is_dir():
         time.sleep(0.002)
     killed.kill()
     killed.communicate()
     assert load_model(tmp_path / "run").step
+    assert list((tmp_path / "run" / "checkpoints").glob("step_*"))
     assert not (tmp_path / "run" / "run.json").exists()
     # The other run begins here, so that it finds the killed one's compiled programs.
     alone = begin(files, tmp_path / "alone")
