@@ -12,10 +12,9 @@ tracks, name = sys.argv[1:]
 predictor = robot.Predictor(nj.load_model(name))
 (recording,) = nj.data.read_any(tracks)
 for stamp, ids, xy in robot.frames_of_tracks(recording):
-    forecast = predictor.push(
-        stamp, ids, xy
-    )  # None until somebody has been seen long enough
-    if forecast is not None:
+    forecast = predictor.push(stamp, ids, xy)
+    # None for a frame that is refused; of nobody until somebody is seen long enough.
+    if forecast is not None and len(forecast.ids):
         (model,) = forecast.models.values()
         print(
             f"{stamp:.1f} s: {len(forecast.ids)} people, samples {model.samples.shape}"

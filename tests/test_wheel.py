@@ -124,4 +124,4 @@ def test_everything_works_outside_a_clone(installed, tmp_path):
     assert f"{installed}/neurosym_jax/checkpoints" in outputs["models"]
     assert (tmp_path / "run" / "model" / "params.safetensors").is_file()
     assert (installed / "neurosym_jax" / "py.typed").is_file()
-    assert "NeuroSyM" in outputs["replay"]
+    assert re.search(r"(?m)^neurosym_zara1_8  ", outputs["replay"]), outputs["replay"]
