@@ -97,7 +97,8 @@ def test_on_ros_1(graph, line):
     assert node.end(signal.SIGINT) == 0, node.lines
     talker.end()
     hearer.end()
-    assert "Traceback" not in "\n".join(node.lines)
+    said = "\n".join(node.lines)
+    assert "Traceback" not in said, said
 
 
 @pytest.mark.parametrize("line", of_kind("neurosym ros2"))
@@ -143,7 +144,8 @@ def test_of_a_recording(folder, line):
         process.wait_for(lambda text: text == "live until interrupted")
         assert process.end(signal.SIGINT) == 130
     else:
-        assert process.process.wait(200) == 0, process.lines
-    assert "Traceback" not in "\n".join(process.lines)
+        assert process.process.wait(200) == 0, "\n".join(process.lines)
+    said = "\n".join(process.lines)
+    assert "Traceback" not in said, said
     for written in re.findall(r"--(?:out|html|foxglove) (\S+)", line):
         assert (folder / written).stat().st_size > 1000
