@@ -63,7 +63,7 @@ class Master:
                     )
 
 
-def wait(condition: Callable[[], object], seconds: float = 30.0) -> None:
+def wait(condition: Callable[[], object], seconds: float = 60.0) -> None:
     """Until the condition holds, so many seconds at most."""
     end = time.monotonic() + seconds
     while not condition():
