@@ -3,8 +3,8 @@
 import dataclasses
 import functools
 import json
-import zipfile
 from collections import deque
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,8 +29,9 @@ from neurosym_jax.models.place.mixture import (
 )
 from neurosym_jax.models.place.shares import Commitment, Scored, new_ledger
 from neurosym_jax.models.place.stream import Followed, Step, Steps
-from neurosym_jax.models.tracking_errors import TOP_SPEED
+from neurosym_jax.models.tracking_errors import was_repaired
 from neurosym_jax.runtime.files import new_file
+from neurosym_jax.runtime.foreign import read_arrays, reading
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 
 __all__ = ["Place", "load_place", "steps_of"]
@@ -285,12 +286,10 @@ class Place:
         tracks = self._followed.tracks(
             number, least + config.pred_len, most + config.pred_len
         )
-        fastest = TOP_SPEED * config.period
-        moments = []
-        for person, track in tracks.items():
-            # Whoever jumps is two people.
-            if np.linalg.norm(np.diff(track, axis=0), axis=1).max() <= fastest:
-                moments.append((person, track - self._origin))
+        moments = [
+            (person, tracks[person] - self._origin)
+            for person in _consistent(tracks, config.period)
+        ]
         if not moments:
             return
         size = int(bucket_of(len(moments)))
@@ -337,6 +336,19 @@ class Place:
         return memories.recall(KERNELS, self._memory, feature)
 
 
+def _consistent(tracks: Mapping[int, np.ndarray], period: float) -> list[int]:
+    """The people whose tracks [S, 2] have no tracking error: whoever jumps is two people.
+
+    Speed is no error, see `tracking_errors`: a runner's way on is remembered.
+    """
+    people: list[int] = []
+    for length in sorted({len(track) for track in tracks.values()}):
+        alike = [person for person, track in tracks.items() if len(track) == length]
+        broken = was_repaired(np.array([tracks[person] for person in alike]), period)
+        people += np.array(alike)[~broken].tolist()
+    return people
+
+
 @functools.partial(jax.jit, static_argnums=0)
 def _offsets(forecaster: Forecaster, params: Any, scene: Scene) -> jax.Array:
     """[P, N, T, 2] the network's points, from the last positions."""
@@ -350,36 +362,54 @@ def load_place(file: Path | str, model: Model) -> Place:
     Raises:
         InputError: for a file that is not one of a place, or of another model.
     """
-    try:
-        with np.load(file, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        facts = json.loads(str(arrays.pop("facts")))
-        version = facts["version"]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{file}: is no file of a place ({error})") from None
-    if version != VERSION:
-        raise InputError(f"{file}: has version {version} of the file, not {VERSION}")
-    if facts["model"] != _fingerprint(model):
-        raise InputError(
-            f"{file}: was learned with another model: {facts['model']}, "
-            f"not {_fingerprint(model)}"
-        )
-    kernels = [dataclasses.asdict(kernel) for kernel in KERNELS]
-    if facts["kernels"] != kernels:
-        raise InputError(f"{file}: was learned with other kernels")
-    place = Place(model, frame=facts["frame"], moments=1)
-    fields = {name: arrays[f"memory_{name}"] for name in Memory._fields}
-    place._memory = Memory(**{name: jnp.array(field) for name, field in fields.items()})
+    with reading(file, "a file of a place"):
+        arrays = read_arrays(file, "a file of a place")
+        facts = json.loads(str(arrays["facts"]))
+        if facts["version"] != VERSION:
+            raise InputError(
+                f"has version {facts['version']} of the file, not {VERSION}"
+            )
+        if facts["model"] != _fingerprint(model):
+            raise InputError(
+                f"was learned with another model: {facts['model']}, "
+                f"not {_fingerprint(model)}"
+            )
+        kernels = [dataclasses.asdict(kernel) for kernel in KERNELS]
+        if facts["kernels"] != kernels:
+            raise InputError("was learned with other kernels")
+        return _restored(model, facts, arrays)
+
+
+def _restored(model: Model, facts: Any, arrays: dict[str, np.ndarray]) -> Place:
+    """The place with these facts and arrays, whose shapes must be those of a new one."""
+    moments = len(arrays["memory_person"])
+    place = Place(model, frame=str(facts["frame"]), moments=moments)
+    expected = {"log_weight": place._ledger.log_weight, "shares": place._shares}
+    for name, field in place._memory._asdict().items():
+        expected[f"memory_{name}"] = field
+    for name, field in expected.items():
+        array = arrays[name]
+        if (array.shape, array.dtype) != (field.shape, field.dtype):
+            raise InputError(
+                f"{name} must be {list(field.shape)} {field.dtype}, "
+                f"not {list(array.shape)} {array.dtype}"
+            )
+    origin = arrays["origin"].astype(np.float64)
+    if origin.shape not in ((0,), (2,)):
+        raise InputError(f"origin must have two numbers or none, not {len(origin)}")
+
+    fields = {name: jnp.array(arrays[f"memory_{name}"]) for name in Memory._fields}
+    place._memory = Memory(**fields)
     place._ledger = dataclasses.replace(
         place._ledger,
         log_weight=arrays["log_weight"],
-        gain=facts["gain"],
-        most=facts["most"],
+        gain=float(facts["gain"]),
+        most=float(facts["most"]),
     )
     place._shares = arrays["shares"]
-    place._origin = arrays["origin"] if len(arrays["origin"]) else None
-    place._now, place._people = facts["now"], facts["people"]
-    place.scored, place.seconds = Scored(**facts["scored"]), facts["seconds"]
+    place._origin = origin if len(origin) else None
+    place._now, place._people = float(facts["now"]), int(facts["people"])
+    place.scored, place.seconds = Scored(**facts["scored"]), float(facts["seconds"])
     place._begin()
     return place
 

@@ -1,5 +1,7 @@
 """A place that is watched: what it learns, what it may not know, and its files."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -161,6 +163,16 @@ def test_somebody_who_jumps_is_not_remembered(model):
     assert 0 < np.abs(onward).max() < 6
 
 
+@pytest.mark.parametrize("speed", [1.3, 6.0, 12.0])
+def test_a_runner_is_remembered_as_a_walker_is(model, speed):
+    """The guard against people who jump must not take speed for a jump."""
+    place = nj.Place(model)
+    for step in range(40):
+        place.watch([[speed * PERIOD * step, 0.0]], [7], PERIOD * step)
+    onward = np.asarray(place._memory.onward)
+    assert np.abs(onward).max() == pytest.approx(12 * PERIOD * speed, rel=0.01)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_broken_ids_cost_no_more_than_the_limit(model, seed):
     rng = np.random.default_rng(seed)
@@ -267,6 +279,29 @@ def test_another_model_and_another_file_are_refused(model, watched, tmp_path):
     with pytest.raises(InputError, match="another model"):
         nj.load_place(tmp_path / "place.npz", short)
     (tmp_path / "noise.npz").write_bytes(b"PK nothing")
-    for name in ("noise.npz", "absent.npz"):
-        with pytest.raises(InputError, match="no file of a place"):
-            nj.load_place(tmp_path / name, model)
+    with pytest.raises(InputError, match="cannot be read as a file of a place"):
+        nj.load_place(tmp_path / "noise.npz", model)
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        nj.load_place(tmp_path / "absent.npz", model)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("memory_onward", "memory_onward must be"),
+        ("shares", "shares must be [5] float"),
+    ],
+)
+def test_a_file_with_arrays_of_another_shape_is_refused(
+    model, watched, tmp_path, name, reason
+):
+    watched.save(tmp_path / "place.npz")
+    with np.load(tmp_path / "place.npz") as stored:
+        arrays = dict(stored)
+    np.savez(tmp_path / "cut.npz", **{**arrays, name: arrays[name][1:]})
+    with pytest.raises(InputError, match=re.escape(reason)):
+        nj.load_place(tmp_path / "cut.npz", model)
+    del arrays[name]
+    np.savez(tmp_path / "without.npz", **arrays)
+    with pytest.raises(InputError, match="cannot be read as a file of a place"):
+        nj.load_place(tmp_path / "without.npz", model)
