@@ -1,8 +1,9 @@
 """Who goes on as whom: a Kalman filter of constant velocity with gated, global assignment.
 
 Each person's place and velocity are predicted to the moment of a frame. Detections near
-enough are given to people so that all together are most probable; the others are new.
-The error of detections is learned from those that are given.
+enough are given to people so that all together are most probable. Of who was seen only
+once no velocity is known: a detection that nobody else takes may be of them, if they
+run. The others are new. The error of detections is learned from those that are given.
 """
 
 import dataclasses
@@ -29,6 +30,8 @@ BRIEF = 0.25
 """Seconds between two detections of a person from which the error is learned."""
 GATE = 3.5
 """Standard deviations between a detection and a person at most."""
+RUN, BLINK = 10.0, 0.5
+"""Speed between somebody's first two detections, m/s, and seconds between these, at most."""
 NEVER = 1e6
 """Cost of a pair that cannot be."""
 
@@ -106,13 +109,19 @@ class KalmanFilter:
     def _follow(self, xy: np.ndarray) -> np.ndarray:
         """[N] numbers of the people at `xy`; -1 for who finds no room."""
         expected, cost = self._predict(xy)
-        row, column = linear_sum_assignment(cost)
-        is_pair = cost[row, column] < NEVER
-        row, column = row[is_pair], column[is_pair]
+        row, column = _assigned(cost)
         seen = self._update(expected.take(row), xy[column])
         numbers = np.full(len(xy), -1)
         numbers[column] = seen.number
-        unseen = np.setdiff1d(np.arange(len(expected.number)), row)
+
+        left = np.setdiff1d(np.arange(len(expected.number)), row)
+        free = np.flatnonzero(numbers < 0)
+        newcomer, other = _assigned(self._running(left, xy[free]))
+        running = self._start(self._people.take(left[newcomer]), xy[free[other]])
+        numbers[free[other]] = running.number
+        seen = seen.and_others(running)
+
+        unseen = np.delete(left, newcomer)
         room = self._crowd - len(expected.number)
         new = np.flatnonzero(numbers < 0)[: max(room, 0)]
         fresh = _newcomers(xy[new], self._next, self._stamp, self.noise)
@@ -141,6 +150,29 @@ class KalmanFilter:
         cost = off**2 / variance + 2 * np.log(variance)
         return expected, np.where(is_near, cost, NEVER)
 
+    def _running(self, rows: np.ndarray, xy: np.ndarray) -> np.ndarray:
+        """[R, N] distances of `xy [N, 2]` from people who were seen once, as far as they run."""
+        people = self._people.take(rows)
+        gap = self._stamp - people.stamp
+        off = np.linalg.norm(xy - people.place[:, None], axis=-1)
+        off = off.reshape(len(rows), len(xy))
+        # An update makes the velocity better known than that.
+        is_newcomer = (people.covariance[:, 1, 1] == PACE**2) & (gap <= BLINK)
+        can_be = is_newcomer[:, None] & (off <= RUN * gap[:, None])
+        return np.where(can_be, off, NEVER)
+
+    def _start(self, people: _People, xy: np.ndarray) -> _People:
+        """People [P] who were seen once, with the velocity that two detections say."""
+        gap = self._stamp - people.stamp
+        one = np.ones_like(gap)
+        covariance = self.noise**2 * np.array([[one, 1 / gap], [1 / gap, 2 / gap**2]])
+        return people._replace(
+            stamp=np.full(len(xy), self._stamp),
+            place=xy,
+            velocity=(xy - people.place) / gap[:, None],
+            covariance=np.moveaxis(covariance, -1, 0),
+        )
+
     def _update(self, expected: _People, xy: np.ndarray) -> _People:
         """The people `expected` [P] after detections of them at `xy`."""
         off = xy - expected.place
@@ -157,6 +189,13 @@ class KalmanFilter:
             velocity=expected.velocity + gain[:, 1:] * off,
             covariance=covariance,
         )
+
+
+def _assigned(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the cheapest pairs of `cost [R, C]` that can be."""
+    row, column = linear_sum_assignment(cost)
+    can_be = cost[row, column] < NEVER
+    return row[can_be], column[can_be]
 
 
 def _newcomers(xy: np.ndarray, first: int, stamp: float, noise: float) -> _People:

@@ -53,3 +53,26 @@ def test_an_empty_frame_and_a_clock_set_back():
     assert filter.push(0.2, np.zeros((0, 2))).tolist() == []
     assert filter.push(0.3, [[0.0, 0.0]]).tolist() == [first]
     assert filter.push(0.1, [[0.0, 0.0]]).tolist() != [first]
+
+
+@pytest.mark.parametrize(
+    ("rate", "speed"), [(10, 4.5), (10, 8), (5, 6), (2.5, 3), (2.5, 6), (2.5, 9)]
+)
+def test_who_runs_is_one_person_from_the_first_frame(rate, speed):
+    rng, filter = np.random.default_rng(0), KalmanFilter()
+    numbers = set()
+    for frame in range(int(4 * rate)):
+        place = np.array([[speed * frame / rate, 0.0]]) + rng.normal(0, 0.03, (1, 2))
+        numbers.update(filter.push(frame / rate, place).tolist())
+    assert len(numbers) == 1
+
+
+def test_who_appears_elsewhere_does_not_run():
+    """At 11 m/s, or after a second, it is somebody else; and beside a walker, never."""
+    for frames in ([(0.0, 0.0), (0.4, 4.6)], [(0.0, 0.0), (1.1, 5.0)]):
+        filter = KalmanFilter()
+        numbers = [filter.push(time, [[x, 0.0]]).item() for time, x in frames]
+        assert numbers[0] != numbers[1]
+    filter = KalmanFilter()
+    walker, other = filter.push(0.0, [[0.0, 0.0], [5.0, 0.0]]).tolist()
+    assert filter.push(0.4, [[0.5, 0.0], [2.0, 0.0]]).tolist() == [walker, other]
