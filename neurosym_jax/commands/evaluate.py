@@ -80,11 +80,11 @@ class Options:
     """Files of forecasts to evaluate, .npz or TrajNet++'s .ndjson, see docs/evaluate.md; without
     --data on the windows that the first of them holds."""
     partial: bool = False
-    """Test on the windows that all files of --forecasts have, and leave out what does not match."""
+    """Leave out windows that not all files of --forecasts have."""
     label: tuple[str, ...] = ()
     """Names for tables, NAME=PATH, of models or forecasts."""
     all: bool = False
-    """Evaluate every shipped model that matches the data set and horizon."""
+    """Every shipped model that matches the data set and horizon."""
     data: Path | None = None
     """Recording of any format in docs/data.md, a folder of them, or ETH/UCY as SGAN arranges it;
     default: the downloaded collection that has the data set, else the embedded simulations."""
@@ -134,14 +134,14 @@ class Options:
     style: Literal["paper", "talk"] = "paper"
     """Look of the figures; a talk's have larger letters and lines."""
     save_forecasts: Path | None = None
-    """Also write all forecasts: .npz, .nc (xarray) or .ndjson (TrajNet++), a file a model."""
+    """Also write forecasts, a file a model: .npz, .nc (xarray) or .ndjson (TrajNet++)."""
     cluster: str | None = None
     """Address of a Dask scheduler whose workers evaluate sets."""
     online: bool = False
-    """Add a row for each model with what it recalls of the place: scenes in the order of time, of
-    each recording. It sees the past of the test place: never compare it with other protocols."""
+    """Add a row for each model that learns the place meanwhile. It sees the past of the test place,
+    scene by scene in the order of time: never compare it with other protocols."""
     place: Path | None = None
-    """File of an earlier watch of the same place, with which each recording begins."""
+    """File of a place, see docs/place.md, with which each recording begins."""
 
 
 def run(options: Options) -> list[Row]:
