@@ -530,3 +530,24 @@ def test_header_can_be_said(tmp_path):
         assert len(tracks.id) == rows
     with pytest.raises(InputError, match="header=maybe: say header=no"):
         read_any(path, ReadOptions(columns=(*columns, "header=maybe")))
+
+
+def test_people_abreast_in_tenths_of_a_second_are_read_as_they_stand(tmp_path):
+    """Across a row of people all is as smooth as along a track; but no id has a fraction."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for time, person in itertools.product(range(100), range(6)):
+        x, y = rng.normal((0.12 * time, 1.5 * person), 0.02)
+        rows.append(f"{time / 10},{person},{x:.3f},{y:.3f}")
+    path = tmp_path / "abreast.csv"
+    path.write_text("\n".join(rows))
+    columns = ("time=1", "id=2", "x=3", "y=4")
+    with pytest.raises(InputError, match="fractions") as refusal:
+        read_any(path)
+    assert f"columns={columns}" in str(refusal.value)
+    (tracks,) = read_any(path, ReadOptions(columns=columns))
+    assert set(tracks.id.tolist()) == set(range(6))
+    # As frames, whose numbers are whole, it cannot be told.
+    path.write_text("\n".join(row.replace(".", "", 1) for row in rows))
+    with pytest.raises(InputError, match="the first column is the person"):
+        read_any(path)

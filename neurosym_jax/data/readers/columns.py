@@ -517,7 +517,7 @@ class Text(Layout):
         return True
 
     def check(self, table: Table) -> None:
-        """Refuse tracks that are smoother with frame and ped exchanged.
+        """Refuse frames with fractions, and tracks that are smoother with frame and ped exchanged.
 
         Raises:
             InputError: with the columns that fit.
@@ -527,6 +527,12 @@ class Text(Layout):
         rows = rows[~np.isnan(rows).any(axis=1)]
         if not len(rows):
             return
+        if (rows[:, 0] % 1).any():
+            # So it is no person either.
+            raise Question(
+                f"{table.path}: the first column has fractions, so it is not the frame",
+                {("time=1", "id=2", "x=3", "y=4"): ""},
+            )
         frame, ped, position = rows[:, 0], rows[:, 1], rows[:, 2:]
         usual, other = (
             roughness(*pair, position) for pair in ((frame, ped), (ped, frame))
