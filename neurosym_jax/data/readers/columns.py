@@ -527,12 +527,12 @@ class Text(Layout):
         rows = rows[~np.isnan(rows).any(axis=1)]
         if not len(rows):
             return
-        if (rows[:, 0] % 1).any():
-            # So it is no person either.
-            raise Question(
-                f"{table.path}: the first column has fractions, so it is not the frame",
-                {("time=1", "id=2", "x=3", "y=4"): ""},
-            )
+        try:
+            table.whole_numbers(0)
+        except InputError as error:
+            # It is no person's number either.
+            time = {("time=1", "id=2", "x=3", "y=4"): ""}
+            raise Question(f"{error}, so it may be the time", time) from None
         frame, ped, position = rows[:, 0], rows[:, 1], rows[:, 2:]
         usual, other = (
             roughness(*pair, position) for pair in ((frame, ped), (ped, frame))
