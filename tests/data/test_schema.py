@@ -549,7 +549,3 @@ def test_people_abreast_in_tenths_of_a_second_are_read_as_they_stand(tmp_path):
     assert f"columns={columns}" in str(refusal.value)
     (tracks,) = read_any(path, ReadOptions(columns=columns))
     assert set(tracks.id.tolist()) == set(range(6))
-    # As frames, whose numbers are whole, it cannot be told.
-    path.write_text("\n".join(row.replace(".", "", 1) for row in rows))
-    with pytest.raises(InputError, match="the first column is the person"):
-        read_any(path, ReadOptions(fps=10))

@@ -9,7 +9,7 @@ import pytest
 
 from tests.repository import ROOT
 
-IMPORTS = "import sys, rclpy, visualization_msgs.msg; print(sys.version_info[:2])"
+IMPORTS = "import sys, rclpy, nav_msgs.msg, visualization_msgs.msg; print(sys.version_info[:2])"
 
 
 @pytest.fixture(scope="session")

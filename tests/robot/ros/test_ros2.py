@@ -3,9 +3,9 @@ r"""A real ROS 2: poses published with rclpy, our node's forecasts heard with rc
 ROS 2 is looked for in the Python that `$NEUROSYM_ROS2` names, else in this one. To make
 one:
 
-    python -m venv ros2 && ros2/bin/pip install ros-kilted-rclpy
-        ros-kilted-rmw-fastrtps-cpp \ ros-kilted-rmw-implementation
-        ros-kilted-geometry-msgs ros-kilted-visualization-msgs
+    python -m venv ros2 && ros2/bin/pip install ros-kilted-rclpy \
+        ros-kilted-rmw-fastrtps-cpp ros-kilted-rmw-implementation \
+        ros-kilted-geometry-msgs ros-kilted-nav-msgs ros-kilted-visualization-msgs
     NEUROSYM_ROS2=ros2/bin/python pytest tests/robot/ros/test_ros2.py
 """
 
