@@ -71,9 +71,8 @@ SET_BACK = 10.0
 """Roughness that is added to what may be a height; that of a track is less."""
 SAMPLED, MOST = 20_000, 12  # rows and columns that are looked at
 JUDGED = 24  # smoothest readings whose people are judged
-SMOOTHER = (
-    0.7  # share of the roughness of an earlier reading that makes a later one better
-)
+SMOOTHER = 0.7
+"""Share of the roughness of an earlier reading that makes a later one better."""
 
 
 def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
@@ -90,17 +89,17 @@ def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
         if rough < np.inf and rough % SET_BACK <= ROUGHEST:
             readings.append(reading)
     readings.sort(key=lambda reading: reading.roughness)
-    doubts = {
-        reading.columns: doubts_of(reading.tracks()) for reading in readings[:JUDGED]
-    }
-    if not doubts:
+    readings = readings[:JUDGED]
+    if not readings:
         return {}
-    fewest = min(doubts.values())
-    readings = [
-        reading for reading in readings[:JUDGED] if doubts[reading.columns] == fewest
+    doubts = [doubts_of(reading.tracks()) for reading in readings]
+    fewest = min(doubts)
+    least_doubted = [
+        reading for reading, count in zip(readings, doubts) if count == fewest
     ]
-    limit = readings[0].roughness / SMOOTHER
-    best = min((r for r in readings if r.roughness <= limit), key=lambda r: r.columns)
+    limit = least_doubted[0].roughness / SMOOTHER
+    smooth = [reading for reading in least_doubted if reading.roughness <= limit]
+    best = min(smooth, key=lambda reading: reading.columns)
 
     moment, person, x, y = best.columns
     clock = "frame" if (best.moment % 1 == 0).all() else "time"
@@ -140,16 +139,19 @@ def _complete(table: Table) -> Table:
 
 def _possible(table: Table, places: Mapping[str, int]) -> Iterator[_Candidate]:
     """The readings of a table in which nobody is at two places at one moment."""
-    free = [
-        at for at in range(min(len(table.names), MOST)) if at not in places.values()
-    ]
+    columns = range(min(len(table.names), MOST))
+    free = [at for at in columns if at not in places.values()]
     clock = places.get("time", places.get("frame"))
-    x, y = places.get("x", places.get("left")), places.get("y", places.get("top"))
-    columns = {at: _numbers(table, at) for at in {*free, clock, x, y} - {None}}
-    numbers = {
-        at: values for at, values in sorted(columns.items()) if values is not None
-    }
-    moments = [at for at in free if at in numbers] if clock is None else [clock]
+    x = places.get("x", places.get("left"))
+    y = places.get("y", places.get("top"))
+    numbers = {}
+    for at in sorted({*free, clock, x, y} - {None}):
+        values = _numbers(table, at)
+        if values is not None:
+            numbers[at] = values
+    moments = [at for at in free if at in numbers]
+    if clock is not None:
+        moments = [clock]
     people = [at for at in free if _repeats(table, at)]
     if "id" in places:
         people = [places["id"]]
@@ -203,16 +205,17 @@ def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
         return {}
     if not set(behind).isdisjoint(places.values()):
         return {}
-    corner = np.column_stack([table.extra(at, texts=False) for at in (left, top)])
-    other = np.column_stack([table.extra(at, texts=False) for at in behind])
-    for size, names in (
-        (other - corner, ("right", "bottom")),
-        (other, ("width", "height")),
-    ):
-        if (size > 0).all():
-            others = {role: at for role, at in places.items() if role not in "xy"}
-            return others | dict(zip(("left", "top", *names), (left, top, *behind)))
-    return {}
+    columns = (left, top, *behind)
+    values = np.column_stack([table.extra(at, texts=False) for at in columns])
+    first, second = values[:, :2], values[:, 2:]
+    if (second > first).all():
+        roles = ("left", "top", "right", "bottom")
+    elif (second > 0).all():
+        roles = ("left", "top", "width", "height")
+    else:
+        return {}
+    others = {role: at for role, at in places.items() if role not in "xy"}
+    return others | dict(zip(roles, columns))
 
 
 def _numbers(table: Table, at: int) -> Any:
@@ -262,9 +265,8 @@ class Schema:
     """Roles and other names, the extras, of the columns of a table."""
 
     places: Mapping[str, int]  # column of each role or extra
-    units: Mapping[str, str] = dataclasses.field(
-        default_factory=dict
-    )  # of time, x, y by name
+    units: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Of time, x and y, by name."""
     flags: tuple[tuple[str, int], ...] = ()  # roles and columns of `FLAGS`
     labels: tuple[int, ...] = ()  # further columns of kinds, by their names
     sizes: tuple[int, ...] = ()  # columns of a width and a height beside x and y
@@ -301,13 +303,12 @@ class Schema:
 @functools.cache
 def vocabulary() -> dict[str, frozenset[str]]:
     """The words of each role, and of `recording`, `people` and `others`."""
-    text = (
-        files("neurosym_jax.data")
-        .joinpath("vocabulary.tsv")
-        .read_text(encoding="utf-8")
-    )
-    rows = (line.split("\t") for line in text.splitlines()[1:])
-    return {role: frozenset(words.split()) for role, words in rows}
+    path = files("neurosym_jax.data").joinpath("vocabulary.tsv")
+    words = {}
+    for line in path.read_text(encoding="utf-8").splitlines()[1:]:
+        role, texts = line.split("\t")
+        words[role] = frozenset(texts.split())
+    return words
 
 
 def plain_name(name: str) -> tuple[str, str]:
@@ -363,18 +364,17 @@ def names_tracks(names: Sequence[str]) -> bool:
 
 def _has_position(roles: Iterable[str]) -> bool:
     roles = set(roles)
-    box = (
-        {"left", "top"} <= roles
-        and roles & {"right", "width"}
-        and roles & {"bottom", "height"}
-    )
-    return {"x", "y"} <= roles or bool(box)
+    has_corner = {"left", "top"} <= roles
+    has_width = not roles.isdisjoint({"right", "width"})
+    has_height = not roles.isdisjoint({"bottom", "height"})
+    return {"x", "y"} <= roles or (has_corner and has_width and has_height)
 
 
 def names_in_comments(comments: Sequence[str], width: int) -> list[str]:
     """The names of `width` columns in the last comment that has them; none if none has."""
     for comment in reversed(comments):
-        for names in (comment.split(mark) for mark in (None, ",", ";", "\t")):
+        for mark in (None, ",", ";", "\t"):
+            names = comment.split(mark)
             roles = {role_of(name) for name in names}
             if len(names) == width and {"id", "x", "y"} <= roles:
                 return [name.strip() for name in names]
@@ -454,15 +454,15 @@ def schema_of(
         Question: naming every role that is missing or stands twice.
         InputError: for a column that is not there.
     """
-    given = dict[str, int]()
+    declared = dict[str, int]()
     for role, name in stated.items():
         if name != "none" or "none" in table.names:
-            given[role] = _place(table, role, name)
-    named = _named(table, stated, given)
+            declared[role] = _place(table, role, name)
+    named = _named(table, stated, declared)
     sizes = (*named.get("width", [])[:1], *named.get("height", [])[:1])
     named = _without_other_positions(named, stated)
 
-    places = dict(given)
+    places = dict(declared)
     clocks = {"time", "frame"}
     for role in ROLES:
         columns = named.get(role, [])
@@ -479,33 +479,41 @@ def schema_of(
             f"{table.path}: {', '.join(points)} must be {len(points)} columns"
         )
 
-    flags = {(role, places[role]) for role in FLAGS if role in places}
-    flags |= {(role, at) for role in FLAGS for at in named.get(role, [])}
+    flags = set[tuple[str, int]]()
+    for role in FLAGS:
+        columns = set(named.get(role, ()))
+        if role in places:
+            columns.add(places[role])
+        flags |= {(role, at) for at in columns}
     units = {}
     for role in ("time", "x", "y", "left", "vx"):
-        unit = plain_name(table.names[places[role]])[1] if role in places else ""
+        unit = ""
+        if role in places:
+            _, unit = plain_name(table.names[places[role]])
         if unit:
             units[role] = unit
+    labels = named.get("label", [])
+    recordings = [
+        at for at in named.get("recording", []) if at not in declared.values()
+    ]
     is_named = not {"x", "y"} & stated.keys()
     return Schema(
         places,
         units,
         flags=tuple(sorted(flags)),
-        labels=() if "label" in stated else tuple(named.get("label", ())),
+        labels=() if "label" in stated else tuple(labels),
         sizes=sizes if is_named and len(sizes) == 2 else (),
         heights=tuple(named.get("z", ())) if is_named else (),
-        recordings=tuple(
-            at for at in named.get("recording", ()) if at not in given.values()
-        ),
+        recordings=tuple(recordings),
         declared=frozenset(stated),
     )
 
 
 def _named(
-    table: Table, stated: Mapping[str, str], given: Mapping[str, int]
+    table: Table, stated: Mapping[str, str], declared: Mapping[str, int]
 ) -> dict[str, list[int]]:
     """The columns whose names say a role that the user has not stated."""
-    taken = {at for role, at in given.items() if role in ROLES}
+    taken = {at for role, at in declared.items() if role in ROLES}
     named = dict[str, list[int]]()
     for at, name in enumerate(table.names):
         role = role_of(name)
@@ -518,11 +526,12 @@ def _without_other_positions(
     named: dict[str, list[int]], stated: Iterable[str]
 ) -> dict[str, list[int]]:
     """The columns without those of boxes, or without x and y, where the others are the positions."""
-    by_points, by_boxes = {"x", "y"} & set(stated), set(BOX) & set(stated)
+    states_points = not {"x", "y"}.isdisjoint(stated)
+    states_boxes = not set(BOX).isdisjoint(stated)
     others = ()
-    if by_points or (not by_boxes and {"x", "y"} <= named.keys()):
+    if states_points or (not states_boxes and {"x", "y"} <= named.keys()):
         others = BOX
-    elif by_boxes or _has_position(named.keys() - {"x", "y"}):
+    elif states_boxes or _has_position(named.keys() - {"x", "y"}):
         others = ("x", "y")
     return {role: columns for role, columns in named.items() if role not in others}
 
@@ -534,15 +543,20 @@ def _refuse_missing(
     in_picture: bool,
 ) -> None:
     """Ask for the clock, the id and the position where they are missing, with what values propose."""
-    required = [] if {"time", "frame"} & places.keys() else ["time or frame"]
-    required += [] if "id" in places else ["id"]
+    required = []
+    if not {"time", "frame"} & places.keys():
+        required.append("time or frame")
+    if "id" not in places:
+        required.append("id")
     if not _has_position(places):
         required += [role for role in ("x", "y") if role not in places]
     if not required:
         return
     if len(table.names) < 3:
-        what = f"only the columns {_shown(table)}: separate columns"
-        raise InputError(f"{table.path}: {what} by commas, semicolons, tabs or blanks")
+        raise InputError(
+            f"{table.path}: only the columns {_shown(table)}: separate columns by commas, "
+            "semicolons, tabs or blanks"
+        )
 
     # Of columns with one role each is tried; their values are compared by who asks.
     unclear = [role for role in ("time", "frame", "id", "x", "y") if role not in places]
@@ -569,20 +583,23 @@ def _written(table: Table, places: Mapping[str, int]) -> tuple[str, ...]:
     """What a user writes of columns; without an id all rows are one person's."""
     roles = [role for role in dict.fromkeys((*ROLES, *places)) if role in places]
     written = [f"{role}={column_name(table, places[role])}" for role in roles]
-    return (*written, *([] if "id" in places else ["id=none"]))
+    if "id" not in places:
+        written.append("id=none")
+    return tuple(written)
 
 
 def _place(table: Table, key: str, name: str) -> int:
     """The column with this number from 1, or this name."""
-    if name.isdecimal():
-        if 1 <= int(name[:9]) <= len(table.names):
-            return int(name) - 1
-    elif (count := list(table.names).count(name)) == 1:
-        return list(table.names).index(name)
-    elif count:
+    names = list(table.names)
+    count = 0 if name.isdecimal() else names.count(name)
+    if count == 1:
+        return names.index(name)
+    if count:
         raise InputError(
             f"{table.path}: {key}={name}: {count} columns are called so; say a number"
         )
+    if name.isdecimal() and 1 <= int(name[:9]) <= len(names):
+        return int(name) - 1
     raise InputError(
         f"{table.path}: no column {name[:40]!r}: which column is {key}? There are {_shown(table)}"
     )
@@ -595,12 +612,9 @@ def _shown(table: Table) -> str:
 def column_name(table: Table, at: int) -> str:
     """The name of a column as `columns` takes it, or its number from 1."""
     name = table.names[at]
-    plain = (
-        name.isprintable()
-        and not name.isdecimal()
-        and list(table.names).count(name) == 1
-    )
-    return name if plain and name else str(at + 1)
+    is_plain = name.isprintable() and not name.isdecimal()
+    is_only = list(table.names).count(name) == 1
+    return name if name and is_plain and is_only else str(at + 1)
 
 
 # From coordinates of a picture to metres, and back: homographies, scales and
@@ -647,20 +661,19 @@ def project(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
     """
     mapped = points @ matrix[:, :2].T + matrix[:, 2]
     depth = mapped[..., 2:]
-    usable = depth * np.sign(np.median(depth) or 1.0) > 1e-12 * np.abs(depth).max()
-    return np.divide(
-        mapped[..., :2], depth, out=np.full(points.shape, np.nan), where=usable
-    )
+    side = np.sign(np.median(depth) or 1.0)
+    usable = depth * side > 1e-12 * np.abs(depth).max()
+    images = np.full(points.shape, np.nan)
+    return np.divide(mapped[..., :2], depth, out=images, where=usable)
 
 
 def outside(matrix: np.ndarray, points: np.ndarray, width: int, height: int) -> float:
     """Share of `points [P, 2]`, in metres, that lie outside a picture of this size in pixels."""
     pixels = project(np.linalg.inv(matrix), points)
+    last = [width - 0.5, height - 0.5]
     with np.errstate(invalid="ignore"):
-        inside = ((pixels >= -0.5) & (pixels <= [width - 0.5, height - 0.5])).all(
-            axis=-1
-        )
-    return float(1 - inside.mean())
+        is_inside = ((pixels >= -0.5) & (pixels <= last)).all(axis=-1)
+    return float(1 - is_inside.mean())
 
 
 def positions_of(
@@ -676,13 +689,13 @@ def positions_of(
     table, raw = _points_of(table, schema, options)
     stated = options.unit_of(table.path.stem)
     if stated and unit and abs(metres_in(stated) / metres_in(unit) - 1) > 1e-6:
-        said = option("unit", stated)
+        user = option("unit", stated)
         if "scale" not in options.allow:
             raise InputError(
-                f"{table.path}: the file says that coordinates are {unit}, {said}: which is "
+                f"{table.path}: the file says that coordinates are {unit}, {user}: which is "
                 f"right? ({option('allow', ('scale',))} takes the option)"
             )
-        table = table.warned(f"allowed scale: the file says {unit}, {said}")
+        table = table.warned(f"allowed scale: the file says {unit}, {user}")
     if schema.in_degrees:
         return _local_metres(table, raw, options)
     has_scale = stated or unit or options.homography
@@ -831,23 +844,24 @@ def facts_of(table: Table, schema: Schema) -> dict[str, str]:
         add(key, value, "the file")
     for comment in table.comments:
         comment = re.sub(r"\[[^]]*\d[^]]*\]", "", comment)  # [1/s] is no rate
-        if match := _RATE.search(comment):
-            add("fps", match[2] or match[3], f"the comment {comment[:40]!r}")
-        names = comment.split()
-        if (
-            "unit" not in facts
-            and len(names) != len(table.names)
-            and (match := _RATE_UNIT.search(comment))
-        ):
-            add(
-                "unit",
-                plain_name(f"x [{match[1]}]")[1],
-                f"the comment {comment[:40]!r}",
-            )
+        witness = f"the comment {comment[:40]!r}"
+        rate = _RATE.search(comment)
+        if rate:
+            add("fps", rate[2] or rate[3], witness)
+        unit = _RATE_UNIT.search(comment)
+        is_names = len(comment.split()) == len(table.names)
+        if unit and not is_names and "unit" not in facts:
+            add("unit", _plain_unit(unit[1]), witness)
     for path in _beside(table.path):
         for key, value in _facts_in(path).items():
             add(key, value, path.name)
     return facts
+
+
+def _plain_unit(text: str) -> str:
+    """A unit of positions as options write it, else nothing."""
+    _, unit = plain_name(f"x [{text}]")
+    return unit
 
 
 def _beside(path: Path) -> list[Path]:
@@ -855,11 +869,11 @@ def _beside(path: Path) -> list[Path]:
     if not path.suffix or not path.parent.is_dir():
         return []
     stem = path.stem.rpartition("_")[0] or path.stem
-    return [
-        other
-        for other in sorted(path.parent.glob(f"{glob.escape(stem)}*[mM]eta*"))
-        if other != path and other.suffix.lower() in (".csv", ".json")
-    ]
+    others = []
+    for other in sorted(path.parent.glob(f"{glob.escape(stem)}*[mM]eta*")):
+        if other != path and other.suffix.lower() in (".csv", ".json"):
+            others.append(other)
+    return others
 
 
 def _facts_in(path: Path) -> dict[str, str]:
@@ -869,15 +883,18 @@ def _facts_in(path: Path) -> dict[str, str]:
         with contextlib.suppress(InputError):
             fields = read_json(path, limit=SETTINGS)
         fields = fields if isinstance(fields, dict) else {}
-    elif (table := _table_in(path)) and len(table.row) == 1:
-        fields = {name: table.column(at)[0] for at, name in enumerate(table.names)}
+    else:
+        table = _table_in(path)
+        if table and len(table.row) == 1:
+            fields = {name: table.column(at)[0] for at, name in enumerate(table.names)}
     facts = {}
     for name, value in fields.items():
-        if plain_name(name)[0] in RATE_NAMES:
+        word, _ = plain_name(name)
+        if word in RATE_NAMES:
             with contextlib.suppress(TypeError, ValueError):
                 facts["fps"] = str(float(value))
-        elif plain_name(name)[0] in ("unit", "units") and plain_name(f"x [{value}]")[1]:
-            facts["unit"] = plain_name(f"x [{value}]")[1]
+        if word in ("unit", "units") and _plain_unit(value):
+            facts["unit"] = _plain_unit(value)
     return facts
 
 
@@ -887,21 +904,21 @@ def _table_in(path: Path) -> Table | None:
     return None
 
 
-def kinds_beside(table: Table, schema: Schema) -> tuple[str, pl.Series] | None:
-    """Name and [R] lower-case kinds of the rows' ids, as a file beside the table says."""
+def kinds_beside(table: Table, schema: Schema) -> dict[str, pl.Series]:
+    """[R] lower-case kinds of the rows' ids by the name of what says them: a file beside the table,
+    if one does."""
     for path in _beside(table.path):
         other = _table_in(path) if path.suffix.lower() == ".csv" else None
         if other is None:
             continue
         roles = [role_of(name) for name in other.names]
         if "id" in roles and "label" in roles and not {"x", "y"} & set(roles):
-            ids, kinds = (other.column(roles.index(role)) for role in ("id", "label"))
-            kind = dict(zip(ids, kinds.str.to_lowercase()))
-            rows = table.column(schema.places["id"]).replace_strict(
-                kind, default="", return_dtype=pl.String
-            )
-            return f"{other.names[roles.index('label')]} in {path.name}", rows
-    return None
+            label = roles.index("label")
+            kind = dict(zip(other.column(roles.index("id")), other.words(label)))
+            ids = table.column(schema.places["id"])
+            kinds = ids.replace_strict(kind, default="", return_dtype=pl.String)
+            return {f"{other.names[label]} in {path.name}": kinds}
+    return {}
 
 
 # The clock of a table: seconds of its times or frames, as far as its witnesses agree.
@@ -1024,21 +1041,24 @@ def _rate_of_velocities(
     order = np.lexsort((frame, ids))
     ids, frame, position = ids[order], frame[order], position[order]
     velocity = np.nan_to_num(table.numbers(*columns, missing=True)[order])
-    same = np.flatnonzero((ids[4:] == ids[:-4]) & (frame[4:] > frame[:-4]))
-    if len(same) < ENOUGH:
+    starts = np.flatnonzero((ids[4:] == ids[:-4]) & (frame[4:] > frame[:-4]))
+    if len(starts) < ENOUGH:
         return []
-    frames = (frame[same + 4] - frame[same])[:, None]
-    moved = (position[same + 4] - position[same]) / frames
+    frames = frame[starts + 4] - frame[starts]
+    moved = (position[starts + 4] - position[starts]) / frames[:, None]
     weights = np.array([0.125, 0.25, 0.25, 0.25, 0.125])
-    mean = np.einsum("l,lnd->nd", weights, velocity[same + np.arange(5)[:, None]])
+    rows = starts + np.arange(5)[:, None]
+    mean = np.einsum("l,lnd->nd", weights, velocity[rows])
     across = (mean * moved).sum(axis=1)
-    length, speed = (moved**2).sum(axis=1), (mean**2).sum(axis=1)
-    moving = (length > 0.01 * np.median(length)) & (speed > 0) & (length > 0)
-    if not moving.any():
+    length = (moved**2).sum(axis=1)
+    speed = (mean**2).sum(axis=1)
+    moves = (length > 0.01 * np.median(length)) & (speed > 0) & (length > 0)
+    if not moves.any():
         return []
+    across, length, speed = across[moves], length[moves], speed[moves]
     # Medians, for velocities are wrong where tracks begin or are exchanged.
-    cosine = np.median((across / np.sqrt(length * speed))[moving])
-    rate = float(np.median((across / length)[moving]))
+    cosine = np.median(across / np.sqrt(length * speed))
+    rate = float(np.median(across / length))
     if cosine < 0.9 or not 0.9 < rate < 130:
         return []
     usual = np.array([round(rate), *USUAL_RATES])
@@ -1077,8 +1097,10 @@ def usual_step(
     """
     order = np.lexsort((frame, ids))
     steps = np.diff(frame[order])
-    steps = steps[(np.diff(ids[order]) == 0) & (steps > 0)]
-    steps = steps if len(steps) else np.diff(np.unique(frame))
+    same = np.diff(ids[order]) == 0
+    steps = steps[same & (steps > 0)]
+    if not len(steps):
+        steps = np.diff(np.unique(frame))
     stride = common(steps) if len(steps) else 1.0
     if not any_step and stride not in STEPS:
         raise Unsaid(
@@ -1092,8 +1114,10 @@ def _seconds(
     table: Table, schema: Schema, options: ReadOptions
 ) -> tuple[Table, np.ndarray]:
     """[R] seconds in the column of times."""
-    path, place, named = table.path, schema.places["time"], schema.units.get("time")
-    name, unit = table.names[place], options.time_unit
+    path = table.path
+    place = schema.places["time"]
+    name = table.names[place]
+    named, unit = schema.units.get("time"), options.time_unit
     if options.fps_of(path.stem) is not None:
         raise InputError(
             f"{path}: {option('fps')} counts frames, and {name!r} is a time"
@@ -1183,19 +1207,19 @@ def _refuse_other_frames(
 ) -> None:
     """Refuse a column of frames that counts anything but the times [R] of each recording [R]."""
     places = [at for at, name in enumerate(table.names) if role_of(name) == "frame"]
-    frame = (
-        table.numbers(*places, missing=True).ravel()
-        if len(places) == 1
-        else np.zeros(0)
-    )
-    for number in np.unique(part[: len(frame)]):
+    if len(places) != 1:
+        return
+    frame = table.numbers(*places, missing=True).ravel()
+    for number in np.unique(part):
         at = (part == number) & np.isfinite(frame)
-        first, index = np.unique(frame[at], return_index=True)
+        counts, moments = frame[at], stamp[at]
+        first, index = np.unique(counts, return_index=True)
         if len(first) < 3:
             continue
-        rate, start = np.polyfit(first - first[0], stamp[at][index], 1)
-        off = np.max(np.abs(stamp[at] - start - rate * (frame[at] - first[0])))
-        if rate <= 0 or off > 0.1 + 2 * rate + 1e-3 * np.ptp(stamp[at]):
+        rate, start = np.polyfit(first - first[0], moments[index], 1)
+        line = start + rate * (counts - first[0])
+        error = np.max(np.abs(moments - line))
+        if rate <= 0 or error > 0.1 + 2 * rate + 1e-3 * np.ptp(moments):
             frames, times = table.names[places[0]], table.names[clock]
             raise Question(
                 f"{table.path}: columns {frames!r} and {times!r} disagree",

@@ -40,19 +40,26 @@ def steps_of(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
     """Seconds and m/s of every step of every person, in the order of the tracks."""
     same = np.diff(tracks.id) == 0
     step = np.diff(tracks.stamp)[same]
-    return step, np.linalg.norm(np.diff(tracks.position, axis=0)[same], axis=1) / step
+    move = np.diff(tracks.position, axis=0)[same]
+    return step, np.linalg.norm(move, axis=1) / step
 
 
 def pace_of(tracks: Tracks) -> tuple[int, float]:
     """Number of steps, and the speed that one in twenty exceeds; NaN where it says nothing."""
-    step, same = np.diff(tracks.stamp), np.diff(tracks.id) == 0
-    longest = GAP * max(float(np.median(step[same])) if same.any() else 0.0, PERIOD)
-    clock = np.append(0.0, np.cumsum(np.where(same, step, 2 * longest)))
+    step = np.diff(tracks.stamp)
+    same = np.diff(tracks.id) == 0
+    usual = 0.0
+    if same.any():
+        usual = float(np.median(step[same]))
+    longest = GAP * max(usual, PERIOD)
+    interval = np.where(same, step, 2 * longest)
+    clock = np.append(0.0, np.cumsum(interval))
     # Strides to the same person's row about 0.4 s later, or of short tracks to the
     # next.
     after = np.searchsorted(clock, clock + PERIOD - 1e-3)
     starts = np.flatnonzero(after < len(clock))
-    starts = starts[clock[after[starts]] - clock[starts] <= longest]
+    stride = clock[after[starts]] - clock[starts]
+    starts = starts[stride <= longest]
     if len(starts) < FEW:
         starts = np.flatnonzero(same)
         after = np.arange(len(clock)) + 1
@@ -60,19 +67,23 @@ def pace_of(tracks: Tracks) -> tuple[int, float]:
         return len(starts), np.nan
     after = after[starts]
     time = tracks.stamp[after] - tracks.stamp[starts]
-    length = np.linalg.norm(tracks.position[after] - tracks.position[starts], axis=1)
+    move = tracks.position[after] - tracks.position[starts]
+    length = np.linalg.norm(move, axis=1)
     pace = float(np.quantile(length / time, 0.95))
-    # In a moment anybody may stand.
-    return len(starts), pace if pace > 1 or np.median(time) > PERIOD / 2 else np.nan
+    if pace <= 1 and np.median(time) <= PERIOD / 2:
+        pace = np.nan  # In a moment anybody may stand.
+    return len(starts), pace
 
 
 def _moments(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of moments, of 0.1 s or the usual step, and each person's first position in one:
     the points of two trackers, or of each person, may have their own stamps."""
-    moment = np.rint(
-        tracks.stamp / min(0.1, np.median(np.append(steps_of(tracks)[0], 0.1)))
-    )
-    new = np.append(True, (np.diff(moment) != 0) | (np.diff(tracks.id) != 0))
+    steps, _ = steps_of(tracks)
+    length = min(0.1, np.median(np.append(steps, 0.1)))
+    moment = np.rint(tracks.stamp / length)
+    is_later = np.diff(moment) != 0
+    is_other = np.diff(tracks.id) != 0
+    new = np.append(True, is_later | is_other)
     return moment[new], tracks.position[new]
 
 
@@ -83,14 +94,17 @@ def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndar
     of three rows; uneven steps in time add to it.
     """
     order = np.lexsort((time, ids))
-    step, same = np.diff(time[order]), np.diff(ids[order]) == 0
+    step = np.diff(time[order])
+    same = np.diff(ids[order]) == 0
     triple = same[1:] & same[:-1]
-    if (same & (step == 0)).any() or triple.sum() < 0.3 * len(time):
+    is_twice = same & (step == 0)
+    if is_twice.any() or triple.sum() < 0.3 * len(time):
         return np.full(columns.shape[1], np.inf)
-    bend = np.median(np.abs(np.diff(columns[order], 2, axis=0))[triple], axis=0)
-    spread = np.ptp(np.quantile(columns, (0.05, 0.95), axis=0), axis=0)
+    bend = np.abs(np.diff(columns[order], 2, axis=0))[triple]
+    low, high = np.quantile(columns, (0.05, 0.95), axis=0)
+    spread = np.maximum(high - low, 1e-12)
     uneven = np.mean(step[1:][triple] != step[:-1][triple])
-    return bend / np.maximum(spread, 1e-12) + 0.05 * uneven
+    return np.median(bend, axis=0) / spread + 0.05 * uneven
 
 
 def _every_period(tracks: Tracks) -> Tracks:
@@ -102,10 +116,10 @@ def _every_period(tracks: Tracks) -> Tracks:
     stride = int(max(1, np.rint(PERIOD / max(usual, 1e-3))))
     if stride == 1:
         return tracks
+    rows = len(tracks.id)
     first = np.flatnonzero(np.append(True, ~same))
-    place = np.arange(len(tracks.id)) - np.repeat(
-        first, np.diff(np.append(first, len(tracks.id)))
-    )
+    counts = np.diff(np.append(first, rows))
+    place = np.arange(rows) - np.repeat(first, counts)
     return tracks.take(place % stride == 0)
 
 
@@ -120,7 +134,8 @@ def _nearest(position: np.ndarray) -> np.ndarray:
     if len(position) > FEW_PEOPLE:
         from scipy.spatial import KDTree  # It takes a third of a second to import.
 
-        return KDTree(position).query(position, 2)[0][:, 1]
+        distance, _ = KDTree(position).query(position, 2)
+        return distance[:, 1]
     offset = position[:, None] - position[None]
     distance = np.sqrt(np.square(offset).sum(axis=-1))
     np.fill_diagonal(distance, np.inf)
@@ -163,11 +178,12 @@ def doubts_of(tracks: Tracks) -> int:
         return len(GUARDS)
     step = np.median(np.diff(tracks.stamp)[same])
     tracks = dataclasses.replace(tracks, stamp=tracks.stamp / step * PERIOD)
-    pace = pace_of(tracks)[1]
+    _, pace = pace_of(tracks)
     if pace > 0:
         tracks = dataclasses.replace(tracks, position=tracks.position * WALK / pace)
-    variances = np.linalg.eigvalsh(np.cov(np.diff(tracks.position, axis=0)[same].T))
-    doubts = int(variances[0] < 1e-4 * variances[1])
+    moves = np.diff(tracks.position, axis=0)[same]
+    across, along = np.linalg.eigvalsh(np.cov(moves.T))
+    doubts = int(across < 1e-4 * along)
     for doubt in judge(tracks):
         doubts += doubt.guard not in ("slow", "fast")
     return doubts
@@ -200,7 +216,8 @@ def _held(length: np.ndarray, enough: bool) -> Iterator[Doubt]:
     if np.any(length > 0):
         usual = np.median(length[length > 0])
     stay, leap, after = length[:-2], length[1:-1], length[2:]
-    is_held = (stay == 0) & (leap > np.maximum(1.6 * after, 0.5 * usual))
+    least = np.maximum(1.6 * after, 0.5 * usual)
+    is_held = (stay == 0) & (leap > least)
     share = np.sum(is_held) / (len(length) + 1)
     if share > 0.01:
         line = (
@@ -249,8 +266,8 @@ def _starts(tracks: Tracks, enough: bool) -> Iterator[Doubt]:
 
 
 def _line(tracks: Tracks) -> Iterator[Doubt]:
-    variances = np.linalg.eigvalsh(np.cov(tracks.position.T, bias=True))
-    across = np.sqrt(np.abs(variances[0]))
+    variance, _ = np.linalg.eigvalsh(np.cov(tracks.position.T, bias=True))
+    across = np.sqrt(np.abs(variance))
     if across < 0.2 and len(np.unique(tracks.id)) > 1:
         line = f"all are within {across:.2f} m of a line: is x or y a height, or both alike?"
         yield Doubt("line", False, line)
@@ -258,12 +275,11 @@ def _line(tracks: Tracks) -> Iterator[Doubt]:
 
 def _twins(tracks: Tracks, enough: bool) -> Iterator[Doubt]:
     moment, position = _moments(tracks)
-    twins = pl.DataFrame([moment, *position.T]).is_duplicated()
-    if twins.any():
-        line = (
-            f"{twins.sum()} points are another person's, too: is everybody there twice?"
-        )
-        yield Doubt("twins", enough and twins.sum() > 0.1 * len(twins), line)
+    is_twin = pl.DataFrame([moment, *position.T]).is_duplicated()
+    count = is_twin.sum()
+    if count:
+        line = f"{count} points are another person's, too: is everybody there twice?"
+        yield Doubt("twins", enough and count > 0.1 * len(is_twin), line)
 
 
 def _leaps(tracks: Tracks) -> Iterator[Doubt]:
@@ -275,6 +291,7 @@ def _leaps(tracks: Tracks) -> Iterator[Doubt]:
     is_leap = (length > 10 * step) & (step <= GAP * np.nanmedian(step))
     at = np.flatnonzero(is_leap)
     if 0 < len(at) < count / 2:
-        first = f"the first by person {tracks.id[at[0]]} at {tracks.stamp[at[0]]:.2f} s"
+        person, stamp = tracks.id[at[0]], tracks.stamp[at[0]]
+        first = f"the first by person {person} at {stamp:.2f} s"
         line = f"{len(at)} steps are faster than 10 m/s, {first}: is a person two?"
         yield Doubt("leaps", False, line)

@@ -6,7 +6,7 @@ import abc
 import dataclasses
 import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
@@ -97,22 +97,24 @@ def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
     if options.format is not None:
         load_entry_points()
         return component(options.format, FORMATS, str(path))
-    if owner := _owner(path):
+    owner = _owner(path)
+    if owner:
         return owner
     head = read_head(path)
+    kinds = reversed(FORMATS.values())
     if options.columns:
-        forms = (storage.Storage(), storage.Json())
-        return next((form for form in forms if form.knows(head)), columns.Columns())
-    return next(
-        form for kind in reversed(FORMATS.values()) if (form := kind()).knows(head)
-    )
+        kinds = (storage.Storage, storage.Json)
+    for kind in kinds:
+        form = kind()
+        if form.knows(head):
+            return form
+    return columns.Columns()
 
 
 def is_folder(path: Path) -> bool:
     """Whether a path is a folder of files, and not one that is a recording itself."""
-    return os.path.isdir(path) and not _owner(
-        path
-    )  # os's also for a name that is too long.
+    # os's also for a name that is too long.
+    return os.path.isdir(path) and not _owner(path)
 
 
 def _owner(path: Path) -> Format | None:
@@ -120,10 +122,11 @@ def _owner(path: Path) -> Format | None:
     if path.suffix.lower() in SUFFIXES and not os.path.isdir(path):
         return None  # No package of another format is loaded for a table.
     load_entry_points()
-    return next(
-        (form for kind in reversed(FORMATS.values()) if (form := kind()).owns(path)),
-        None,
-    )
+    for kind in reversed(FORMATS.values()):
+        form = kind()
+        if form.owns(path):
+            return form
+    return None
 
 
 def read_any(
@@ -163,31 +166,48 @@ def _read_any(
         recordings = form.take(table_of(data), options, frame_period)
     else:
         recordings = form.read(path, options, frame_period)
+    name = FORMATS.name_of(form)
     judged = []
     for tracks in recordings:
         report = tracks.reading or Reading(
             tracks.recording, printable(str(path)), rows=len(tracks.id)
         )
-        lines = report.warnings
-        for name, value in (("unit", options.unit_of), ("fps", options.fps_of)):
-            if (text := getattr(options, name)) and value(path.stem) is None:
-                lines = (
-                    *lines,
-                    f"{option(name, text)} does not name {printable(path.stem)}",
-                )
-        for guard, refused, line in judge(tracks):
-            if refused and guard not in options.allow:
-                waive = option("allow", (guard,))
-                raise InputError(
-                    f"{path}: {line} (where it is true all the same: {waive})"
-                )
-            lines = (*lines, f"allowed {guard}: {line}" if refused else line)
+        lines = (
+            *report.warnings,
+            *_unnamed(path, options),
+            *_allowed(path, tracks, options),
+        )
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=3)
-        file, name = None if is_frame(data) else report.file, FORMATS.name_of(form)
+        file = None if is_frame(data) else report.file
         report = dataclasses.replace(report, file=file, format=name, warnings=lines)
         judged.append(dataclasses.replace(tracks, reading=report))
     return judged
+
+
+def _unnamed(path: Path, options: ReadOptions) -> Iterator[str]:
+    """A line for each option that has values of other recordings alone."""
+    recording = printable(path.stem)
+    if options.unit and options.unit_of(path.stem) is None:
+        yield f"{option('unit', options.unit)} does not name {recording}"
+    if options.fps and options.fps_of(path.stem) is None:
+        yield f"{option('fps', options.fps)} does not name {recording}"
+
+
+def _allowed(path: Path, tracks: Tracks, options: ReadOptions) -> Iterator[str]:
+    """A line for each doubt of a recording.
+
+    Raises:
+        InputError: for one that refuses it, unless its guard is waived.
+    """
+    for guard, refused, line in judge(tracks):
+        if not refused:
+            yield line
+            continue
+        if guard not in options.allow:
+            waive = option("allow", (guard,))
+            raise InputError(f"{path}: {line} (where it is true all the same: {waive})")
+        yield f"allowed {guard}: {line}"
 
 
 def refuse_useless(path: Path, form: Format, options: ReadOptions) -> None:
@@ -215,13 +235,19 @@ def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
         return read_any(data, options)
     if isinstance(data, str | Path):
         path = Path(data)
-        data = data_files(path, options) if is_folder(path) else [path]
-        return [tracks for path in data for tracks in read_any(path, options)]
+        paths = data_files(path, options) if is_folder(path) else [path]
+        recordings = []
+        for path in paths:
+            recordings += read_any(path, options)
+        return recordings
     if not isinstance(data, Iterable):
         raise InputError(
             f"{brief(data)}: is no recording: give a file, table or `make_tracks`"
         )
-    return [tracks for item in data for tracks in recordings_in(item, options)]
+    recordings = []
+    for item in data:
+        recordings += recordings_in(item, options)
+    return recordings
 
 
 def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
@@ -252,9 +278,9 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
 def _has_no_people(path: Path, options: ReadOptions) -> bool:
     """Whether all rows are of other kinds, which are looked for where the first ones are."""
     head = read_head(path)
-    known = vocabulary()["others"]
+    others = vocabulary()["others"]
     for name, *kinds in zip(*head.fields):
-        if role_of(name) == "label" and known.issuperset(map(str.lower, kinds)):
+        if role_of(name) == "label" and others.issuperset(map(str.lower, kinds)):
             try:
                 columns.Columns().read(path, options, PERIOD)
             except columns.NoPeople:
@@ -278,11 +304,11 @@ def files_in(folder: Path, pattern: str = "*") -> list[Path]:
     Raises:
         InputError: if there is none.
     """
-    paths = [
-        path
-        for path in sorted(folder.glob(pattern))
-        if (path.suffix.lower() in SUFFIXES or _owner(path)) and not _owner(path.parent)
-    ]
+    paths = []
+    for path in sorted(folder.glob(pattern)):
+        is_known = path.suffix.lower() in SUFFIXES or _owner(path)
+        if is_known and not _owner(path.parent):
+            paths.append(path)
     if not paths:
         raise InputError(
             f"{folder}: no such folder, or no {', '.join(SUFFIXES)} file in it"
@@ -320,11 +346,9 @@ def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
         held_out = {f"{name}_{split}" for name in own}
         files = sorted((folder / split).glob("*.txt"))
         paths = [path for path in files if path.stem not in held_out]
-    missing = [
-        path for path in paths or [folder / split / "*.txt"] if not path.is_file()
-    ]
-    if missing:
-        raise InputError(f"{missing[0]}: missing, and data set {scene} needs it")
+    for path in paths or [folder / split / "*.txt"]:
+        if not path.is_file():
+            raise InputError(f"{path}: missing, and data set {scene} needs it")
     return paths
 
 
@@ -338,11 +362,8 @@ Split = Literal["train", "val", "test"]
 GENERAL = "general"
 """Held-out data set of models that are trained on all of them and tested on other people."""
 
-COLLECTIONS = (
-    "eth-ucy",
-    "sgan-checkpoints",
-    "thor",
-)  # that are downloaded into `data_folder()`
+COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")
+"""They are downloaded into `data_folder()`."""
 
 _LICENCES = {
     # What forbids a use is called restricted, and learned from by no model that ships.
@@ -403,6 +424,10 @@ class Source(abc.ABC):
         ]
 
 
+_SEEDS = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}
+"""Seeds of the simulations of each split."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Synthetic(Source):
     """Simulations of the robot paper's two scenarios; each split has its own seeds."""
@@ -418,9 +443,7 @@ class Synthetic(Source):
             )
         from neurosym_jax.simulation.scenarios import simulate
 
-        seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[
-            split
-        ]
+        seeds = _SEEDS[split]
         return (resample(simulate(cast(Any, scene), seed), PERIOD) for seed in seeds)
 
 
@@ -472,9 +495,10 @@ class Folders(Source):
 
 def _part(folder: Path, split: Split) -> Path | None:
     """The folder of one part of a user's own split, if it is there."""
-    return next(
-        (folder / name for name in _PARTS[split] if (folder / name).is_dir()), None
-    )
+    for name in _PARTS[split]:
+        if (folder / name).is_dir():
+            return folder / name
+    return None
 
 
 def open_source(
@@ -529,7 +553,8 @@ def open_source(
 
 def data_folder() -> Path:
     """`$NEUROSYM_DATA`, else `neurosym_jax` in `$XDG_DATA_HOME` (default `~/.local/share`)."""
-    if own := os.environ.get("NEUROSYM_DATA"):
+    own = os.environ.get("NEUROSYM_DATA")
+    if own:
         return Path(own)
     base = os.environ.get("XDG_DATA_HOME") or os.path.expanduser("~/.local/share")
     return Path(base) / "neurosym_jax"

@@ -116,21 +116,13 @@ class ReadOptions:
             if not 0 < _number(part.rpartition("=")[2]) < math.inf:
                 raise InputError(f"{option('fps')} must be positive, not {part}")
         refuse(NotNegative, {option("max_gap"): self.max_gap}, optional=True)
-        if unknown := [name for name in self.allow if name not in GUARDS]:
-            raise InputError(
-                f"{option('allow')} is one of {', '.join(GUARDS)}, not {unknown[0]!r}"
-            )
-        for _, _, unit in (
-            part.rpartition("=") for part in (self.unit or "m").split(",")
-        ):
-            metres = METRES.get(unit, 0.0)
-            with contextlib.suppress(ValueError):
-                metres = metres or float(unit)
-            if not 1e-6 <= metres <= 1e4:
+        for name in self.allow:
+            if name not in GUARDS:
                 raise InputError(
-                    f"{option('unit')} is one of {', '.join(METRES)}, or metres as a number, not "
-                    f"{unit!r} (pixels of 3.2 cm: {option('unit', '0.032')})"
+                    f"{option('allow')} is one of {', '.join(GUARDS)}, not {name!r}"
                 )
+        for part in (self.unit or "m").split(","):
+            _refuse_unit(part.rpartition("=")[2])
 
     def unit_of(self, recording: str) -> str | None:
         """The unit that was given for a file's recordings, by the file's name without ending."""
@@ -142,11 +134,23 @@ class ReadOptions:
         return None if rate is None else float(rate)
 
 
+def _refuse_unit(unit: str) -> None:
+    metres = METRES.get(unit, 0.0)
+    with contextlib.suppress(ValueError):
+        metres = metres or float(unit)
+    if not 1e-6 <= metres <= 1e4:
+        raise InputError(
+            f"{option('unit')} is one of {', '.join(METRES)}, or metres as a number, not "
+            f"{unit!r} (pixels of 3.2 cm: {option('unit', '0.032')})"
+        )
+
+
 def _value_of(text: str, recording: str) -> str | None:
     """The value of a recording in `VALUE` or `RECORDING=VALUE,...`."""
-    values = {
-        name: value for name, _, value in (x.rpartition("=") for x in text.split(","))
-    }
+    values = {}
+    for part in text.split(","):
+        name, _, value = part.rpartition("=")
+        values[name] = value
     return values.get(recording) or values.get("") or None
 
 
@@ -176,9 +180,8 @@ AS_IT_SAYS = ReadOptions()  # everything is taken from the files
 class Head:
     """How a file begins; formats are recognised by it."""
 
-    lines: list[
-        str
-    ]  # its first 64 kB without blank lines and comments; one empty line if not text
+    lines: list[str]
+    """Its first 64 kB without blank lines and comments; one empty line if not text."""
     magic: bytes = b""  # its first 16 bytes
     comments: tuple[str, ...] = ()  # lines with #, without that
 
@@ -186,14 +189,11 @@ class Head:
     def fields(self) -> list[list[str]]:
         """The fields of the first 50 lines."""
         mark = separator_of(self.lines[0])
-        lines = self.lines[:50]
-        return [
-            [
-                field.strip(' "')
-                for field in (line.split(mark) if mark != " " else line.split())
-            ]
-            for line in lines
-        ]
+        rows = []
+        for line in self.lines[:50]:
+            fields = line.split() if mark == " " else line.split(mark)
+            rows.append([field.strip(' "') for field in fields])
+        return rows
 
     @property
     def names(self) -> list[str]:
@@ -209,10 +209,11 @@ class Head:
         """[R, columns] numbers of the first lines, up to one of another width; NaN where a field is
         none."""
         width = len(self.fields[0])
-        rows = [
-            list(map(_number, row))
-            for row in itertools.takewhile(lambda row: len(row) == width, self.fields)
-        ]
+        rows = []
+        for fields in self.fields:
+            if len(fields) != width:
+                break
+            rows.append([_number(field) for field in fields])
         return np.array(rows).reshape(len(rows), width)
 
 
@@ -229,15 +230,17 @@ def header_in(rows: Sequence[Sequence[str]]) -> bool:
     Names stand in no column of text, so a text beside numbers is data.
     """
     first, *others = rows
-    is_number = [bool(_NUMBER.fullmatch(field)) for field in first]
     columns = range(len(first))
-    numeric = [
-        at
-        for at in columns
-        if sum(at < len(row) and bool(_NUMBER.fullmatch(row[at])) for row in others) * 2
-        > len(others)
-    ]
-    return not any(is_number[at] for at in numeric or columns) and any(first)
+    numeric = []
+    for at in columns:
+        count = sum(at < len(row) and _is_number(row[at]) for row in others)
+        if 2 * count > len(others):
+            numeric.append(at)
+    return not any(_is_number(first[at]) for at in numeric or columns) and any(first)
+
+
+def _is_number(field: str) -> bool:
+    return _NUMBER.fullmatch(field) is not None
 
 
 _NUMBER = re.compile(
@@ -335,8 +338,10 @@ def read_head(path: Path) -> Head:
 def separator_of(line: str) -> str:
     """What separates the fields of a line: semicolons, tabs or commas, else blanks."""
     mark = max(";,\t", key=line.count)
-    if mark == "," and (other := next((m for m in ";\t" if line.count(m) > 1), "")):
-        mark = other  # The commas are decimal.
+    if mark == ",":
+        for other in ";\t":
+            if line.count(other) > 1:
+                return other  # The commas are decimal.
     return mark if mark in line else " "
 
 
@@ -364,9 +369,8 @@ class Table:
     fields: pl.Series  # [R] lists of C texts
     row: np.ndarray  # [R] lines of the file
     comments: tuple[str, ...] = ()  # before the first row, without #
-    facts: Mapping[str, str] = dataclasses.field(
-        default_factory=dict
-    )  # `fps`, `unit` that it has
+    facts: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """`fps` and `unit` that it has."""
     notes: tuple[str, ...] = ()  # how it was read, a line each
     warnings: tuple[str, ...] = ()  # what looks wrong in it, a line each
     left_out: tuple[str, ...] = ()  # rows that were left out, and why, a line each
@@ -462,8 +466,9 @@ class Table:
             spelling = unique.str.to_lowercase().str.replace_all(
                 r"\s|(^|[^\d.])0+(\d)", "$1$2"
             )
-        if (twice := spelling.is_duplicated()).any():
-            first, second, *_ = unique.filter(spelling == spelling.filter(twice)[0])
+        is_twice = spelling.is_duplicated()
+        if is_twice.any():
+            first, second, *_ = unique.filter(spelling == spelling.filter(is_twice)[0])
             raise InputError(
                 f"{self.path}: the ids {first[:40]!r} and {second[:40]!r} are one number or word: "
                 "one person or two? Write them alike"
@@ -500,8 +505,9 @@ class Table:
         (default: one). Rows that stand twice count once. `clock` is the column of frame
         numbers, if there is one; `columns` has ROLE=COLUMN of all, `unused` the others.
         """
-        row, last = self.row if row is None else row, int(np.argmax(np.abs(stamp)))
+        row = self.row if row is None else row
         rate = None
+        last = int(np.argmax(np.abs(stamp)))
         if clock is not None and stamp[last]:
             rate = round(float(self.whole_numbers(clock)[last] / stamp[last]), 6)
         names, part = parts or ([printable(self.path.stem)], np.zeros(len(row), int))
@@ -509,21 +515,18 @@ class Table:
         for number, name in enumerate(names):
             at = np.flatnonzero(part == number)
             left_out = self.left_out
-            order = at[np.lexsort((stamp[at], id[at]))]
-            point = np.column_stack([stamp, id, position])[order]
-            again = order[1:][(point[1:] == point[:-1]).all(axis=1)]
-            if len(again):
-                left_out += (f"{len(again)} rows that stand twice",)
-                at = np.setdiff1d(at, again)
-            order = at[np.argsort(id[at], kind="stable")]
-            back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
+            repeats = at[_repeated_rows(stamp[at], id[at], position[at])]
+            if len(repeats):
+                left_out += (f"{len(repeats)} rows that stand twice",)
+                at = np.setdiff1d(at, repeats)
             lines = [f"{line} are left out" for line in left_out]
             lines += self.warnings
+            back = at[_backward_rows(stamp[at], id[at])]
             if len(back):
-                first = (
-                    f"row {row[back[0]]}: time runs backward for agent {id[back[0]]}"
-                )
-                lines.append(f"{first} ({len(back)} times in all); the rows are sorted")
+                first = row[back[0]]
+                reason = f"row {first}: time runs backward for agent {id[back[0]]}"
+                times = f"({len(back)} times in all)"
+                lines.append(f"{reason} {times}; the rows are sorted")
             reading = Reading(
                 name,
                 printable(str(self.path)),
@@ -535,14 +538,29 @@ class Table:
                 columns=tuple(columns),
                 unused=tuple(unused),
             )
-            points = (
-                stamp[at],
-                id[at],
-                position[at],
-                {key: extras[key][at] for key in extras},
-            )
-            recordings.append(make_tracks(name, *points, reading=reading, row=row[at]))
+            points = stamp[at], id[at], position[at]
+            others = {key: extras[key][at] for key in extras}
+            tracks = make_tracks(name, *points, others, reading=reading, row=row[at])
+            recordings.append(tracks)
         return recordings
+
+
+def _repeated_rows(
+    stamp: np.ndarray, id: np.ndarray, position: np.ndarray
+) -> np.ndarray:
+    """Indices of rows [R] that repeat another row: all but the first of equal ones."""
+    order = np.lexsort((stamp, id))
+    point = np.column_stack([stamp, id, position])[order]
+    is_same = (point[1:] == point[:-1]).all(axis=1)
+    return order[1:][is_same]
+
+
+def _backward_rows(stamp: np.ndarray, id: np.ndarray) -> np.ndarray:
+    """Indices of rows [R] that are earlier than the row of the same person before them."""
+    order = np.argsort(id, kind="stable")
+    is_earlier = np.diff(stamp[order]) < 0
+    same = np.diff(id[order]) == 0
+    return order[1:][is_earlier & same]
 
 
 def absent(texts: pl.Series) -> pl.Series:
@@ -567,68 +585,91 @@ def read_table(
     Raises:
         InputError: naming file, row and reason.
     """
-    lines = (
-        pl.Series([read_text_file(path)])
-        .str.split("\n")
-        .explode()
-        .str.strip_chars(" \r")
-    )
-    is_comment = lines.str.starts_with("#")
-    is_row = ((lines != "") & ~is_comment).to_numpy()
-    comments = lines.head(int(np.argmax(is_row))).filter(
-        is_comment.head(int(np.argmax(is_row)))
-    )
-    lines, row = lines.filter(is_row), 1 + np.flatnonzero(is_row)
-    if len(lines) and re.match(r"<\?xml|<[^<>,;\t]*>$", lines[0]):
-        raise InputError(f"{path}: XML is not read: write rows of time, id, x and y")
+    lines, row, comments = _lines_of(path)
     starts = lines[:200].str.contains(f"^{header}").arg_true()
     if not len(starts):
-        without = f", or no header {header!r}" * bool(header)
+        without = f", or no header {header!r}" if header else ""
         raise InputError(f"{path}: the file has no rows{without}")
+    notes = ()
     above = starts[0] if header else _lines_above(lines.head(50).to_list())
+    if above and not header:
+        notes += (f"{above} lines above the header",)
     lines, row = lines[above:], row[above:]
     mark = separator_of(lines[0])
     if lines[0].count(mark) > MOST:
         raise InputError(f"{path}: row {row[0]}: has more than {MOST} columns")
     if mark == " ":
         lines = lines.str.replace_all(r"\s+", " ")
-    notes = (f"{above} lines above the header",) if above and not header else ()
     if mark != "," and _are_decimal_commas("\n".join(lines.head(200))):
         lines = lines.str.replace_all(r"([0-9]),([0-9])", "$1.$2")
         notes += ("decimal commas",)
+
     if names is None:
         rows = list(_split(path, lines.head(50).str.strip_suffix(mark), mark))
-        names = [re.sub(r"^\$\w+:", "", name.strip()) for name in rows[0]]
-        if has_header is None:
-            rows = [[field.strip(BLANKS) for field in fields] for fields in rows]
-            has_header = bool(header) or header_in(rows)
-        if has_header:
-            below = _lines_below(rows, len(names))
-            names = _with_units(names, rows[1 : 1 + below])
-            lines, row = lines[1 + below :], row[1 + below :]
-            if below:
-                notes += ("units below the header",)
-        else:
-            names = [str(place) for place in range(1, len(names) + 1)]
+        names, taken = _header(rows, bool(header), has_header)
+        lines, row = lines[taken:], row[taken:]
+        if taken > 1:
+            notes += ("units below the header",)
     if not len(lines):
         raise InputError(f"{path}: the file has no rows")
     fields = _split(path, lines, mark)
     if len(fields[0]) == len(names) + 1 and lines[0].endswith(mark):
         names = [*names, ""]  # The rows end in a separator.
-    remarks = tuple(comments.str.strip_chars("# ").to_list())
-    table = Table(path, names, fields, row, comments=remarks, notes=notes)
-    widths = fields.list.len().to_numpy()
+    table = Table(path, names, fields, row, comments=comments, notes=notes)
+    _refuse_other_widths(table, lines)
+    return table
+
+
+def _lines_of(path: Path) -> tuple[pl.Series, np.ndarray, tuple[str, ...]]:
+    """[R] lines of a file that are no comments nor empty, their [R] numbers from 1, and the
+    comments before the first, without #.
+
+    Raises:
+        InputError: for XML, and what is no text.
+    """
+    text = pl.Series([read_text_file(path)])
+    lines = text.str.split("\n").explode().str.strip_chars(" \r")
+    is_comment = lines.str.starts_with("#")
+    is_row = ((lines != "") & ~is_comment).to_numpy()
+    first = int(np.argmax(is_row))
+    comments = lines.head(first).filter(is_comment.head(first))
+    comments = tuple(comments.str.strip_chars("# ").to_list())
+    lines = lines.filter(is_row)
+    if len(lines) and re.match(r"<\?xml|<[^<>,;\t]*>$", lines[0]):
+        raise InputError(f"{path}: XML is not read: write rows of time, id, x and y")
+    return lines, 1 + np.flatnonzero(is_row), comments
+
+
+def _header(
+    rows: Sequence[Sequence[str]], begins_with_names: bool, has_header: bool | None
+) -> tuple[list[str], int]:
+    """The names of columns whose first rows of fields are `rows`, and how many of them name these."""
+    names = [re.sub(r"^\$\w+:", "", name.strip()) for name in rows[0]]
+    if has_header is None:
+        rows = [_stripped(fields) for fields in rows]
+        has_header = begins_with_names or header_in(rows)
+    if not has_header:
+        return [str(place) for place in range(1, len(names) + 1)], 0
+    below = _lines_below(rows, len(names))
+    return _with_units(names, rows[1 : 1 + below]), 1 + below
+
+
+def _stripped(fields: Sequence[str]) -> list[str]:
+    return [field.strip(BLANKS) for field in fields]
+
+
+def _refuse_other_widths(table: Table, lines: pl.Series) -> None:
+    """Refuse the first of the `lines` [R] that has not one field for each name."""
+    width = len(table.names)
+    widths = table.fields.list.len().to_numpy()
     columns = option("columns", ("time=1", "id=2", "x=3", "y=4"))
     hint = f"{option('format')}, or {columns}, says what they are"
     if len(np.unique(widths)) > 2 or widths.max() < 3:
         hint = "this is no table: write rows of time, id, x and y"
     table.refuse(
-        widths != len(names),
-        lambda at: (
-            f"{widths[at]} columns, not {len(names)}: {lines[at][:60]!r} ({hint})"
-        ),
+        widths != width,
+        lambda at: f"{widths[at]} columns, not {width}: {lines[at][:60]!r} ({hint})",
     )
-    return table
 
 
 def _lines_above(lines: Sequence[str]) -> int:
@@ -639,10 +680,8 @@ def _lines_above(lines: Sequence[str]) -> int:
     above = widths.index(max(set(widths), key=widths.count))
     if not above or not header_in(rows[above:]):
         return 0
-    is_number = [
-        bool(_NUMBER.fullmatch(field)) for row in rows[:above] for field in row
-    ]
-    return 0 if any(is_number) else above
+    fields = itertools.chain.from_iterable(rows[:above])
+    return 0 if any(map(_is_number, fields)) else above
 
 
 def _lines_below(rows: Sequence[Sequence[str]], width: int) -> int:
@@ -674,19 +713,17 @@ def _with_units(names: list[str], rows: Sequence[Sequence[str]]) -> list[str]:
 def _are_decimal_commas(text: str) -> bool:
     """Whether commas stand only between digits, and points nowhere there."""
     commas = len(re.findall(r"[0-9],[0-9]", text))
-    return bool(
-        commas and commas == text.count(",") and not re.search(r"[0-9]\.[0-9]", text)
-    )
+    has_points = re.search(r"[0-9]\.[0-9]", text) is not None
+    return commas > 0 and commas == text.count(",") and not has_points
 
 
 def _split(path: Path, lines: pl.Series, mark: str) -> pl.Series:
     """[R] lists of the fields of `lines` [R], which may be quoted."""
     if not lines.str.contains('"', literal=True).any():
         return lines.str.split(mark)
+    reader = csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
     try:
-        quoted = list(
-            csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
-        )
+        quoted = list(reader)
         if len(quoted) < len(lines):
             raise csv.Error("a field goes on in the next line")
     except csv.Error as error:

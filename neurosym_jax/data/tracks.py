@@ -38,9 +38,8 @@ class Reading:
     interpolated: int = 0
     gaps: int = 0  # gaps in time, once windows are cut; windows do not cross them
     warnings: tuple[str, ...] = ()  # what looks wrong, a line each
-    notes: tuple[
-        str, ...
-    ] = ()  # what the file said of itself, and what was guessed, a line each
+    notes: tuple[str, ...] = ()
+    """What the file said of itself, and what was guessed, a line each."""
     rate: float | None = None  # frame numbers a second, where the file numbers frames
     columns: tuple[str, ...] = ()  # a table's, ROLE=COLUMN each, named or guessed
     unused: tuple[str, ...] = ()  # names of a table's other columns
@@ -86,18 +85,18 @@ class Tracks:
 
     def take(self, rows: np.ndarray | slice) -> Self:
         """Select rows ([R] bool mask, [R'] ascending indices, or a slice) with all their fields."""
-        columns = {name: getattr(self, name) for name in self._columns}
-        chosen = {
-            name: array[rows] for name, array in columns.items() if array is not None
-        }
+        chosen = {}
+        for name in self._columns:
+            values = getattr(self, name)
+            if values is not None:
+                chosen[name] = values[rows]
         extras = {name: values[rows] for name, values in self.extras.items()}
         return dataclasses.replace(self, extras=extras, **chosen)
 
     def with_ids(self, id: np.ndarray) -> Self:
         """The same points with other ids [R] int64, sorted by them."""
-        return dataclasses.replace(self, id=id).take(
-            _order(self.recording, self.stamp, id)
-        )
+        order = _order(self.recording, self.stamp, id)
+        return dataclasses.replace(self, id=id).take(order)
 
 
 def make_tracks(
@@ -119,63 +118,69 @@ def make_tracks(
     Raises:
         InputError: naming the recording, the first wrong row and the reason.
     """
-    where = reading.file if reading and reading.file else recording
+    file = reading.file if reading and reading.file else recording
     refuse_masked({"stamp": stamp, "id": id, "position": position, **extras})
-    times, points = np.asarray(stamp, np.float64), np.asarray(position, np.float64)
-    ids, others = (
-        np.asarray(id),
-        {name: np.asarray(values) for name, values in extras.items()},
-    )
-    rows = times.size
+    times = np.asarray(stamp, np.float64)
+    points = np.asarray(position, np.float64)
+    ids = np.asarray(id)
+    others = {name: np.asarray(values) for name, values in extras.items()}
+    _refuse_shapes(file, {"stamp": times, "id": ids, "position": points, **others})
+
+    is_usable = np.abs(times) <= LATE
+    hint = f" of seconds ({option('time_unit')}?)"
+    _refuse_values(file, row, "time", times, is_usable, hint)
+    is_usable = (np.abs(points) <= MAX_METRES).all(axis=1)
+    _refuse_values(file, row, "position", points, is_usable)
+    is_usable = ids <= np.iinfo(np.int64).max
+    if ids.dtype.kind == "f":
+        # Above 2**53 neighbouring ids share one float.
+        is_usable &= (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
+    _refuse_values(file, row, "id", ids, is_usable)
+    ids = ids.astype(np.int64)
+    tracks = Tracks(recording, times, ids, points, others, reading=reading)
+    return tracks.take(_order(file, times, ids, row))
+
+
+def _refuse_shapes(file: str, arrays: Mapping[str, np.ndarray]) -> None:
+    """Refuse arrays that are not numbers of the same R > 0 rows."""
+    rows = arrays["stamp"].size
     shapes = {"stamp": (rows,), "id": (rows,), "position": (rows, 2)}
-    for name, array in {
-        "stamp": times,
-        "id": ids,
-        "position": points,
-        **others,
-    }.items():
+    for name, array in arrays.items():
         shape = shapes.get(name, (rows, *array.shape[1:]))
         if not rows or array.shape != shape or array.dtype.kind not in "biuf":
             kind = f"{list(array.shape)} {array.dtype}"
             raise InputError(
-                f"{where}: {name} must be numbers {list(shape)}, not {kind}"
+                f"{file}: {name} must be numbers {list(shape)}, not {kind}"
             )
-    # Above 2**53 neighbouring ids share one float.
-    are_whole = ids.dtype.kind != "f" or (np.abs(ids) <= 2.0**53) & (
-        ids == np.rint(ids)
-    )
-    are_whole &= ids <= np.iinfo(np.int64).max
-    for name, values, usable in (
-        ("time", times, np.abs(times) <= LATE),
-        ("position", points, (np.abs(points) <= MAX_METRES).all(axis=1)),
-        ("id", ids, are_whole),
-    ):
-        if not np.all(usable):
-            at, seconds = (
-                int(np.argmin(usable)),
-                f" of seconds ({option('time_unit')}?)",
-            )
-            raise InputError(
-                f"{where}: row {at if row is None else row[at]}: {name} {values[at]} is not a "
-                f"usable number{seconds * (name == 'time')}"
-            )
-    tracks = Tracks(
-        recording, times, ids.astype(np.int64), points, others, reading=reading
-    )
-    return tracks.take(_order(where, times, tracks.id, row))
 
 
-def _order(
-    where: str, stamp: np.ndarray, id: np.ndarray, row: Any = None
-) -> np.ndarray:
+def _refuse_values(
+    file: str,
+    row: np.ndarray | None,
+    name: str,
+    values: np.ndarray,
+    is_usable: Any,
+    hint: str = "",
+) -> None:
+    """Refuse the first of [R] values that is not usable by the mask `is_usable` [R]."""
+    if not np.all(is_usable):
+        at = int(np.argmin(is_usable))
+        line = at if row is None else row[at]
+        value = f"{name} {values[at]}"
+        raise InputError(f"{file}: row {line}: {value} is not a usable number{hint}")
+
+
+def _order(file: str, stamp: np.ndarray, id: np.ndarray, row: Any = None) -> np.ndarray:
     """[R] indices that sort the rows by (id, stamp)."""
     order = np.lexsort((stamp, id))
-    again = np.flatnonzero((np.diff(id[order]) == 0) & (np.diff(stamp[order]) == 0))
-    if len(again):
-        at = order[again[0] + 1]
+    same_agent = np.diff(id[order]) == 0
+    same_stamp = np.diff(stamp[order]) == 0
+    repeats = order[1:][same_agent & same_stamp]
+    if len(repeats):
+        at = repeats[0]
+        line = at if row is None else row[at]
         raise InputError(
-            f"{where}: row {at if row is None else row[at]}: repeats agent {id[at]} at "
-            f"{stamp[at]:.12g} s"
+            f"{file}: row {line}: repeats agent {id[at]} at {stamp[at]:.12g} s"
         )
     return order
 
@@ -188,5 +193,5 @@ def common(values: np.ndarray) -> float:
 
 def describe_readings(readings: Iterable[Reading]) -> str:
     """A line for each recording that was read from a file."""
-    by_name = {(reading.file, reading.recording): reading for reading in readings}
-    return "\n".join(str(reading) for reading in by_name.values() if reading.file)
+    latest = {(reading.file, reading.recording): reading for reading in readings}
+    return "\n".join(str(reading) for reading in latest.values() if reading.file)

@@ -201,35 +201,40 @@ def answered(
 
     `take` reads the table by columns; `stated` are those that the user said.
     """
-    doubts, previews = {}, dict[tuple[str, ...], str]()
-    kept = {pair.partition("=")[0]: pair for pair in stated}
+    doubts = dict[tuple[str, ...], int]()
+    columns = dict[tuple[str, ...], tuple[str, ...]]()
+    previews = []
+    stated_pairs = _pairs(stated)
     for answer in question.answers:
-        new = {pair.partition("=")[0]: pair for pair in answer}
-        columns = tuple((kept | new).values())
+        columns[answer] = tuple((stated_pairs | _pairs(answer)).values())
         try:
-            recordings = take(columns)
-            doubts[answer] = columns, sum(map(doubts_of, recordings))
-            previews[answer] = _preview(recordings[0])
+            recordings = take(columns[answer])
+            doubts[answer] = sum(map(doubts_of, recordings))
+            previews.append(_preview(recordings[0]))
         except Unsaid:  # Of what another option says, no more can be known.
-            doubts[answer] = columns, 0
+            doubts[answer] = 0
         except InputError:
             continue
-    fewest = min((count for _, count in doubts.values()), default=0)
-    texts = []
-    for answer, (columns, count) in doubts.items():
-        if count == fewest:
-            texts.append(
-                f"{option('columns', columns)} {question.answers[answer]}".strip()
-            )
-    if not texts:
-        how = option("columns", ("time=..", "id=..", "x=..", "y=.."))
+    if not doubts:
+        example = option("columns", ("time=..", "id=..", "x=..", "y=.."))
         return InputError(
-            f"{question}: none that reads it was found ({how} names them)"
+            f"{question}: none that reads it was found ({example} names them)"
         )
+    fewest = min(doubts.values())
+    texts = []
+    for answer, count in doubts.items():
+        if count == fewest:
+            text = f"{option('columns', columns[answer])} {question.answers[answer]}"
+            texts.append(text.strip())
     error = InputError(f"{question}: say {', or '.join(texts)}")
     if len(texts) == 1 and previews:
-        error.add_note(next(iter(previews.values())))
+        error.add_note(previews[0])
     return error
+
+
+def _pairs(columns: Iterable[str]) -> dict[str, str]:
+    """The pairs ROLE=COLUMN by their roles."""
+    return {pair.partition("=")[0]: pair for pair in columns}
 
 
 def _preview(tracks: Tracks) -> str:
@@ -283,9 +288,7 @@ def recordings_of(
         table = _warned_of_cameras(table, schema, ids, stamp, part, position)
     used = {*places.values(), *schema.labels, *schema.recordings}
     used |= {at for _, at in schema.flags}
-    unused = [
-        column_name(table, at) for at in range(len(table.names)) if at not in used
-    ]
+    others = [at for at in range(len(table.names)) if at not in used]
     return table.tracks(
         stamp,
         ids,
@@ -294,7 +297,7 @@ def recordings_of(
         parts=(names, part),
         clock=places["frame"] if schema.clock == "frame" else None,
         columns=[f"{role}={column_name(table, at)}" for role, at in places.items()],
-        unused=unused,
+        unused=[column_name(table, at) for at in others],
     )
 
 
@@ -307,25 +310,29 @@ def shared_places(
     it; and people leap there and back, so that a door or a seat is none.
     """
     is_shared = np.zeros(len(ids), bool)
-    places, which, counts = np.unique(
+    places, place, counts = np.unique(
         position, axis=0, return_inverse=True, return_counts=True
     )
-    which = which.ravel()
-    of_people = np.unique(np.column_stack([which, ids]), axis=0)[:, 0]
-    people = np.bincount(of_people, minlength=len(places))
-    is_nowhere = (places[:, 0] == places[:, 1]) & np.isin(places[:, 0], NOWHERE)
+    place = place.ravel()
+    visits = np.unique(np.column_stack([place, ids]), axis=0)
+    people = np.bincount(visits[:, 0], minlength=len(places))
+    x, y = places.T
+    is_nowhere = (x == y) & np.isin(x, NOWHERE)
     candidates = np.flatnonzero((counts >= SHARED) & ((people > 1) | is_nowhere))
 
     order = np.lexsort((stamp, ids))
     same = np.diff(ids[order]) == 0
     length = np.linalg.norm(np.diff(position[order], axis=0), axis=1)
     # The most frequent are enough: a recording has one or two such values.
-    for place in candidates[np.argsort(-counts[candidates])][:5]:
-        at = which[order] == place
-        leaps = length[same & (at[1:] != at[:-1])]
-        steps = length[same & ~at[1:] & ~at[:-1] & (length > 0)]
+    frequent = candidates[np.argsort(-counts[candidates])]
+    for number in frequent[:5]:
+        is_there = place[order] == number
+        goes = is_there[1:] != is_there[:-1]
+        walks = ~is_there[1:] & ~is_there[:-1]
+        leaps = length[same & goes]
+        steps = length[same & walks & (length > 0)]
         if len(leaps) and len(steps) and np.median(leaps) > LEAP * np.median(steps):
-            is_shared |= which == place
+            is_shared |= place == number
     return is_shared
 
 
@@ -339,16 +346,18 @@ def _warned_of_cameras(
 ) -> Table:
     """The table, with a warning where people go on in another recording that a column splits."""
     order = np.lexsort((stamp, ids))
-    over = (np.diff(ids[order]) == 0) & (np.diff(stamp[order]) <= 1)
-    over &= np.diff(part[order]) != 0
-    moves = np.linalg.norm(np.diff(position[order], axis=0)[over], axis=1)
-    if not len(moves) or np.median(moves) >= 1:
+    same_person = np.diff(ids[order]) == 0
+    soon = np.diff(stamp[order]) <= 1
+    other_part = np.diff(part[order]) != 0
+    moves = np.diff(position[order], axis=0)[same_person & soon & other_part]
+    length = np.linalg.norm(moves, axis=1)
+    if not len(length) or np.median(length) >= 1:
         return table
     column = column_name(table, schema.recordings[0])
-    whole = option("columns", (f"part={column}",))
+    unsplit = option("columns", (f"part={column}",))
     return table.warned(
-        f"{len(moves)} times a person goes on in another recording: is it one that a column "
-        f"splits ({whole} does not split)?"
+        f"{len(length)} times a person goes on in another recording: is it one that a column "
+        f"splits ({unsplit} does not split)?"
     )
 
 
@@ -384,19 +393,20 @@ def _seen(table: Table, schema: Schema) -> Table:
     for at in range(min(len(table.names), 50)):
         # A column of such words alone is a flag, whatever its name.
         texts = table.words(at)
-        is_state = texts.is_in(words["seen"] | words["unseen"]).all()
-        if at not in used and is_state and texts.is_in(words["unseen"]).any():
+        is_unseen = texts.is_in(words["unseen"])
+        is_state = (is_unseen | texts.is_in(words["seen"])).all()
+        if at not in used and is_state and is_unseen.any():
             flags["state", at] = None
     for role, at in flags:
         is_seen = _is_seen(table, role, at)
+        name = table.names[at][:30]
         if not is_seen.any():
-            raise InputError(
-                f"{table.path}: column {table.names[at][:30]!r} leaves no row"
-            )
-        name = role if table.names[at].isdecimal() else table.names[at][:30]
-        values = table.column(at).filter(~is_seen).unique(maintain_order=True).head(3)
-        values = printable(", ".join(value[:20] or "nothing" for value in values))
-        table = table.take(is_seen, f"with {name} {values}")
+            raise InputError(f"{table.path}: column {name!r} leaves no row")
+        if table.names[at].isdecimal():
+            name = role
+        values = table.column(at).filter(~is_seen).unique(maintain_order=True)
+        values = [value[:20] or "nothing" for value in values.head(3)]
+        table = table.take(is_seen, f"with {name} {printable(', '.join(values))}")
     return table
 
 
@@ -424,10 +434,10 @@ def _is_seen(table: Table, role: str, at: int) -> np.ndarray:
     if len(others):
         column = column_name(table, at)
         kinds = option("columns", (f"label={column}",))
-        whole = option("columns", (f"{role}=none",))
+        no_flag = option("columns", (f"{role}=none",))
         raise Unsaid(
             f"{table.path}: column {column!r} has {printable(', '.join(others))}: which rows are "
-            f"positions? {kinds} with {option('keep')} and its words says it, {whole} takes all"
+            f"positions? {kinds} with {option('keep')} and its words says it, {no_flag} takes all"
         )
     return seen.to_numpy()
 
@@ -446,50 +456,49 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
     else:
         columns = _kinds(table, schema, people | others | set(kinds))
     columns = {table.names[at][:30]: texts for at, texts in columns.items()}
-    if not columns and (beside := kinds_beside(table, schema)) is not None:
-        columns = {beside[0]: beside[1]}
+    if not columns:
+        columns = kinds_beside(table, schema)
     if keep and not columns:
         raise InputError(
             f"{table.path}: {option('keep')}: no column is a label, class, type or category"
         )
-    in_words = {
-        name: texts
-        for name, texts in columns.items()
-        if texts.cast(pl.Float64, strict=False).null_count() or texts.is_in(kinds).any()
-    }
+    in_words = {}
+    for name, texts in columns.items():
+        if _are_words(texts) or texts.is_in(kinds).any():
+            in_words[name] = texts
     is_person = np.ones(len(table.row), bool)
     for name, texts in (in_words or columns).items():
         mask = texts.is_in(kinds or people).to_numpy()
         left = texts.filter(~mask).unique(maintain_order=True).head(6)
         left = printable(", ".join(kind[:30] or "nothing" for kind in left))
         if not mask.any():
+            column = f"{table.path}: column {name!r} has {left}"
+            hint = f"say with {option('keep')} which are people"
             if not keep and texts.is_in(others).all():
-                raise NoPeople(
-                    f"{table.path}: column {name!r} has {left} alone: say with "
-                    f"{option('keep')} which are people"
-                )
-            raise Unsaid(
-                f"{table.path}: column {name!r} has {left}: say with {option('keep')} which are "
-                "people"
-            )
+                raise NoPeople(f"{column} alone: {hint}")
+            raise Unsaid(f"{column}: {hint}")
         mask = mask[is_person]
-        table = table.take(
-            mask, f"with {name} {left} ({option('keep')} says who is kept)"
-        )
+        hint = f"({option('keep')} says who is kept)"
+        table = table.take(mask, f"with {name} {left} {hint}")
         is_person[is_person] = mask
     return table
 
 
+def _are_words(texts: pl.Series) -> bool:
+    """Whether one of the texts is no number."""
+    return texts.cast(pl.Float64, strict=False).null_count() > 0
+
+
 def _kinds(
-    table: Table, schema: Schema, known: Collection[str]
+    table: Table, schema: Schema, words: Collection[str]
 ) -> dict[int, pl.Series]:
-    """The columns of kinds by their names or words, in lower-case letters."""
+    """The columns of kinds by their names or `words`, in lower-case letters."""
     columns = {}
     used = {at for role, at in schema.places.items() if role not in schema.extras}
     people = max(table.column(schema.places["id"]).n_unique(), MANY_KINDS)
     for at in schema.labels:
         texts = table.words(at)
-        if texts.n_unique() < people or texts.is_in(known).any():
+        if texts.n_unique() < people or texts.is_in(words).any():
             columns[at] = texts
     for at in range(min(50, len(table.names))):
         texts = table.words(at)
@@ -534,9 +543,8 @@ class Text(Layout):
             time = {("time=1", "id=2", "x=3", "y=4"): ""}
             raise Question(f"{error}, so it may be the time", time) from None
         frame, ped, position = rows[:, 0], rows[:, 1], rows[:, 2:]
-        usual, other = (
-            roughness(*pair, position) for pair in ((frame, ped), (ped, frame))
-        )
+        usual = roughness(frame, ped, position)
+        other = roughness(ped, frame, position)
         if SMOOTHER * np.sum(other) < np.sum(usual):
             raise Question(
                 f"{table.path}: its tracks are smooth where the first column is the person, not "

@@ -6,6 +6,7 @@ None of these libraries is imported before an object or a file asks for it.
 import contextlib
 import dataclasses
 import importlib
+import itertools
 import json
 import shlex
 import sqlite3
@@ -109,16 +110,12 @@ def is_frame(data: object) -> bool:
     array or a dictionary of columns."""
     if isinstance(data, type):
         return False
-    if isinstance(data, np.ndarray | dict):
+    if isinstance(data, np.ndarray | dict) or _is_pedpy(data) or _is_moving(data):
         return True
-    framed = hasattr(data, "collect_schema") or hasattr(
-        data, "columns"
-    )  # Polars warns of it.
-    rows = any(
-        hasattr(data, name)
-        for name in ("itertuples", "iter_rows", "collect", "to_pydict")
-    )
-    return (framed and rows) or _is_pedpy(data) or _is_moving(data)
+    # First what polars has, which warns of the other.
+    has_columns = hasattr(data, "collect_schema") or hasattr(data, "columns")
+    readers = ("itertuples", "iter_rows", "collect", "to_pydict")
+    return has_columns and any(hasattr(data, name) for name in readers)
 
 
 def _is_pedpy(data: Any) -> bool:
@@ -154,17 +151,8 @@ def table_of(data: Any) -> Table:
     if hasattr(data, "to_pydict"):
         data = pl.from_arrow(data)
     if hasattr(data, "itertuples"):
-        if any(
-            name is not None and name not in data.columns for name in data.index.names
-        ):
-            data = data.reset_index()
-        columns = {str(name): data.iloc[:, at] for at, name in enumerate(data.columns)}
-        if len(columns) < len(data.columns):
-            raise InputError(f"{FRAME}: two columns have one name")
-        columns = dict(_columns_of_pandas(columns))
-    else:
-        columns = {name: _texts(data[name]) for name in data.columns}
-    return _table(FRAME, columns, facts)
+        return _table(FRAME, _columns_of_pandas(data), facts)
+    return _table(FRAME, _columns_of_polars(data), facts)
 
 
 def columns_table(path: Path, columns: Mapping[str, np.ndarray]) -> Table:
@@ -179,10 +167,7 @@ def columns_table(path: Path, columns: Mapping[str, np.ndarray]) -> Table:
             f"{path}: columns of shapes {brief(shapes)}, not of one length: `make_tracks` takes "
             "arrays of stamps, ids and positions"
         )
-    texts = {
-        name: pl.Series([*map(str, values.tolist())])
-        for name, values in columns.items()
-    }
+    texts = {name: _as_texts(values.tolist()) for name, values in columns.items()}
     return _table(path, texts)
 
 
@@ -208,45 +193,67 @@ def array_columns(path: Path, array: np.ndarray) -> dict[str, np.ndarray]:
             f"{path}: {list(array.shape)} {array.dtype} is no recording: rows [R, 4] of frame, "
             "id, x, y, or positions [T, N, 2] are; `make_tracks` takes stamps, ids and positions"
         )
-    bends = []
-    for axis in (0, 1):
-        bend = np.abs(np.diff(array, 2, axis=axis))
-        bends.append(
-            np.median(bend[np.isfinite(bend)]) if np.isfinite(bend).any() else np.inf
-        )
-    if SMOOTHER * min(bends) > max(bends):
+    first, second = _bend_along(array, 0), _bend_along(array, 1)
+    if SMOOTHER * min(first, second) > max(first, second):
         raise InputError(
             f"{path}: positions {list(array.shape)}: which axis is time? `make_tracks` says it"
         )
-    places = np.indices(array.shape[:2]).reshape(2, -1)
-    frame, person = places if bends[0] < bends[1] else places[::-1]
+    frame, person = np.indices(array.shape[:2]).reshape(2, -1)
+    if first >= second:
+        frame, person = person, frame
     x, y = array.reshape(-1, 2).T
     return {"frame": frame, "id": person, "x": x, "y": y}
 
 
-def _columns_of_pandas(columns: Mapping[str, Any]) -> Any:
-    """Name and texts of each column; points become x and y, durations seconds."""
-    for name, column in columns.items():
+def _bend_along(array: np.ndarray, axis: int) -> float:
+    """The typical second difference along an axis; infinite where there is none."""
+    bend = np.abs(np.diff(array, 2, axis=axis))
+    bend = bend[np.isfinite(bend)]
+    return np.median(bend) if len(bend) else np.inf
+
+
+def _columns_of_pandas(frame: Any) -> dict[str, pl.Series]:
+    """The texts of columns by name; points become x and y, durations seconds.
+
+    Raises:
+        InputError: for two columns of one name.
+    """
+    names = frame.index.names
+    if any(name is not None and name not in frame.columns for name in names):
+        frame = frame.reset_index()
+    names = [str(name) for name in frame.columns]
+    if len(set(names)) < len(names):
+        raise InputError(f"{FRAME}: two columns have one name")
+    columns = {}
+    for at, name in enumerate(names):
+        column = frame.iloc[:, at]
         if str(column.dtype) == "geometry":
-            points = column.values
-            yield "x", pl.Series(list(map(str, points.x)))
-            yield "y", pl.Series(list(map(str, points.y)))
+            columns["x"] = _as_texts(column.values.x)
+            columns["y"] = _as_texts(column.values.y)
         elif column.dtype.kind == "m":
-            yield name, pl.Series(list(map(str, column.dt.total_seconds())))
+            columns[name] = _as_texts(column.dt.total_seconds())
         else:
-            yield name, pl.Series(list(map(str, column)), dtype=pl.String)
+            columns[name] = _as_texts(column)
+    return columns
+
+
+def _columns_of_polars(frame: pl.DataFrame) -> dict[str, pl.Series]:
+    """The texts of columns by name."""
+    return {name: _texts(frame[name]) for name in frame.columns}
+
+
+def _as_texts(values: Iterable[Any]) -> pl.Series:
+    """The values as Python writes them."""
+    return pl.Series([str(value) for value in values], dtype=pl.String)
 
 
 def _texts(column: pl.Series) -> pl.Series:
     """A column as text; durations are seconds."""
     if isinstance(column.dtype, pl.Duration):
         column = column.dt.total_microseconds() / 1e6
-    if column.dtype.is_nested() or column.dtype in (
-        pl.Categorical,
-        pl.Binary,
-        pl.Object,
-    ):
-        return pl.Series(list(map(str, column)), dtype=pl.String)
+    others = (pl.Categorical, pl.Binary, pl.Object)
+    if column.dtype.is_nested() or column.dtype in others:
+        return _as_texts(column)
     return column.cast(pl.String).fill_null("None")
 
 
@@ -255,11 +262,13 @@ def _table(
     columns: Mapping[str, pl.Series],
     facts: Mapping[str, str] = MappingProxyType({}),
 ) -> Table:
-    rows = len(next(iter(columns.values()), []))
+    rows = 0
+    for texts in columns.values():
+        rows = len(texts)
     if not rows:
         raise InputError(f"{path}: has no rows")
-    plain = [texts.alias(str(at)) for at, texts in enumerate(columns.values())]
-    fields = pl.DataFrame(plain).select(pl.concat_list(pl.all())).to_series()
+    numbered = [texts.alias(str(at)) for at, texts in enumerate(columns.values())]
+    fields = pl.DataFrame(numbered).select(pl.concat_list(pl.all())).to_series()
     return Table(path, list(columns), fields, np.arange(rows), facts=facts)
 
 
@@ -270,7 +279,7 @@ def _table_in_storage(path: Path, magic: bytes, name: str) -> Table:
         InputError: for a file that cannot be read, or has no table.
         Question: for one with several.
     """
-    kind = next((kind for start, kind in MAGIC.items() if magic.startswith(start)), "")
+    kind = _kind_of(magic)
     if kind == "pickle":
         code = "import pandas, sys; pandas.read_pickle(sys.argv[1]).to_csv(sys.argv[1] + '.csv')"
         raise InputError(
@@ -287,6 +296,14 @@ def _table_in_storage(path: Path, magic: bytes, name: str) -> Table:
     return _table(path, columns, facts)
 
 
+def _kind_of(magic: bytes) -> str:
+    """The kind of a file by its first bytes, else nothing."""
+    for start, kind in MAGIC.items():
+        if magic.startswith(start):
+            return kind
+    return ""
+
+
 def _table_of_arrays(path: Path, kind: str, name: str) -> Table:
     """The table in one array of an `.npz` or `.mat`, or in columns that it holds as arrays."""
     if kind == "zip":
@@ -294,12 +311,15 @@ def _table_of_arrays(path: Path, kind: str, name: str) -> Table:
     else:
         from scipy.io import loadmat
 
-        contents = loadmat(path)
-        arrays = {key: contents[key] for key in contents if not key.startswith("_")}
-        arrays = {key: np.squeeze(values) for key, values in arrays.items()}
+        arrays = {}
+        for key, values in loadmat(path).items():
+            if not key.startswith("_"):
+                arrays[key] = np.squeeze(values)
     if names_tracks(list(arrays)):
-        return columns_table(path, {key: np.ravel(arrays[key]) for key in arrays})
-    chosen = _the_one(path, {key: a for key, a in arrays.items() if a.ndim > 1}, name)
+        columns = {key: np.ravel(values) for key, values in arrays.items()}
+        return columns_table(path, columns)
+    tables = [key for key, values in arrays.items() if values.ndim > 1]
+    chosen = _the_one(path, tables, name)
     return columns_table(path, array_columns(path, arrays[chosen]))
 
 
@@ -308,10 +328,11 @@ def _the_one(path: Path, names: Collection[str], name: str) -> str:
     if name in names:
         return name
     if len(names) == 1 and not name:
-        return next(iter(names))
+        (only,) = names
+        return only
+    answers = {(f"table={other}",): "" for other in list(names)[:8]}
     raise Question(
-        f"{path}: has {len(names)} tables of tracks: {', '.join(names)[:200]}",
-        {(f"table={other}",): "" for other in list(names)[:8]},
+        f"{path}: has {len(names)} tables of tracks: {', '.join(names)[:200]}", answers
     )
 
 
@@ -323,46 +344,41 @@ def _is_sheet(path: Path) -> bool:
 def _in_sheet(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
     """The first sheet of a workbook, or the one called so."""
     optional_module("fastexcel", f"{path}: a workbook", "excel")
-    frame = pl.read_excel(path, sheet_name=name or None)
-    return {name: _texts(frame[name]) for name in frame.columns}, {}
+    return _columns_of_polars(pl.read_excel(path, sheet_name=name or None)), {}
 
 
 def _in_columns(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
     # Polars takes the descriptor, which a buffer of ours would have moved.
     with path.open("rb", buffering=0) as file:
-        is_parquet = file.read(4) == b"PAR1"
+        scan, read = pl.scan_ipc, pl.read_ipc
+        if file.read(4) == b"PAR1":
+            scan, read = pl.scan_parquet, pl.read_parquet
         file.seek(0)
-        lazy = (pl.scan_parquet if is_parquet else pl.scan_ipc)(file)
+        lazy = scan(file)
         rows = lazy.select(pl.len()).collect().item()
         refuse_dense(path, rows * len(lazy.collect_schema()))
         file.seek(0)
-        frame = (pl.read_parquet if is_parquet else pl.read_ipc)(file)
-    return {name: _texts(frame[name]) for name in frame.columns}, {}
+        return _columns_of_polars(read(file)), {}
 
 
 def _in_sqlite(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
     """The one table whose columns name tracks; `metadata` has rows of key and value."""
-    with contextlib.closing(
-        sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
-    ) as base:
+    address = f"{path.absolute().as_uri()}?mode=ro"
+    with contextlib.closing(sqlite3.connect(address, uri=True)) as base:
         _limit(base, path)
-        found = base.execute("select name from sqlite_master where type='table'")
-        quoted = {table: '"' + table.replace('"', '""') + '"' for (table,) in found}
         heads = {}
-        for table in quoted:
-            columns = base.execute(f"pragma table_info({quoted[table]})")
+        names = base.execute("select name from sqlite_master where type='table'")
+        for (table,) in names.fetchall():
+            columns = base.execute(f"pragma table_info({_quoted(table)})")
             heads[table] = [column[1] for column in columns]
         tracks = [table for table in heads if names_tracks(heads[table])]
         facts = {}
         for table, head in heads.items():
             if len(head) == 2:
-                pairs = base.execute(f"select * from {quoted[table]}").fetchmany(1000)
-                for key, value in pairs:
-                    if plain_name(str(key))[0] in RATE_NAMES:
-                        facts["fps"] = str(float(value))
+                facts |= _rate_in(base, table)
         chosen = name if name in heads else _the_one(path, tracks, name)
         rows = []
-        for row in base.execute(f"select * from {quoted[chosen]}"):
+        for row in base.execute(f"select * from {_quoted(chosen)}"):
             rows.append(row)
             # Pages of a damaged table may lead round in a circle.
             if len(rows) % CHECKED == 0:
@@ -370,7 +386,24 @@ def _in_sqlite(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, s
     if not rows:
         raise InputError(f"{path}: table {chosen} has no rows")
     columns = zip(heads[chosen], zip(*rows))
-    return {key: pl.Series([*map(str, values)]) for key, values in columns}, facts
+    return {key: _as_texts(values) for key, values in columns}, facts
+
+
+def _quoted(table: str) -> str:
+    """The name of a table as SQL takes it."""
+    name = table.replace('"', '""')
+    return f'"{name}"'
+
+
+def _rate_in(base: sqlite3.Connection, table: str) -> dict[str, str]:
+    """The rate in a table of keys and values, if it has one."""
+    facts = {}
+    rows = base.execute(f"select * from {_quoted(table)}")
+    for key, value in rows.fetchmany(1000):
+        word, _ = plain_name(str(key))
+        if word in RATE_NAMES:
+            facts["fps"] = str(float(value))
+    return facts
 
 
 def _limit(base: sqlite3.Connection, path: Path) -> None:
@@ -396,12 +429,11 @@ def _in_hdf5(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str
         refuse_dense(path, item.size * len(item.dtype.names or " "))
         refuse_dense(path, item.nbytes / 8)
         attributes = {**file.attrs, **item.attrs}
-        facts = {"fps": str(float(attributes["fps"]))} if "fps" in attributes else {}
-        values = item[()]
-    columns = array_columns(path, values)
-    return {
-        key: pl.Series([*map(str, columns[key].tolist())]) for key in columns
-    }, facts
+        facts = {}
+        if "fps" in attributes:
+            facts["fps"] = str(float(attributes["fps"]))
+        columns = array_columns(path, item[()])
+    return {key: _as_texts(columns[key].tolist()) for key in columns}, facts
 
 
 def _table_in_json(path: Path) -> Table:
@@ -417,8 +449,9 @@ def _table_in_json(path: Path) -> Table:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
+        lines = [line for line in text.split("\n") if line.strip()]
         try:
-            content = [json.loads(line) for line in text.split("\n") if line.strip()]
+            content = [json.loads(line) for line in lines]
         except (ValueError, RecursionError) as error:
             raise InputError(f"{path}: no JSON ({str(error)[:60]})") from None
     if isinstance(content, dict) and {"images", "annotations"} <= content.keys():
@@ -428,11 +461,13 @@ def _table_in_json(path: Path) -> Table:
         inner = [value for value in objects[0].values() if isinstance(value, list)]
         if len(inner) == 1 and inner[0] and isinstance(inner[0][0], dict):
             objects = inner[0]  # An object around a list of people or rows.
-    rows = [row for item in objects for row in _rows(path, item)]
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    return _table(
-        path, {name: pl.Series([str(row.get(name)) for row in rows]) for name in names}
-    )
+    rows = []
+    for item in objects:
+        rows += _rows(path, item)
+    columns = {}
+    for name in dict.fromkeys(itertools.chain(*rows)):
+        columns[name] = _as_texts(row.get(name) for row in rows)
+    return _table(path, columns)
 
 
 def _coco_rows(content: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -486,9 +521,8 @@ def _rows(path: Path, item: Any) -> list[dict[str, Any]]:
         )
     plain = {key: value for key, value in item.items() if not isinstance(value, dict)}
     if len(plain) < len(item):
-        item = _side_by_side(
-            [(key, item[key]) for key in item if key not in plain], plain
-        )
+        parts = [(key, item[key]) for key in item if key not in plain]
+        item = _side_by_side(parts, plain)
     lists = {key: value for key, value in item.items() if isinstance(value, list)}
     others = {key: value for key, value in item.items() if key not in lists}
     if not lists:
@@ -512,9 +546,12 @@ def _side_by_side(
     plain: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """The fields `plain` and those of named parts, as PART.NAME where a name stands twice."""
-    counts = Counter([*plain, *(name for _, part in parts for name in part)])
-    return dict(plain) | {
-        name if counts[name] == 1 else f"{key}.{name}": value
-        for key, part in parts
-        for name, value in part.items()
-    }
+    counts = Counter(plain.keys())
+    for _, part in parts:
+        counts.update(part.keys())
+    fields = dict(plain)
+    for key, part in parts:
+        for name, value in part.items():
+            full_name = name if counts[name] == 1 else f"{key}.{name}"
+            fields[full_name] = value
+    return fields

@@ -10,6 +10,7 @@ RA-L 5(2), 2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024.
 
 import itertools
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -40,25 +41,34 @@ class Tracklets(Format):
             InputError: naming file, row and reason.
         """
         table = read_table(path)
-        if lacking := [name for name in _TRACKLET if table.names.count(name) != 1]:
-            raise InputError(f"{path}: the header has not one {lacking[0]}")
+        for name in _TRACKLET:
+            if table.names.count(name) != 1:
+                raise InputError(f"{path}: the header has not one {name}")
         *places, helmet = (table.names.index(name) for name in _TRACKLET)
-        values, ids = table.numbers(*places), table.ids(helmet, prefix="Helmet_")
+        values = table.numbers(*places)
+        ids = table.ids(helmet, prefix="Helmet_")
         order = np.lexsort((values[:, 0], values[:, 3]))
-        time, tracklet, ids, row = (
-            *values[order][:, [0, 3]].T,
-            ids[order],
-            table.row[order],
-        )
-        run, latest, runs = 0, dict[int, float](), np.zeros(len(ids), int)
+        time, x, y, tracklet = values[order].T
+        ids = ids[order]
+
+        run = 0
+        latest = dict[int, float]()
+        runs = np.zeros(len(ids), int)
         bounds = np.flatnonzero(np.diff(tracklet, prepend=np.nan)).tolist()
         for begin, end in itertools.pairwise([*bounds, len(ids)]):
             if time[begin] <= latest.get(ids[begin], -np.inf):
-                run, latest = run + 1, {}
+                run += 1
+                latest = {}
             latest[ids[begin]] = time[end - 1]
             runs[begin:end] = run
         names = [f"{printable(path.stem)}_{number + 1}" for number in range(run + 1)]
-        return table.tracks(time, ids, values[order, 1:3], row=row, parts=(names, runs))
+        return table.tracks(
+            time,
+            ids,
+            np.column_stack([x, y]),
+            row=table.row[order],
+            parts=(names, runs),
+        )
 
 
 class Qtm(Format):
@@ -68,9 +78,10 @@ class Qtm(Format):
 
     def knows(self, head: Head) -> bool:
         """A header that begins with `Frame` and names a helmet."""
-        return any(
-            re.match("Frame[\t,]", line) and "Helmet" in line for line in head.lines
-        )
+        for line in head.lines:
+            if re.match("Frame[\t,]", line) and "Helmet" in line:
+                return True
+        return False
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The people with helmets, where their coordinates are not all zero, and none is empty.
@@ -79,36 +90,46 @@ class Qtm(Format):
             InputError: naming file, row and reason.
         """
         table = read_table(path, header=r"Frame[\t,]")
-        # Column X of each helmet, or of its centroid where there are markers too; Y and
-        # Z follow.
-        places: dict[int, int] = {}
-        for column, name in enumerate(table.names):
-            if match := _HELMET.fullmatch(name):
-                if int(match[1]) in places:
-                    raise InputError(f"{path}: the header names {name} twice")
-                places[int(match[1])] = column
-                # In 6D exports only X carries the helmet's name.
-                if [other[-1:] for other in table.names[column : column + 3]] != [
-                    "X",
-                    "Y",
-                    "Z",
-                ]:
-                    raise InputError(f"{path}: Y and Z do not follow {name}")
+        places = _helmets(path, table.names)
         if not places or "Time" not in table.names:
             raise InputError(
                 f"{path}: the header names no Time, or no `Helmet_1 X` (or centroids)"
             )
         stamp = table.numbers(table.names.index("Time"))[:, 0]
-        columns = [at + axis for at in places.values() for axis in range(3)]
-        points = table.numbers(*columns, missing=True).reshape(len(stamp), -1, 3) / 1000
-        frame, body = np.nonzero(
-            ~np.isnan(points).any(axis=-1) & (points != 0).any(axis=-1)
-        )
+        columns = []
+        for at in places.values():
+            columns += [at, at + 1, at + 2]
+        millimetres = table.numbers(*columns, missing=True)
+        points = millimetres.reshape(len(stamp), len(places), 3) / 1000
+        is_empty = np.isnan(points).any(axis=-1)
+        is_zero = (points == 0).all(axis=-1)
+        frame, body = np.nonzero(~is_empty & ~is_zero)
         if not len(frame):
             raise InputError(
                 f"{path}: none of its {len(places)} helmets is ever visible"
             )
         ids = np.array(list(places))[body]
-        return table.tracks(
-            stamp[frame], ids, points[frame, body, :2], row=table.row[frame]
-        )
+        position = points[frame, body, :2]
+        return table.tracks(stamp[frame], ids, position, row=table.row[frame])
+
+
+def _helmets(path: Path, names: Sequence[str]) -> dict[int, int]:
+    """Column X of each helmet, or of its centroid where there are markers too; Y and Z follow.
+
+    Raises:
+        InputError: for a helmet that is named twice, and where Y and Z do not follow.
+    """
+    places = dict[int, int]()
+    for column, name in enumerate(names):
+        match = _HELMET.fullmatch(name)
+        if not match:
+            continue
+        helmet = int(match[1])
+        if helmet in places:
+            raise InputError(f"{path}: the header names {name} twice")
+        places[helmet] = column
+        # In 6D exports only X carries the helmet's name.
+        axes = [other[-1:] for other in names[column : column + 3]]
+        if axes != ["X", "Y", "Z"]:
+            raise InputError(f"{path}: Y and Z do not follow {name}")
+    return places

@@ -7,6 +7,8 @@ first and last frame `s` and `e`, `fps` and `tag`. The format is that of P. Koth
 al., "Human Trajectory Forecasting in Crowds", IEEE T-ITS 2021 (trajnetplusplustools).
 """
 
+import contextlib
+import itertools
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -41,25 +43,25 @@ class Trajnet(Format):
         Raises:
             InputError: naming file, row and reason.
         """
-        rows = _rows(path)
-        rates = [
-            float(fields.get("fps", FPS)) for _, kind, fields in rows if kind == "scene"
-        ]
-        points = {
-            at: [str(fields.get(key)) for key in _KEYS]
-            for at, kind, fields in rows
-            if kind == "track" and fields.get("prediction_number") is None
-        }
-        if not points or len({*rates}) > 1:
-            why = "scenes differ in fps" if points else "the file has no track rows"
-            raise InputError(f"{path}: {why}")
+        rates, points = [], {}
+        for at, kind, fields in _rows(path):
+            if kind == "scene":
+                rates.append(float(fields.get("fps", FPS)))
+            elif fields.get("prediction_number") is None:
+                points[at] = [str(fields.get(key)) for key in _KEYS]
+        if not points:
+            raise InputError(f"{path}: the file has no track rows")
+        if len({*rates}) > 1:
+            raise InputError(f"{path}: scenes differ in fps")
         texts = pl.Series(points.values(), dtype=pl.List(pl.String))
         table = Table(path, _KEYS, texts, np.array(list(points)))
         ids = table.ids(1)
         frame = table.whole_numbers(0)
         step = frame / usual_step(table, frame, ids, any_step=True)
+        stamp = step / (rates[-1] if rates else FPS)
         rate = options.fps_of(path.stem)
-        stamp = frame / rate if rate else step / (rates or [FPS])[-1]
+        if rate:
+            stamp = frame / rate
         return table.tracks(stamp, ids, table.numbers(2, 3), clock=0)
 
 
@@ -83,11 +85,13 @@ def read_scenes(path: Path) -> list[OfficialScene]:
     scenes = []
     for at, kind, fields in _rows(path):
         if kind == "scene":
-            number, person, start, end = (
-                int(_number(path, at, fields, key)) for key in ("id", "p", "s", "e")
+            keys = ("id", "p", "s", "e")
+            id, person, start, end = (
+                int(_number(path, at, fields, key)) for key in keys
             )
-            rate, tag = float(fields.get("fps", FPS)), _numeric(fields.get("tag"))
-            scenes.append(OfficialScene(number, person, start, end, rate, tag))
+            rate = float(fields.get("fps", FPS))
+            tag = _numeric(fields.get("tag"))
+            scenes.append(OfficialScene(id, person, start, end, rate, tag))
     return scenes
 
 
@@ -102,25 +106,8 @@ def read_predictions(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         InputError: naming file and row, for forecasts that are not of one number and
             length.
     """
-    paths: dict[tuple[int, int], dict[tuple[int, int], list[float]]] = {}
-    for at, kind, fields in _rows(path):
-        if kind == "track" and fields.get("prediction_number") is not None:
-            scene, person, frame, sample = (
-                int(_number(path, at, fields, key))
-                for key in ("scene_id", "p", "f", "prediction_number")
-            )
-            point = [_number(path, at, fields, key) for key in ("x", "y")]
-            points = paths.setdefault((scene, person), {})
-            if points.setdefault((sample, frame), point) is not point:
-                raise InputError(
-                    f"{path}: row {at}: repeats sample {sample} of person {person}"
-                )
-    if not paths:
-        raise InputError(
-            f"{path}: the file has no forecasts (rows with prediction_number)"
-        )
-    rows: dict[tuple[int, int], list[Any]] = {}
-    for (scene, person), points in paths.items():
+    forecasts: dict[tuple[int, int], np.ndarray] = {}
+    for (scene, person), points in _predicted_points(path).items():
         samples = sorted({sample for sample, _ in points})
         frames = sorted({frame for _, frame in points})
         step = frames[1] - frames[0] if len(frames) > 1 else 1
@@ -129,45 +116,79 @@ def read_predictions(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             raise InputError(
                 f"{path}: scene {scene}, person {person}: steps are missing"
             )
-        forecast = [[points[sample, frame] for frame in frames] for sample in samples]
-        rows.setdefault((person, frames[0] - step), forecast)
-    shapes = sorted({(len(forecast), len(forecast[0])) for forecast in rows.values()})
+        ordered = [points[key] for key in itertools.product(samples, frames)]
+        forecast = np.reshape(ordered, (len(samples), len(frames), 2))
+        forecasts.setdefault((person, frames[0] - step), forecast)
+    shapes = sorted({forecast.shape[:2] for forecast in forecasts.values()})
     if len(shapes) > 1:
         kinds = " and ".join(f"{k} x {steps}" for k, steps in shapes[:2])
         raise InputError(f"{path}: forecasts of {kinds} samples and steps in one file")
-    ids, frames = np.array(list(rows)).T
-    return np.array(list(rows.values())).swapaxes(0, 1), ids, frames
+    ids, frames = np.array(list(forecasts)).T
+    return np.stack(list(forecasts.values()), axis=1), ids, frames
+
+
+def _predicted_points(
+    path: Path,
+) -> dict[tuple[int, int], dict[tuple[int, int], list[float]]]:
+    """x and y by (sample, frame) of each (scene, person) that a file forecasts.
+
+    Raises:
+        InputError: for rows that stand twice, and a file without forecasts.
+    """
+    paths = {}
+    for at, kind, fields in _rows(path):
+        if kind != "track" or fields.get("prediction_number") is None:
+            continue
+        keys = ("scene_id", "p", "f", "prediction_number")
+        numbers = [int(_number(path, at, fields, key)) for key in keys]
+        scene, person, frame, sample = numbers
+        point = [_number(path, at, fields, key) for key in ("x", "y")]
+        points = paths.setdefault((scene, person), {})
+        if (sample, frame) in points:
+            raise InputError(
+                f"{path}: row {at}: repeats sample {sample} of person {person}"
+            )
+        points[sample, frame] = point
+    if not paths:
+        raise InputError(
+            f"{path}: the file has no forecasts (rows with prediction_number)"
+        )
+    return paths
 
 
 def _numeric(tag: Any) -> Any:
     """A tag, whose numbers are text, with numbers."""
     if isinstance(tag, list):
         return [_numeric(part) for part in tag]
-    return int(tag) if isinstance(tag, str) and tag.lstrip("-").isdigit() else tag
+    is_number = isinstance(tag, str) and tag.lstrip("-").isdigit()
+    return int(tag) if is_number else tag
 
 
 def _number(path: Path, at: int, fields: dict[str, Any], key: str) -> float:
     """A finite number of a row."""
-    try:
-        if np.isfinite(number := float(fields[key])):
-            return number
-    except (KeyError, TypeError, ValueError):
-        pass
-    raise InputError(
-        f"{path}: row {at}: {key} is not a number: {fields.get(key)!r}"[:300]
-    )
+    number = np.nan
+    with contextlib.suppress(KeyError, TypeError, ValueError):
+        number = float(fields[key])
+    if not np.isfinite(number):
+        text = f"{key} is not a number: {fields.get(key)!r}"
+        raise InputError(f"{path}: row {at}: {text}"[:300])
+    return number
 
 
 def _rows(path: Path) -> list[tuple[int, str, dict[str, Any]]]:
     """Line, kind and fields of each row; numbers stay the text that they are."""
-    lines = enumerate(read_text_file(path).split("\n"), 1)
-    return [(at, *_content(path, at, line)) for at, line in lines if line.strip()]
+    rows = []
+    for at, line in enumerate(read_text_file(path).split("\n"), 1):
+        if line.strip():
+            rows.append((at, *_content(path, at, line)))
+    return rows
 
 
 def _content(path: Path, at: int, line: str) -> tuple[str, dict[str, Any]]:
     """Kind and fields of a line; numbers stay the text that they are."""
     try:
-        ((kind, fields),) = json.loads(line, parse_float=str, parse_int=str).items()
+        content = json.loads(line, parse_float=str, parse_int=str)
+        ((kind, fields),) = content.items()
         if kind in ("track", "scene") and float(fields.get("fps", FPS)) > 0:
             return kind, fields
     except (ValueError, TypeError, AttributeError, RecursionError):
