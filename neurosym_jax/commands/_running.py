@@ -1,8 +1,10 @@
 """Run a command: parse its options, and print errors of input in one line without a traceback."""
 
 import argparse
+import codecs
 import contextlib
 import errno
+import io
 import os
 import signal
 import sys
@@ -28,6 +30,7 @@ __all__ = ["load_plugins", "run_command"]
 
 OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO)
 """Errors of the disk, not of the code."""
+IN_ASCII = str.maketrans({"±": "+-", "−": "-"})
 PLUGIN = (
     "--plugin FILE.py|MODULE, which may be repeated, imports your own file or module first, to "
     "register metrics, forecasters, poolings, weightings or formats."
@@ -50,6 +53,7 @@ def run_command(
     """
     tune()
     enable_compilation_cache()
+    _write_any_text()
     with spoken_as_flags(), interruptible() as signals:
         try:
             status = _run(options, action, arguments, prog, prepare)
@@ -72,6 +76,22 @@ def run_command(
     if signals:  # The action has ended by itself.
         _end(128 + signals[0])
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _write_any_text() -> None:
+    """Print letters that a terminal's encoding lacks in other letters, such as +- for ±."""
+    codecs.register_error("neurosym", _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="neurosym")
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    """The letters that cannot be written in ASCII, and where they end."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end].translate(IN_ASCII)
+    return text.encode("ascii", "backslashreplace").decode("ascii"), error.end
 
 
 def _end(status: int) -> NoReturn:

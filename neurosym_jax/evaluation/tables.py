@@ -22,6 +22,7 @@ from neurosym_jax.evaluation.metrics import Metric, known_metric
 __all__ = [
     "Style",
     "aligned_table",
+    "csv_text",
     "first_trainings",
     "format_table",
     "labels",
@@ -67,6 +68,16 @@ def markdown_table(
     rule = ["---"] * (len(head) - right) + ["---:"] * right
     lines = [_line(head), f"|{'|'.join(rule)}|", *map(_line, rows)]
     return "\n".join(lines)
+
+
+def csv_text(frame: pl.DataFrame) -> str:
+    """A table as CSV, in which no foreign text is a formula.
+
+    Spreadsheets calculate a cell that begins with `=`, `+`, `@`, or `-` and a letter;
+    with a `'` in front they show it. Numbers stay as they are.
+    """
+    formula = r"^([=+@]|-\p{L})"
+    return frame.with_columns(pl.col(pl.String).str.replace(formula, "'$1")).write_csv()
 
 
 def aligned_table(rows: Sequence[Sequence[str]]) -> str:
@@ -482,7 +493,7 @@ def _csv_table(lines: pl.DataFrame) -> str:
     for metric in lines["metric"].unique(maintain_order=True):
         for value, ending in values.items():
             columns.append(pl.col(f"{value}_{metric}").alias(f"{metric}{ending}"))
-    return wide.select(*facts, *columns).write_csv()
+    return csv_text(wide.select(*facts, *columns))
 
 
 def _markdown_table(lines: pl.DataFrame) -> str:

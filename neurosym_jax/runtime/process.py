@@ -22,7 +22,7 @@ from typing import Any
 import jax
 from jax._src import xla_bridge
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 from neurosym_jax.runtime.compiled import keep_programs, private_folder
 from neurosym_jax.runtime.programs import keep_whole
 
@@ -120,7 +120,8 @@ def progress_of(total: int) -> Callable[[str], None]:
 
     def step(task: str) -> None:
         seconds = time.perf_counter() - since
-        print(f"[{next(count)}/{total}] {task} ({seconds:.1f} s)", file=sys.stderr)
+        line = f"[{next(count)}/{total}] {task} ({seconds:.1f} s)"
+        print(printable(line), file=sys.stderr)
 
     return step
 

@@ -22,7 +22,12 @@ from neurosym_jax.data.recordings import GENERAL, Synthetic, licences_of
 from neurosym_jax.data.windows import Batch, Windows, fingerprint, merged_fingerprints
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scores import score_forecaster
-from neurosym_jax.evaluation.tables import format_table, markdown_table, rows_frame
+from neurosym_jax.evaluation.tables import (
+    format_table,
+    markdown_table,
+    markdown_text,
+    rows_frame,
+)
 from neurosym_jax.models.disk import save_model
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import FORECASTERS, Forecaster, forecaster_of
@@ -378,7 +383,7 @@ def model_card(
         title += f" without {facts['scene']}"
     settings = {
         f"{name} windows": f"{count['scenes']} scenes, {count['agents']} agents, "
-        f"SHA-256 `{facts['data'][name][:16]}`"
+        f"SHA-256 {facts['data'][name][:16]}"
         for name, count in facts["counts"].items()
     }
     settings["learned from"] = ", ".join(
@@ -401,7 +406,7 @@ def model_card(
         warmup_of(types.SimpleNamespace(**facts["training"]))
     )
     lines = [
-        [name, str(value)]
+        [name, markdown_text(str(value))]
         for name, value in settings.items()
         if value not in (None, "", [])
     ]

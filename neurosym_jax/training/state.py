@@ -19,7 +19,7 @@ import numpy as np
 import optax
 from jax import Array
 
-from neurosym_jax.errors import InputError, TrainingError
+from neurosym_jax.errors import InputError, TrainingError, printable
 from neurosym_jax.runtime.files import (
     folder_digest,
     new_folder,
@@ -376,7 +376,8 @@ def restore_state(
         except (
             Exception
         ) as error:  # Orbax and its storage raise many kinds for damaged files.
-            print(f"warning: {path}: is damaged: {_reason(error)}", file=sys.stderr)
+            line = f"warning: {path}: is damaged: {_reason(error)}"
+            print(printable(line), file=sys.stderr)
             aside = path.with_name(f"damaged_{path.name}")
             shutil.rmtree(aside, ignore_errors=True)
             path.rename(aside)

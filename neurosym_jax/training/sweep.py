@@ -22,7 +22,13 @@ from neurosym_jax.evaluation.intervals import (
 )
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.scores import Score
-from neurosym_jax.evaluation.tables import format_table, markdown_table, rows_frame
+from neurosym_jax.evaluation.tables import (
+    csv_text,
+    format_table,
+    markdown_table,
+    markdown_text,
+    rows_frame,
+)
 from neurosym_jax.models.disk import load_model, replace_card
 from neurosym_jax.runtime.ending import when_ended
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
@@ -106,9 +112,10 @@ def compare_sweep(
     )
     last_rows = compared.filter(test_set=compared["test_set"][-1])
     metrics = compared["metric"].unique(maintain_order=True)
-    head = [f"minus {reference}", *(known_metric(metric).label for metric in metrics)]
+    name = markdown_text(reference)
+    head = [f"minus {name}", *(known_metric(metric).label for metric in metrics)]
     lines = [
-        [model, *map(_cell, frame.iter_rows(named=True))]
+        [markdown_text(model), *map(_cell, frame.iter_rows(named=True))]
         for (model,), frame in last_rows.group_by("model", maintain_order=True)
     ]
     seeds = {seed for errors in runs.values() for seed in errors}
@@ -116,13 +123,13 @@ def compare_sweep(
     parts = [
         f"# Models compared\n\nRuns: {sum(map(len, runs.values()))}. Seeds: {len(seeds)}.",
         *([TOO_FEW] if len(seeds) < ENOUGH else []),
-        f"Difference to {reference}, {last_rows['test_set'][0]}:",
+        f"Difference to {name}, {markdown_text(last_rows['test_set'][0])}:",
         markdown_table(head, lines),
         f"{INTERVALS} Differences on each test set are in `{table.name}`.",
     ]
     text = "\n\n".join(parts) + "\n"
     write_text(target, text)
-    write_text(table, compared.write_csv())
+    write_text(table, csv_text(compared))
     return f"{text}\n{format_table(rows, 'markdown')}\n\n{target}, {table}"
 
 

@@ -7,7 +7,6 @@ overrides a parameter.
 
 import contextlib
 import dataclasses
-import functools
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from neurosym_jax.commands._options import refuse_given
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 from neurosym_robot import (
     Dashboard,
     LinkOptions,
@@ -35,7 +34,11 @@ from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
 
 NAME = "neurosym_jax"  # of a node
-say = functools.partial(print, file=sys.stderr, flush=True)
+
+
+def say(text: str) -> None:
+    """Print a line of a node on the standard error; names in it do not steer the terminal."""
+    print(printable(text), file=sys.stderr, flush=True)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -98,7 +101,8 @@ class LiveOptions:
     host: str = "127.0.0.1"
     """Address of the page; 0.0.0.0 makes it visible to other computers, without a password."""
     foxglove: int | Path | None = None
-    """Port of a websocket for Foxglove, 0 for any free one, or a new .mcap file for it."""
+    """Port of a websocket for Foxglove, 0 for any free one, or a new .mcap file for it. Every web
+    page that is open on this computer can read the websocket."""
     map: Path | None = None
     """Floor map to draw on the page: the .yaml file of a ROS map."""
     at_least: float = AT_LEAST

@@ -1,6 +1,7 @@
 """Processes of commands: exit status and plugins."""
 
 import builtins
+import io
 import os
 import subprocess
 import sys
@@ -77,3 +78,16 @@ def test_a_real_process(tmp_path):
     message = "error: tracks.csv: row 2: y is not a number: 'oops'\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", message)
     assert not list(tmp_path.glob("results/*"))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "line"), [("ascii", "+-.1 -2 \\xd6"), ("utf-8", "±.1 −2 Ö")]
+)
+def test_a_terminal_without_these_letters_gets_others(encoding, line, monkeypatch):
+    file = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(file, encoding))
+    with pytest.raises(SystemExit) as end:
+        run_command(lambda: print("±.1 −2 Ö"), arguments=[])
+    sys.stdout.flush()
+    assert end.value.code == 0
+    assert file.getvalue().decode(encoding) == f"{line}\n"

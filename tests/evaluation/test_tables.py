@@ -168,6 +168,22 @@ def test_hostile_names_stay_text(style):
         )
 
 
+@pytest.mark.parametrize("name", ["=1+1", "+cmd", "@x", "-cmd|'/C calc'!A0"])
+def test_a_spreadsheet_calculates_no_name(name):
+    text = format_table(rows_frame([row(name, name, -0.3, name)]), "csv")
+    (line,) = csv.DictReader(io.StringIO(text))
+    for column in ("dataset", "model", "checkpoint"):
+        assert line[column] == f"'{name}"
+    assert line["joint_ade"] == "-0.3"
+
+
+@pytest.mark.parametrize("name", ["-", "-1.5 m", "a=b", "NeuroSyM, cnd", "1+1"])
+def test_names_that_are_no_formula_stay_in_a_csv(name):
+    text = format_table(rows_frame([row(name, "eth", 0.3)]), "csv")
+    (line,) = csv.DictReader(io.StringIO(text))
+    assert line["model"] == name
+
+
 def test_too_few_blocks_are_said():
     rows = [
         row("SGAN", "eth", 0.3, half=None, blocks=2),

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from neurosym_robot.commands import _live_options
 from neurosym_robot.ros.tcpros import Node, Topic
 from neurosym_robot.ros.tcpros.topics import MOST, Publisher
 from neurosym_robot.ros.tcpros.wire import (
@@ -155,6 +156,13 @@ def test_the_graph_can_ask(pair):
         call(other.uri, "requestTopic", "/me", "/chatter", [["TCPROS"]])
     call(node.uri, "shutdown", "/master", "new node of the same name")
     assert node.stopped.is_set()
+
+
+def test_who_ends_a_node_does_not_steer_its_terminal(master, capsys):
+    node = Node("talker", master.uri, _live_options.say)
+    call(node.uri, "shutdown", "/who\x9b2J", "a\nb")
+    node.close()
+    assert "asked to end by /who\\x9b2J: a\\nb\n" in capsys.readouterr().err
 
 
 def hostile_blocks(seed: int) -> bytes:
