@@ -20,7 +20,7 @@ from neurosym_jax.commands._running import run_command
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import write_text
-from neurosym_jax.runtime.process import cpu_cores, run_environment
+from neurosym_jax.runtime.process import code_version, cpu_cores, run_environment
 
 FORMAT = 1
 
@@ -111,7 +111,11 @@ def run(options: BenchmarkOptions) -> None:
         result = importlib.import_module(f"benchmarks.{name}").measure(options)
         print(f"{name}: {text(result)}\n", flush=True)
         if options.json:
-            machine = {**run_environment(), "cores": cpu_cores()}
+            machine = {
+                **run_environment(),
+                "cores": cpu_cores(),
+                "commit": code_version(),
+            }
             numbers = _write(options.json, name, {**result, "machine": machine})
             if options.page:
                 write_text(options.page, document(numbers))

@@ -5,6 +5,7 @@ python -m benchmarks --data DATA --checkpoints FOLDER --reference SGAN \
 """
 
 import itertools
+import textwrap
 from typing import Any
 
 from benchmarks.timing import OURS
@@ -23,6 +24,8 @@ was involved.
 **No GPU was at hand**; `python -m benchmarks --gpu` waits for one.
 
     python -m benchmarks --data DATA --checkpoints FOLDER --reference SGAN
+
+{commits}
 """
 
 TAIL = """<details markdown="1">
@@ -99,7 +102,7 @@ def document(benchmarks: dict[str, Any]) -> str:
         ratios = [_ratio(rows, who) for who in others]
         lines.append([f"{title}: {case}", _spent(rows[OURS]), *ratios])
     parts = [
-        HEAD,
+        HEAD.format(commits=_commits(benchmarks)),
         "## Compared\n",
         _table(["", "ours", *others], lines),
         "## Ours alone\n",
@@ -120,6 +123,21 @@ def document(benchmarks: dict[str, Any]) -> str:
     if ages:
         parts += [f"## {TITLES['age']}\n", _table(AGE, _ages(ages))]
     return "\n".join([*parts, TAIL.format(machine=about)])
+
+
+def _commits(benchmarks: dict[str, Any]) -> str:
+    """Lines that name the commit at which each benchmark was measured."""
+    names: dict[str, list[str]] = {}
+    for name in TITLES:
+        commit = benchmarks.get(name, {}).get("machine", {}).get("commit")
+        if commit:
+            dirty = "-dirty" if commit.endswith("-dirty") else ""
+            names.setdefault(f"{commit[:8]}{dirty}", []).append(f"`{name}`")
+    if not names:
+        return "The commit of the code that was timed is not recorded."
+    parts = [f"{commit} ({', '.join(timed)})" for commit, timed in names.items()]
+    words = f"The code that was timed is that of {', '.join(parts)}; later code was not timed."
+    return textwrap.fill(words, 100)
 
 
 def _ages(rows: list[dict[str, Any]]) -> list[list[str]]:

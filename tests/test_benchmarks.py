@@ -35,6 +35,14 @@ def test_a_benchmark_and_its_page(tmp_path):
     assert "QTC and alpha" in text
 
 
+def test_the_page_is_what_its_numbers_give_and_names_their_commits():
+    numbers = json.loads((ROOT / "docs/benchmarks.json").read_text())["benchmarks"]
+    text = document(numbers)
+    assert text == (ROOT / "docs/benchmarks.md").read_text()
+    for name, benchmark in numbers.items():
+        assert benchmark["machine"]["commit"][:8] in text, name
+
+
 def test_the_page_of_a_series_has_its_exponent_and_the_most_memory():
     found = [
         (10, {"values": [0.1], "peak_mb": 2400}),
@@ -44,6 +52,7 @@ def test_the_page_of_a_series_has_its_exponent_and_the_most_memory():
     rows = scaling._rows("people", found)
     text = document({"scaling": {"rows": rows, "machine": machine}})
     assert "| people | 10: 100 ms, 1,000: 10 s | 1.0 | 2.4 GB |" in text
+    assert "commit of the code that was timed is not recorded" in text
 
 
 @pytest.mark.exhaustive
