@@ -169,7 +169,7 @@ def page(table: pl.DataFrame) -> str:
     is_place = ~pl.col("place").str.contains(" after ")
     counted = facts.filter(is_place & (pl.col("minutes") >= MINUTES))
     unseen = counted.filter(~pl.col("place").is_in(CHOSEN_ON))
-    lines = [markdown_table(head, cells), ""]
+    lines = [markdown_table(head, cells, right=5), ""]
     for words, part in (("all", counted), ("without those marked", unseen)):
         for column in ("change", "late"):
             values = part[column].to_numpy()
