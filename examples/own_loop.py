@@ -22,9 +22,8 @@ params = {**model.params, "weighting": nj.symbolic.initial_parameters(config.wei
 rng = np.random.default_rng(0)
 velocity = rng.normal(0, 0.3, (64, 4, 1, 2)) + rng.normal(0, 0.03, (64, 4, 16, 2))
 walks = rng.uniform(-3, 3, (64, 4, 1, 2)) + np.cumsum(velocity, axis=2)
-observed, future = np.split(
-    walks.astype(np.float32), 2, axis=2
-)  # [scenes, people, 8, 2] metres
+# [scenes, people, 8, 2] metres
+observed, future = np.split(walks.astype(np.float32), 2, axis=2)
 
 
 def loss(params, key):
@@ -32,9 +31,8 @@ def loss(params, key):
     noise = jax.random.normal(key, (len(observed), 5, config.noise_dim))
     forecast = functools.partial(nj.forecast, config, params)  # [5, people, 8, 2]
     futures = jax.vmap(forecast)(observed, noise)
-    return (
-        jnp.linalg.norm(futures - future[:, None], axis=-1).mean((2, 3)).min(1).mean()
-    )
+    error = jnp.linalg.norm(futures - future[:, None], axis=-1).mean((2, 3))
+    return error.min(1).mean()
 
 
 @jax.jit
@@ -42,12 +40,8 @@ def step(params, state, key):
     """One update; also returns the loss and its gradient by the weights of the 81 states."""
     value, gradient = jax.value_and_grad(loss)(params, key)
     updates, state = optimizer.update(gradient, state)
-    return (
-        optax.apply_updates(params, updates),
-        state,
-        value,
-        gradient["weighting"]["table"],
-    )
+    params = optax.apply_updates(params, updates)
+    return params, state, value, gradient["weighting"]["table"]
 
 
 optimizer = optax.adam(1e-3)

@@ -9,9 +9,8 @@ import numpy as np
 import neurosym_jax as nj
 
 steps = np.arange(8)[:, None]
-positions = np.stack(
-    [steps * [0.4, 0.0], [3.0, 0.5] - steps * [0.02, 0.0]]
-)  # [2, 8, 2] metres
+# [2, 8, 2] metres
+positions = np.stack([steps * [0.4, 0.0], [3.0, 0.5] - steps * [0.02, 0.0]])
 soft = nj.symbolic.Soft(learned=True)
 start = nj.symbolic.initial_parameters(soft)
 alpha = jax.jit(
