@@ -48,6 +48,15 @@ def test_a_recording_is_read_through_a_homography(tmp_path):
         np.testing.assert_allclose(tracks.position, truth, atol=1e-4)
 
 
+def test_a_homography_to_centimetres_is_one_to_centimetres(tmp_path):
+    (tmp_path / "a.txt").write_text(text())
+    (tracks,) = read_any(tmp_path / "a.txt")
+    np.savetxt(tmp_path / "cm.txt", np.diag([100, 100, 1]))
+    options = ReadOptions(homography=str(tmp_path / "cm.txt"), unit="cm")
+    (turned,) = read_any(tmp_path / "a.txt", options)
+    np.testing.assert_allclose(turned.position, tracks.position)
+
+
 def test_left_is_counter_clockwise_and_a_mirror_image_turns_it(tmp_path):
     """q3 and q4 of a recording change their sign when y is turned, q1 and q2 stay."""
     (tmp_path / "a.txt").write_text(text())

@@ -211,6 +211,8 @@ def test_what_does_not_match_is_refused_with_counts(recording, file, tmp_path):
     doubled = {"samples": np.repeat(arrays["samples"], 2, axis=0)}
     uneven = np.array([np.linspace(0.1, 0.9, count), np.linspace(0.9, 0.1, count)])
     refused("are not those of others in their scene", probabilities=uneven, **doubled)
+    negative = np.array([1.5, -0.5])
+    refused("must not be negative", probabilities=negative, **doubled)
     np.savez(tmp_path / "less.npz", samples=arrays["samples"])
     for path, message in (
         (tmp_path / "less.npz", "array 'ids' is missing"),

@@ -28,6 +28,7 @@ from neurosym_jax.models.forecaster import Lengths
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.runtime import memory
 from neurosym_jax.runtime.files import (
+    folder_digest,
     new_folder,
     refuse_unwritable,
     write_json,
@@ -57,6 +58,19 @@ def test_a_file_is_replaced_whole(tmp_path):
     umask = os.umask(0)
     os.umask(umask)
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
+
+
+def test_a_digest_is_of_names_and_of_where_each_file_ends(tmp_path):
+    digests = set()
+    for first, second in (("a", "b"), ("a", "c")):
+        for texts in (("12", "3"), ("1", "23"), ("123", "")):
+            folder = tmp_path / str(len(digests))
+            folder.mkdir()
+            for name, text in zip((first, second), texts):
+                (folder / name).write_text(text)
+            digests.add(folder_digest(folder))
+            assert folder_digest(folder, second) != folder_digest(folder)
+    assert len(digests) == 6
 
 
 def test_unwritable_paths_are_refused_beforehand(tmp_path):
