@@ -446,8 +446,8 @@ class Table:
         )
         return values
 
-    def ids(self, place: int, prefix: str = "") -> np.ndarray:
-        """[R] int64 ids without `prefix`: numbers if all are whole, else 0, 1, ... by text.
+    def ids(self, place: int, prefix: str = "") -> tuple[np.ndarray, tuple[str, ...]]:
+        """[R] int64 ids without `prefix`, and the texts of 0, 1, ... if they are no numbers.
 
         Raises:
             InputError: for a missing id, and two that are one number (1, 1.0) or word
@@ -461,7 +461,9 @@ class Table:
         real = unique.cast(pl.Float64, strict=False)
         if ((real.round() == real) & (real.abs() < 2.0**53)).fill_null(False).all():
             number = spelling = real.cast(pl.Int64)
+            names = ()
         else:
+            names = tuple(unique.sort().to_list())
             number = unique.rank("ordinal").cast(pl.Int64) - 1
             spelling = unique.str.to_lowercase().str.replace_all(
                 r"\s|(^|[^\d.])0+(\d)", "$1$2"
@@ -473,7 +475,8 @@ class Table:
                 f"{self.path}: the ids {first[:40]!r} and {second[:40]!r} are one number or word: "
                 "one person or two? Write them alike"
             )
-        return texts.replace_strict(unique, number, return_dtype=pl.Int64).to_numpy()
+        ids = texts.replace_strict(unique, number, return_dtype=pl.Int64).to_numpy()
+        return ids, names
 
     def extra(self, place: int, texts: bool = True) -> np.ndarray:
         """[R] float64 numbers, else with `texts` 0, 1, ... in order of text; NaN where a field is
@@ -497,6 +500,7 @@ class Table:
         clock: int | None = None,
         columns: Sequence[str] = (),
         unused: Sequence[str] = (),
+        people: Sequence[str] = (),
     ) -> list[Tracks]:
         """The recordings in the lines `row` [R'] of the file (default: all), in any order.
 
@@ -504,8 +508,10 @@ class Table:
         lines; `parts` has the names of the recordings and [R'] the index of each line's
         (default: one). Rows that stand twice count once. `clock` is the column of frame
         numbers, if there is one; `columns` has ROLE=COLUMN of all, `unused` the others.
+        `people` are the texts of ids.
         """
         row = self.row if row is None else row
+        given = np.array(people)[id] if people else id
         rate = None
         last = int(np.argmax(np.abs(stamp)))
         if clock is not None and stamp[last]:
@@ -524,7 +530,7 @@ class Table:
             back = at[_backward_rows(stamp[at], id[at])]
             if len(back):
                 first = row[back[0]]
-                reason = f"row {first}: time runs backward for agent {id[back[0]]}"
+                reason = f"row {first}: time runs backward for agent {given[back[0]]}"
                 times = f"({len(back)} times in all)"
                 lines.append(f"{reason} {times}; the rows are sorted")
             reading = Reading(
@@ -538,7 +544,7 @@ class Table:
                 columns=tuple(columns),
                 unused=tuple(unused),
             )
-            points = stamp[at], id[at], position[at]
+            points = stamp[at], given[at], position[at]
             others = {key: extras[key][at] for key in extras}
             tracks = make_tracks(name, *points, others, reading=reading, row=row[at])
             recordings.append(tracks)

@@ -4,7 +4,7 @@ The table keeps the recording's own clock in seconds and its own world frame in 
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
@@ -81,6 +81,7 @@ class Tracks:
     # [R] int64 number on that grid; pieces of other phase are apart
     step: np.ndarray | None = None
     reading: Reading | None = None  # how the recording was read from a file
+    names: tuple[str, ...] = ()  # texts of the ids 0, 1, ... where ids are texts
     _columns: ClassVar = ("stamp", "id", "position", "known", "foreseen", "step")
 
     def take(self, rows: np.ndarray | slice) -> Self:
@@ -96,7 +97,15 @@ class Tracks:
     def with_ids(self, id: np.ndarray) -> Self:
         """The same points with other ids [R] int64, sorted by them."""
         order = _order(self.recording, self.stamp, id)
-        return dataclasses.replace(self, id=id).take(order)
+        # Fresh ids have no name.
+        names = self.names if np.all(id < len(self.names)) else ()
+        return dataclasses.replace(self, id=id, names=names).take(order)
+
+    def ids_as_given(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """[R'] ids of rows as the file has them: whole numbers or texts."""
+        if self.names:
+            return np.array(self.names)[self.id[rows]]
+        return self.id[rows]
 
 
 def make_tracks(
@@ -111,8 +120,8 @@ def make_tracks(
 ) -> Tracks:
     """Check, copy and sort rows given in any order.
 
-    They have `stamp` [R] seconds, `id` [R] whole numbers, `position` [R, 2] metres, and
-    `extras` name: [R, ...] numbers. Messages call them `row` [R] (default: from 0) of
+    They have `stamp` [R] seconds, `id` [R] whole numbers or texts, `position` [R, 2]
+    metres, and `extras` name: [R, ...] numbers. Messages call them `row` [R] (default: from 0) of
     the file in `reading`.
 
     Raises:
@@ -123,6 +132,10 @@ def make_tracks(
     times = np.asarray(stamp, np.float64)
     points = np.asarray(position, np.float64)
     ids = np.asarray(id)
+    names: tuple[str, ...] = ()
+    if ids.dtype.kind in "UO" and all(isinstance(text, str) for text in ids.flat):
+        texts, ids = np.unique(ids, return_inverse=True)
+        names = tuple(texts.tolist())
     others = {name: np.asarray(values) for name, values in extras.items()}
     _refuse_shapes(file, {"stamp": times, "id": ids, "position": points, **others})
 
@@ -137,8 +150,8 @@ def make_tracks(
         is_usable &= (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
     _refuse_values(file, row, "id", ids, is_usable)
     ids = ids.astype(np.int64)
-    tracks = Tracks(recording, times, ids, points, others, reading=reading)
-    return tracks.take(_order(file, times, ids, row))
+    tracks = Tracks(recording, times, ids, points, others, reading=reading, names=names)
+    return tracks.take(_order(file, times, ids, row, names))
 
 
 def _refuse_shapes(file: str, arrays: Mapping[str, np.ndarray]) -> None:
@@ -170,7 +183,13 @@ def _refuse_values(
         raise InputError(f"{file}: row {line}: {value} is not a usable number{hint}")
 
 
-def _order(file: str, stamp: np.ndarray, id: np.ndarray, row: Any = None) -> np.ndarray:
+def _order(
+    file: str,
+    stamp: np.ndarray,
+    id: np.ndarray,
+    row: Any = None,
+    names: Sequence[str] = (),
+) -> np.ndarray:
     """[R] indices that sort the rows by (id, stamp)."""
     order = np.lexsort((stamp, id))
     same_agent = np.diff(id[order]) == 0
@@ -179,8 +198,9 @@ def _order(file: str, stamp: np.ndarray, id: np.ndarray, row: Any = None) -> np.
     if len(repeats):
         at = repeats[0]
         line = at if row is None else row[at]
+        person = names[id[at]][:40] if names else id[at]
         raise InputError(
-            f"{file}: row {line}: repeats agent {id[at]} at {stamp[at]:.12g} s"
+            f"{file}: row {line}: repeats agent {person} at {stamp[at]:.12g} s"
         )
     return order
 

@@ -290,7 +290,7 @@ class Windows:
     position: (
         np.ndarray
     )  # [A, obs_len + pred_len, 2] float64 metres in the recording's frame
-    agent: np.ndarray  # [A] int64 agent ids
+    agent: np.ndarray  # [A] ids as the recording has them: int64, or texts
     bounds: (
         np.ndarray
     )  # [S + 1] int64; scene s holds the rows `bounds[s]:bounds[s + 1]`
@@ -376,7 +376,7 @@ def cut_windows(
     sizes = np.concatenate([part.sizes for part in parts])
     return Windows(
         position=np.concatenate([part.position for part in parts]),
-        agent=np.concatenate([part.agent for part in parts]),
+        agent=np.concatenate([part.agent for part in parts if part.scenes]),
         bounds=np.concatenate([[0], np.cumsum(sizes)]),
         identity=np.concatenate([part.identity for part in parts]),
         obs_len=obs_len,
@@ -436,7 +436,7 @@ def _cut(
     gaps = int(np.sum(np.diff(places) > 1))
     return Windows(
         position=position,
-        agent=tracks.id[first],
+        agent=tracks.ids_as_given(first),
         bounds=np.append(0, np.cumsum(sizes[enough])),
         identity=scene_identity(tracks.recording, starts[enough]),
         obs_len=obs_len,
@@ -587,9 +587,8 @@ def chance_shapes(windows: Windows) -> float:
     """
     hashes, rows = _shapes(windows)
     recording = np.repeat(windows.identity[:, 0], windows.sizes)[rows]
-    people = np.unique(
-        np.stack([hashes, recording, windows.agent[rows].astype(np.uint64)]), axis=1
-    )
+    _, person = np.unique(windows.agent[rows], return_inverse=True)
+    people = np.unique(np.stack([hashes, recording, person.astype(np.uint64)]), axis=1)
     _, others = np.unique(people[:2], axis=1, return_counts=True)
     return float(others[others > 1].sum() / max(others.sum(), 1))
 

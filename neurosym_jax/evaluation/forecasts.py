@@ -32,6 +32,8 @@ SHIFT = 0.05
 KINDS = ".npz or .ndjson"
 NEEDED = ("samples", "ids", "frames")
 """Arrays that a file must have."""
+KINDS_OF = {"recordings": "US", "ids": "iufU"}
+"""Kinds of numpy's types of arrays that may be texts."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ class ForecastFile:
     samples: np.ndarray
     """[k, A, T, 2] float64 metres, in the recording's frame."""
     ids: np.ndarray
-    """[A] person."""
+    """[A] person, as the recording has them: whole numbers or texts."""
     frames: np.ndarray
     """[A] number of the last observed frame; its time in seconds where frames have no number."""
     recordings: np.ndarray | None = None
@@ -117,7 +119,7 @@ def _checked(path: Path, arrays: dict[str, np.ndarray]) -> ForecastFile:
         )
         shapes["probabilities"] = (len(samples), agents)
     for name, shape in shapes.items():
-        kinds = "US" if name == "recordings" else "iuf"
+        kinds = KINDS_OF.get(name, "iuf")
         if (
             arrays[name].shape != shape
             or arrays[name].dtype.kind not in kinds
@@ -168,7 +170,7 @@ def _windows_of(file: ForecastFile) -> Windows:
     digests = [scene_identity(name, 0)[0] for name in recordings[first]]
     return Windows(
         position=np.concatenate([observed, truth], axis=1).astype(np.float64)[order],
-        agent=file.ids[order].astype(np.int64),
+        agent=_whole(file.ids[order]),
         bounds=np.append(first, len(scene)),
         identity=np.stack([digests, start[order][first]], axis=-1).astype(np.uint32),
         obs_len=observed.shape[1],
@@ -176,6 +178,11 @@ def _windows_of(file: ForecastFile) -> Windows:
         reading=tuple(Reading(name) for name in dict.fromkeys(recordings.tolist())),
         stamp=file.frames[order][first].astype(np.float64),
     )
+
+
+def _whole(ids: np.ndarray) -> np.ndarray:
+    """[A] ids: texts as they are, numbers without fractions."""
+    return ids if ids.dtype.kind == "U" else ids.astype(np.int64)
 
 
 def _recordings(file: ForecastFile, windows: Windows | None = None) -> list[str]:
@@ -236,17 +243,18 @@ def _match(
         raise InputError(
             f"{file.path}: has no `recordings`, and the test set has {len(set(own))}"
         )
-    keys = list(zip(names, np.round(file.frames, 3).tolist(), file.ids.tolist()))
+    ids, people = file.ids, windows.agent
+    if "U" in (ids.dtype.kind, people.dtype.kind):
+        ids, people = _whole(ids).astype(str), people.astype(str)
+    keys = list(zip(names, np.round(file.frames, 3).tolist(), ids.tolist()))
     rows = {key: row for row, key in enumerate(keys)}
     twice = len(keys) - len(rows)
     if twice:
         raise InputError(f"{file.path}: {twice} rows repeat a recording, frame and id")
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     frames = last_frames(windows)
-    people = zip(
-        own[scene], np.round(frames, 3)[scene].tolist(), windows.agent.tolist()
-    )
-    matches = np.array([rows.get(person, -1) for person in people])
+    own_keys = zip(own[scene], np.round(frames, 3)[scene].tolist(), people.tolist())
+    matches = np.array([rows.get(key, -1) for key in own_keys])
     complete = np.ones(windows.scenes, bool)
     complete[scene[matches < 0]] = False
     used = np.unique(matches[matches >= 0])

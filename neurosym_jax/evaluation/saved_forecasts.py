@@ -146,11 +146,13 @@ def _filled(path: np.ndarray) -> np.ndarray:
 
 def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
     """The points and a scene for each window. Of several recordings, frames and people are numbered
-    consecutively, because a file is one recording."""
+    consecutively, because a file is one recording; and people whose ids are texts."""
     windows = test.windows
     names, steps = recording_names(windows), windows.position.shape[1]
     rate = windows.reading[0].rate if len(windows.reading) == 1 else None
     renumbered = rate is None
+    # TrajNet++'s people are numbers.
+    is_named = renumbered or windows.agent.dtype.kind == "U"
     last = windows.identity[:, 1].astype(int) + windows.obs_len - 1
     last = last if renumbered else np.rint(last_frames(windows)).astype(int)
     stride, shift, numbers = 1 if renumbered else round(rate * windows.period), 0, {}
@@ -163,7 +165,7 @@ def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
             frames = last[at] + shift + stride * np.arange(1 - windows.obs_len, 1)
             future = frames[-1] + stride * np.arange(1, steps - windows.obs_len + 1)
             people = windows.agent[rows]
-            if renumbered:
+            if is_named:
                 keys = ((name, person) for person in people.tolist())
                 people = np.array(
                     [numbers.setdefault(key, len(numbers)) for key in keys]

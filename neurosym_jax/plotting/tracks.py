@@ -137,7 +137,9 @@ def plot_pairs(
     weigh `alpha [N, N, T]`. Where alpha is the same both ways, a pair has one row; the
     first 12 rows are shown, and the title says of how many.
     """
-    people, texts = scene.agent, state_texts()
+    texts = state_texts()
+    # Between two dollars matplotlib sees a formula.
+    people = [str(person).replace("$", r"\$") for person in scene.agent]
     count, steps = len(people), alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
     pairing = itertools.permutations if both_ways else itertools.combinations
@@ -150,7 +152,7 @@ def plot_pairs(
     for path, person, colour in zip(scene.position, people, style.PALETTE * count):
         draw_paths(where, path[None], color=colour, lw=1.2)
         draw_paths(where, path[None, -1:], color=colour, marker="o", ms=4)
-        where.annotate(f"{person}", path[-1], (4, 4), **BESIDE, color=colour)
+        where.annotate(person, path[-1], (4, 4), **BESIDE, color=colour)
     where.margins(0.15)
     style.dress_floor(where, "paths, a dot at the end")
     values = np.array([alpha[row] for row in rows])

@@ -25,7 +25,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import refuse_masked
 from neurosym_jax.symbolic.events import EVENTS, PairFuture
@@ -260,7 +260,7 @@ def format_pairs(codes: np.ndarray, people: np.ndarray, period: float) -> str:
     for i, j in zip(*np.triu_indices(len(people), 1)):
         steps = itertools.pairwise([-1, *codes[i, j]])
         cells = ("." if now == last else texts[now] for last, now in steps)
-        pair = f"({people[i]}, {people[j]})"
+        pair = printable(f"({people[i]}, {people[j]})")
         lines.append(f"{pair:18}" + " ".join(f"{cell:>5}" for cell in cells))
     return "\n".join(lines)
 
@@ -317,7 +317,7 @@ def format_forecast(rows: list[dict[str, Any]], at_least: float = 0.3) -> str:
     events = [
         (
             event["probability"],
-            EVENTS[name].in_short(name).format(**row),
+            printable(EVENTS[name].in_short(name).format(**row)),
             event["seconds"],
         )
         for row in rows

@@ -62,8 +62,9 @@ def run(options: Options) -> None:
 def write_text(path: Path, tracks: Tracks, period: float) -> None:
     """Rows `frame ped x y`, frame by frame; `read_any`, with this `frame_period`, reads them."""
     frame = np.rint(tracks.stamp / period).astype(np.int64)
+    ids = tracks.ids_as_given()
     rows = [
-        f"{frame[n]}\t{tracks.id[n]}\t{tracks.position[n, 0]:.6f}\t{tracks.position[n, 1]:.6f}\n"
+        f"{frame[n]}\t{ids[n]}\t{tracks.position[n, 0]:.6f}\t{tracks.position[n, 1]:.6f}\n"
         for n in np.lexsort((tracks.id, frame))
     ]
     files.write_text(path, "".join(rows))

@@ -38,6 +38,7 @@ from neurosym_robot.tracking.following import (
     frames_of_tracks,
     tracks_of_frames,
 )
+from neurosym_robot.tracking.names import id_of_name
 
 
 def read_frames(
@@ -82,7 +83,11 @@ def read_frames(
         raise InputError(
             f"{path}: holds {len(recordings)} recordings, and a stream is one"
         )
-    return frames_of_tracks(recordings[0])
+    (tracks,) = recordings
+    if tracks.names:
+        ids = np.array([id_of_name(name) for name in tracks.names])
+        tracks = tracks.with_ids(ids[tracks.id])
+    return frames_of_tracks(tracks)
 
 
 def read_bag(

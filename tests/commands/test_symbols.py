@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from neurosym_jax.commands.symbols import run
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.disk import load_model, save_model
+from neurosym_jax.symbolic.forecast import format_forecast
 from tests.repository import ROOT
 
 MODEL = ROOT / "checkpoints" / "neurosym_simulations_8"
@@ -74,3 +76,17 @@ def test_a_forecast_is_told_written_and_drawn(recording, tmp_path, capsys):
         assert set(row["events"]) >= {"approaches", "meets", "follows"}
         assert len(row["states"]) == 8
         assert all(0 < step["probability"] <= 1 for step in row["states"])
+
+
+def test_names_of_people_are_said_and_steer_no_terminal(tmp_path, capsys):
+    rows = ["frame,id,x,y"]
+    for step in range(20):
+        rows.append(f"{step},$a$\x9b,{0.4 * step:.1f},0")
+        rows.append(f"{step},ben,{8 - 0.4 * step:.1f},0.5")
+    path = tmp_path / "walk.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    run(path, out=tmp_path / "out", read=ReadOptions(fps=2.5, allow=("slow",)))
+    assert "\n($a$\\x9b, ben)" in capsys.readouterr().out
+    likely = {"probability": 0.9, "seconds": None}
+    row = {"k": "a\x9b", "l": "ben", "events": {"approaches": likely}}
+    assert "a\\x9b" in format_forecast([row])

@@ -74,10 +74,10 @@ def tracks(draw):
         ),
         (
             [0, 1],
-            ["a", "b"],
+            [b"a", b"b"],
             np.zeros((2, 2)),
             [0, 0],
-            r"id must be numbers \[2\], not \[2\] <U1",
+            r"id must be numbers \[2\], not \[2\] \|S1",
         ),
         (
             [0, 1],
@@ -188,3 +188,15 @@ def test_properties_against_an_agent_by_agent_reference(table, period, max_gap, 
     assert len(grid.id) == len(expected)
     points = np.column_stack([grid.id, grid.stamp, grid.position])
     np.testing.assert_allclose(points, np.reshape(expected, (-1, 4)), rtol=0, atol=1e-4)
+
+
+def test_ids_may_be_texts_in_any_array():
+    position = np.arange(8.0).reshape(4, 2)
+    for kind in (str, object):
+        ids = np.array(["ben", "anna", "ben", "anna"], kind)
+        tracks = make_tracks("hall", [0, 0, 1, 1], ids, position)
+        assert tracks.id.tolist() == [0, 0, 1, 1]
+        assert tracks.ids_as_given().tolist() == ["anna", "anna", "ben", "ben"]
+        assert tracks.ids_as_given(slice(1, 3)).tolist() == ["anna", "ben"]
+    with pytest.raises(InputError, match="repeats agent ben at 0 s"):
+        make_tracks("hall", [0, 0, 0, 1], ids, position)

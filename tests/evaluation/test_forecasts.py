@@ -11,7 +11,10 @@ import neurosym_jax as nj
 from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.evaluation.compare import TestSet as Case
+from neurosym_jax.evaluation.compare import baseline, make_test
 from neurosym_jax.evaluation.forecasts import read_forecasts
+from neurosym_jax.evaluation.saved_forecasts import save_forecasts
 from neurosym_jax.evaluation.scores import DRAWS
 
 SAME = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "collision_rate")
@@ -297,6 +300,37 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     for options in ({"period": 0.8}, {"min_agents": 9}, {"unit": "mm"}):
         with pytest.raises(InputError, match="has no effect on windows of a file"):
             nj.evaluate(forecasts=files, **options)
+
+
+def test_people_whose_ids_are_texts_keep_them(recording, file, tmp_path):
+    names = np.array(["anna", "Ben", "7", "$x$", "p 1", "zoë"])
+    table = np.loadtxt(recording)
+    ids = names[table[:, 1].astype(int) - 11]
+    frame = pl.DataFrame(
+        {"frame": table[:, 0], "id": ids, "x": table[:, 2], "y": table[:, 3]}
+    )
+    frame.write_csv(tmp_path / "walk.csv")
+    arrays = dict(np.load(file))
+    windows = nj.windows_from(tmp_path / "walk.csv", 8, 8, read=ReadOptions(fps=25))
+    assert set(windows.agent) == set(names)
+    np.savez(tmp_path / "texts.npz", **arrays | {"ids": names[arrays["ids"] - 11]})
+    data, read = tmp_path / "walk.csv", ReadOptions(fps=25)
+    rows = nj.evaluate(
+        (), data, forecasts=tmp_path / "texts.npz", baselines=[], pred_len=8, fps=25
+    )
+    numbered = nj.evaluate((), recording, forecasts=file, baselines=[], pred_len=8)
+    assert errors(rows, "texts") == pytest.approx(errors(numbered, "mine"))
+
+    entries = [(None, baseline("constant_velocity", 8, 8))]
+    test = make_test(Case("walk", 8, 8), entries, nj.data.read_any(data, read))
+    for ending in (".ndjson", ".npz"):
+        path = tmp_path / f"saved{ending}"
+        save_forecasts(path, [test], 1, 0)
+    with np.load(path) as arrays:
+        assert arrays["ids"].tolist() == windows.agent.tolist()
+    rows = nj.evaluate(forecasts=path, baselines=["constant_velocity"])
+    ours, straight = (row["joint_ade"] for row in rows.to_dicts())
+    assert ours == pytest.approx(straight, abs=1e-4)
 
 
 def test_the_windows_of_a_file_alone_are_named_in_order_and_have_any_samples(

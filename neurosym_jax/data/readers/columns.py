@@ -269,7 +269,7 @@ def recordings_of(
     table, position, raw = positions_of(table, schema, options, facts.get("unit"))
     if decimals is not None:
         position = np.round(position, decimals)
-    ids = table.ids(places["id"])
+    ids, texts = table.ids(places["id"])
     keys = ["_".join(row) for row in zip(*map(table.column, schema.recordings))]
     kinds, part = np.unique(keys or [""] * len(table.row), return_inverse=True)
     names = [printable(path.stem)]
@@ -298,6 +298,7 @@ def recordings_of(
         clock=places["frame"] if schema.clock == "frame" else None,
         columns=[f"{role}={column_name(table, at)}" for role, at in places.items()],
         unused=[column_name(table, at) for at in others],
+        people=texts,
     )
 
 

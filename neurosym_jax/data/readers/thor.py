@@ -46,7 +46,7 @@ class Tracklets(Format):
                 raise InputError(f"{path}: the header has not one {name}")
         *places, helmet = (table.names.index(name) for name in _TRACKLET)
         values = table.numbers(*places)
-        ids = table.ids(helmet, prefix="Helmet_")
+        ids, people = table.ids(helmet, prefix="Helmet_")
         order = np.lexsort((values[:, 0], values[:, 3]))
         time, x, y, tracklet = values[order].T
         ids = ids[order]
@@ -68,6 +68,7 @@ class Tracklets(Format):
             np.column_stack([x, y]),
             row=table.row[order],
             parts=(names, runs),
+            people=people,
         )
 
 

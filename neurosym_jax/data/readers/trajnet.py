@@ -55,14 +55,14 @@ class Trajnet(Format):
             raise InputError(f"{path}: scenes differ in fps")
         texts = pl.Series(points.values(), dtype=pl.List(pl.String))
         table = Table(path, _KEYS, texts, np.array(list(points)))
-        ids = table.ids(1)
+        ids, people = table.ids(1)
         frame = table.whole_numbers(0)
         step = frame / usual_step(table, frame, ids, any_step=True)
         stamp = step / (rates[-1] if rates else FPS)
         rate = options.fps_of(path.stem)
         if rate:
             stamp = frame / rate
-        return table.tracks(stamp, ids, table.numbers(2, 3), clock=0)
+        return table.tracks(stamp, ids, table.numbers(2, 3), clock=0, people=people)
 
 
 class OfficialScene(NamedTuple):

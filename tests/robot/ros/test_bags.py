@@ -23,6 +23,7 @@ from neurosym_robot.ros.definitions import (
 )
 from neurosym_robot.ros.messages import make_people, make_trajectories
 from neurosym_robot.tracking.following import Frame, tracks_of_frames
+from neurosym_robot.tracking.names import name_of
 from tests.repository import exhaustive
 from tests.robot.recordings import walkers, write_people
 
@@ -217,6 +218,14 @@ def test_text_files_are_streams_too(tmp_path):
     assert [frame.ids.tolist() for frame in got] == [[1], [1, 2], [2]]
     assert [frame.stamp for frame in got] == pytest.approx([0, 0.4, 0.8])
     assert_array_equal(tracks_of_frames(iter(got), "again").id, [1, 1, 2, 2])
+
+
+def test_people_of_a_file_have_their_names(tmp_path):
+    path = tmp_path / "tracks.csv"
+    path.write_text("frame,id,x,y\n0,ben,0,0\n10,ben,1,0\n10,7,5,5\n20,7,6,5\n")
+    got = list(read_frames(path, ReadOptions(fps=25)))
+    names = [[name_of(id) for id in frame.ids.tolist()] for frame in got]
+    assert names == [["ben"], ["7", "ben"], ["7"]]
 
 
 def test_a_bag_of_which_nothing_can_be_read_is_an_error(tmp_path):
