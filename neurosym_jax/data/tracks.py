@@ -198,7 +198,7 @@ def _order(
     if len(repeats):
         at = repeats[0]
         line = at if row is None else row[at]
-        person = names[id[at]][:40] if names else id[at]
+        person = names[int(id[at])][:40] if names else id[at]
         raise InputError(
             f"{file}: row {line}: repeats agent {person} at {stamp[at]:.12g} s"
         )

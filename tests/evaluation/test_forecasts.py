@@ -13,7 +13,7 @@ from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.compare import TestSet as Case
 from neurosym_jax.evaluation.compare import baseline, make_test
-from neurosym_jax.evaluation.forecasts import read_forecasts
+from neurosym_jax.evaluation.forecasts import read_forecasts, windows_of
 from neurosym_jax.evaluation.saved_forecasts import save_forecasts
 from neurosym_jax.evaluation.scores import DRAWS
 
@@ -209,6 +209,9 @@ def test_what_does_not_match_is_refused_with_counts(recording, file, tmp_path):
             np.arange(count)[:, None, None] == 3, np.nan, arrays["samples"]
         ),
     )
+    infinite = arrays["samples"].copy()
+    infinite[0, 3, 5, 1] = np.inf
+    refused("samples of 1 of", samples=infinite)
     refused("have a sum of 1", probabilities=np.full(1, 0.5))
     refused("recordings elsewhere", recordings=np.full(count, "elsewhere"))
     doubled = {"samples": np.repeat(arrays["samples"], 2, axis=0)}
@@ -347,8 +350,9 @@ def test_the_windows_of_a_file_alone_are_named_in_order_and_have_any_samples(
         truth=arrays["samples"][0],
         scene=np.arange(count),
         start=np.arange(count),
-        period=0.4,
+        period=0.8,
     )
+    assert windows_of(read_forecasts(path)).period == 0.8
     # The anchor table, which has 20, is no baseline then.
     rows = nj.evaluate(forecasts=path, samples=21)
     assert set(rows["dataset"]) == {"hall1+hall2+hall3+hall4+hall5"}

@@ -1,6 +1,7 @@
 """Files that are replaced whole, settings of the process, and tasks on a Dask cluster."""
 
 import contextlib
+import hashlib
 import json
 import os
 import stat
@@ -39,6 +40,7 @@ from neurosym_jax.runtime.process import (
     cache_folder,
     code_version,
     cpu_cores,
+    provenance,
     run_environment,
     tune,
 )
@@ -93,6 +95,41 @@ def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
     (tmp_path / "made").mkdir()
     with pytest.raises(InputError, match="already there"):
         new_folder(tmp_path / "made")
+
+
+KEPT_IN = """
+import os, sys, jax
+from neurosym_jax.runtime.process import enable_compilation_cache
+for words in sys.argv[1:]:
+    os.environ.update(dict(word.split("=") for word in words.split()))
+    jax.config.update("jax_compilation_cache_dir", None)
+    enable_compilation_cache()
+    print(jax.config.jax_compilation_cache_dir)
+"""
+
+
+def test_programs_are_kept_by_threads_and_never_where_others_may_write(tmp_path):
+    """Whoever writes there runs code, and programs of other threads have other bits."""
+    own = tmp_path / "neurosym_jax"
+    own.mkdir()
+    (own / "xla-threads-3").symlink_to(tmp_path)
+    cases = ("NPROC=1", "NPROC=2", "NPROC=3", "NPROC=1 NEUROSYM_NO_CACHE=1")
+    done = run_python("-c", KEPT_IN, *cases, XDG_CACHE_HOME=str(tmp_path))
+    kept = [str(own / "xla-threads-1"), str(own / "xla-threads-2"), "None", "None"]
+    assert done.stdout.split() == kept
+
+
+def test_a_report_says_which_files_it_is_of(tmp_path):
+    for name, text in (("walk.txt", "0 1 2 3"), ("model/config.json", "{}")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    data, model = tmp_path / "walk.txt", tmp_path / "model"
+    facts = provenance([data], [model])
+    digests = [
+        {str(path): hashlib.sha256(path.read_bytes()).hexdigest()}
+        for path in (data, model / "config.json")
+    ]
+    assert [facts["data"], facts["checkpoints"]] == digests
 
 
 @pytest.mark.parametrize("given", ["", "--xla_cpu_enable_fast_math=false"])

@@ -3,6 +3,7 @@
 import base64
 import contextlib
 import json
+import socket
 import struct
 
 import numpy as np
@@ -119,6 +120,9 @@ def test_a_client_is_told_by_websocket(stream, schema):
         stamp = round(1e9 * last[0].frame.stamp)
         assert struct.unpack_from("<BIQ", heard) == (1, 7, stamp)
         check(schema(base64.b64decode(scene["schema"]), heard[13:]), last[0])
+    # Another address of this computer, as one of its network would be.
+    with pytest.raises(OSError, match=r"refused|assign|reach"):
+        socket.create_connection(("127.0.0.2", int(view.where.rpartition(":")[2])), 5)
     with pytest.raises(InputError, match="cannot be used for Foxglove"):
         FoxgloveView(predictor(), int(view.where.rpartition(":")[2]))
     view.close()

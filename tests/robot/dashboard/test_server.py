@@ -8,6 +8,8 @@ import socket
 import threading
 import time
 
+import pytest
+
 from neurosym_robot.dashboard import dashboard as server
 from neurosym_robot.dashboard.dashboard import BATCH
 from neurosym_robot.server import MOST, Ring
@@ -104,6 +106,11 @@ def test_names_that_are_not_ours_are_refused(dashboard):
     for name, status in names.items():
         assert get(dashboard, Host=name)[0] == status, name
     assert b" 403 " in say(dashboard, b"GET /events HTTP/1.0\r\n\r\n")
+
+
+def test_no_other_address_of_this_computer_is_served(dashboard):
+    with pytest.raises(OSError, match=r"refused|assign|reach"):
+        socket.create_connection(("127.0.0.2", port_of(dashboard)), 5)
 
 
 def test_the_stream_is_what_was_shown(dashboard, moments, stream):
