@@ -62,25 +62,26 @@ def predict_distribution(
     forecaster = SceneForecaster(
         model.forecaster, model.params, samples=1, seed=seed, repair=repair
     )
-    return draw_futures(forecaster, scene, draws, place)
+    memory = None
+    if place is not None:
+        slots = int(bucket_of(len(scene.valid)))
+        memory = place.recalled(to_world(scene.observed, scene), scene, slots)
+    return draw_futures(forecaster, scene, draws, memory)
 
 
 def draw_futures(
     forecaster: SceneForecaster,
     scene: Scene,
     count: int,
-    place: "Place | None" = None,
+    memory: "Remembered | None" = None,
 ) -> np.ndarray:
     """Draw `count` equally probable futures [n, N, pred_len, 2] of `scene`, world metres.
 
-    Of people at a `place`, some are what people did there before.
+    With the `memory` of a place, `Place.recalled`, some are what people did there before.
     """
     slots = int(bucket_of(len(scene.valid)))
     refuse_many(forecaster.forecaster, count, slots)
     padded = forecaster.forecaster.prepared(pad_scene(scene.bare(), slots))
-    memory = None
-    if place is not None:
-        memory = place.recalled(to_world(scene.observed, scene), scene, slots)
     futures = _draw(
         forecaster.forecaster,
         forecaster.params,

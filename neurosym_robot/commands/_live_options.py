@@ -7,6 +7,7 @@ overrides a parameter.
 
 import contextlib
 import dataclasses
+import functools
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,6 +16,8 @@ from typing import Any, ClassVar
 
 from neurosym_jax.commands._options import refuse_given
 from neurosym_jax.errors import InputError, printable
+from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.place.place import Place
 from neurosym_robot import (
     Dashboard,
     LinkOptions,
@@ -24,6 +27,7 @@ from neurosym_robot import (
     View,
     load_models,
 )
+from neurosym_robot.commands._place_file import PlaceFile, open_place
 from neurosym_robot.dashboard.foxglove_view import FoxgloveView
 from neurosym_robot.dashboard.view import Newest
 from neurosym_robot.input.kinds import Kind
@@ -103,6 +107,10 @@ class LiveOptions:
     foxglove: int | Path | None = None
     """Port of a websocket for Foxglove, 0 for any free one, or a new .mcap file for it. Every web
     page that is open on this computer can read the websocket."""
+    place: Path | None = None
+    """File of what people did at this place (docs/place.md): begun where it is not there, kept while
+    the stream is watched. Draws of the first model take from it; --fixed-frame is by default its
+    frame."""
     map: Path | None = None
     """Floor map to draw on the page: the .yaml file of a ROS map."""
     at_least: float = AT_LEAST
@@ -127,6 +135,31 @@ class LiveOptions:
         if isinstance(self.foxglove, Path) and not self.dashboard:
             refuse_given("on a file for Foxglove", host="host" in options)
 
+    @functools.cached_property
+    def models(self) -> dict[str, Model]:
+        """The models by name; InputError as of `load_models`."""
+        return load_models(self.model)
+
+    @functools.cached_property
+    def watched(self) -> Place | None:
+        """The place of --place; InputError as of `open_place`, or for another frame."""
+        if self.place is None:
+            return None
+        place = open_place(self.place, next(iter(self.models.values())))
+        if place.frame and self.fixed_frame.strip("/") not in ("", place.frame):
+            raise InputError(
+                f"{self.place}: is of the frame {place.frame!r}, "
+                f"not --fixed-frame {self.fixed_frame}: another frame is another place"
+            )
+        return place
+
+    def place_file(
+        self, source: PeopleSource, report: Callable[[str], None]
+    ) -> Iterator[PlaceFile]:
+        """What writes the file of the place, if there is one."""
+        if self.place is not None and self.watched is not None:
+            yield PlaceFile(self.place, self.watched, source, report)
+
     def predictor(self, max_gap: float, compile: When = "meanwhile") -> Predictor:
         """Load the models and start compiling; InputError as of `load_models` and `Predictor`.
 
@@ -134,13 +167,14 @@ class LiveOptions:
         bridged.
         """
         return Predictor(
-            load_models(self.model),
+            self.models,
             self.period,
             self.max_people,
             self.samples,
             self.seed,
             hold=self.hold,
             min_seen=self.min_seen,
+            place=self.watched,
             compile=compile,
             report=say,
             max_gap=max_gap,
@@ -151,7 +185,8 @@ class LiveOptions:
     ) -> PeopleSource:
         """The stream of people; `report` is called about messages that are left out."""
         form = Kind(self.people, self.position, self.id) if self.people else None
-        frames = self.fixed_frame, report, self.robot_frame
+        place = "" if self.watched is None else self.watched.frame
+        frames = self.fixed_frame or place, report, self.robot_frame
         return PeopleSource(*frames, self.reach, form, self.only, recorded=recorded)
 
     def stitcher(self) -> OnlineStitcher | None:
@@ -211,6 +246,8 @@ class NodeOptions(LiveOptions):
             stack.callback(node.close)
             chosen = self.views(node.predictor, self.name, node.source)
             views = [stack.enter_context(contextlib.closing(view)) for view in chosen]
+            for file in self.place_file(node.source, node.report):
+                node.views.append(stack.enter_context(contextlib.closing(file)))
             if views:
                 node.views.append(
                     stack.enter_context(contextlib.closing(Newest(views)))

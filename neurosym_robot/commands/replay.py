@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import math
 import time
 import warnings
@@ -13,6 +14,7 @@ from typing import Literal
 from neurosym_jax.commands._options import Positional, Reading, refuse_given
 from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.models.place.place import Place
 from neurosym_robot import (
     Analytics,
     Predictor,
@@ -23,7 +25,7 @@ from neurosym_robot import (
     read_frames,
     replay,
 )
-from neurosym_robot.commands._live_options import LiveOptions
+from neurosym_robot.commands._live_options import LiveOptions, say
 from neurosym_robot.dashboard.view import Newest
 from neurosym_robot.input.source import REACH, PeopleSource
 from neurosym_robot.ros.definitions import is_bag
@@ -57,7 +59,7 @@ class Options(LiveOptions):
             raise InputError("a recording to replay is missing")
         if not all(map(is_bag, self.recording)):
             # Bags and Foxglove tell the name of the coordinates' frame.
-            named = self.out is not None or self.foxglove is not None
+            named = [self.out, self.foxglove, self.place] != [None, None, None]
             unused = {
                 "fixed_frame": self.fixed_frame and not named,
                 "reach": self.reach != REACH,
@@ -69,10 +71,24 @@ class Options(LiveOptions):
             }
             refuse_given("on a file of tracks", **unused)
 
+    @functools.cached_property
+    def watched(self) -> Place | None:
+        """As of nodes; InputError where a file of tracks may be of another frame."""
+        place = super().watched
+        if place is None or not place.frame or self.fixed_frame:
+            return place
+        if not all(map(is_bag, self.recording)):
+            raise InputError(
+                f"{self.place}: is of the frame {place.frame!r}: if the recording is, "
+                f"too, --fixed-frame {place.frame} says so"
+            )
+        return place
+
     def files(
         self, predictor: Predictor, title: str, source: PeopleSource
     ) -> Iterator[View]:
         """What writes the stream, if the options ask for it; InputError if it cannot."""
+        yield from self.place_file(source, say)
         if self.out is not None:
             yield ForecastBag(self.out, predictor, source, self.at_least)
         if self.html is not None:

@@ -41,6 +41,7 @@ class Panels {
     this.showNear(index, moment);
     const wrong = Object.entries(moment.now.wrong).map(([name, count]) => `${name} ${count}`);
     say(find("wrong"), wrong.join(", ") || "Nothing was wrong so far.");
+    say(find("place"), moment.now.place);
     say(find("reports"), moment.now.reports.join(". "));
     if (moment.latest !== this.told) this.showLikely(this.told = moment.latest);
     const key = `${moment.latest?.t} ${pair}`;

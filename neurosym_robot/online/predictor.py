@@ -6,6 +6,7 @@ recording name and index of its first step, whether frames come live or from a f
 
 import dataclasses
 import functools
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models.disk import load_model
 from neurosym_jax.models.distribution import draw_futures
 from neurosym_jax.models.forecast import Model, SceneForecaster
+from neurosym_jax.models.place.mixture import Remembered
+from neurosym_jax.models.place.place import Place
 from neurosym_jax.models.tracking_errors import was_repaired
 from neurosym_jax.scene import Scene, make_scene, pad_scene, scene_identity
 from neurosym_robot.online.programs import Programs, When
@@ -28,6 +31,8 @@ from neurosym_robot.online.window import Observed, Window, nearest_first
 
 # seconds waited for the end of a future, for people lost for a moment there
 GRACE = 1.0
+
+Recall = Callable[[np.ndarray, Scene, int], Remembered]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,9 +84,9 @@ class ModelForecast:
         They are the draws, and the central sample with probability 0 if it is none of
         them.
         """
-        if self.probability is None:
-            return self.draws, self.weights, self.central
         count = len(self.draws)
+        if self.probability is None:
+            return self.draws, np.full(count, 1 / count), self.central
         futures = np.concatenate(
             [self.draws, self.samples[self.central : self.central + 1]]
         )
@@ -125,6 +130,7 @@ class Predictor:
         *,
         recording: str = "",
         repair: bool = True,
+        place: Place | None = None,
         compile: When = "start",
         report: Callable[[str], None] = lambda text: None,
         **window: Any,
@@ -136,15 +142,18 @@ class Predictor:
         training data. The nearest `max_people` are forecast. Noise depends on `seed`,
         `recording` and the index of the first observed step, as in `predict`; that of
         draws on no step. With `repair`, SGAN and NeuroSyM see plausible tracks in place
-        of tracking errors; anchors always do. `report` is called with one line before
-        each program is compiled, after which the process's objects are frozen
-        (`gc.freeze`). InputError for numbers out of range, no model, or models that
-        observe different spans.
+        of tracking errors; anchors always do. A `place` of one of the models watches
+        whoever is forecast, and that model's draws take from it. `report` is called
+        with one line before each program is compiled, after which the process's
+        objects are frozen (`gc.freeze`). InputError for numbers out of range, no model,
+        models that observe different spans, or a place of another model or period.
         """
-        self.models = (
-            {models.name: models} if isinstance(models, Model) else dict(models)
-        )
+        if isinstance(models, Model):
+            models = {models.name: models}
+        self.models = dict(models)
         steps, step = _common_steps(self.models, period)
+        _refuse_place(place, self.models, step)
+        self.place = place
         refuse(Count, {"max_people": max_people})
         ahead = max(model.config.pred_len for model in self.models.values())
         self.seconds_ahead = step * ahead
@@ -161,20 +170,17 @@ class Predictor:
         """By model the scale of its regions, which `Analytics` learns."""
         self.waited = 0.0
         """Seconds so far that forecasts waited for programs that they needed."""
-        self._forecasters = {
-            name: SceneForecaster(
-                model.forecaster,
-                model.params,
-                samples=samples,
-                seed=seed,
-                repair=repair,
+        options: Any = {"samples": samples, "seed": seed, "repair": repair}
+        self._forecasters = {}
+        self._repairs = repair
+        for name, model in self.models.items():
+            self._forecasters[name] = SceneForecaster(
+                model.forecaster, model.params, **options
             )
-            for name, model in self.models.items()
-        }
+            self._repairs |= model.forecaster.repairs
+        self._watched = -math.inf
+        self._rehearsed: dict[int, Remembered] = {}
         sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
-        self._repairs = repair or any(
-            model.forecaster.repairs for model in self.models.values()
-        )
         self.programs = Programs(sorted(sizes), compile, report, self._example)
         """What is compiled for these forecasts, and for what is computed of them."""
 
@@ -212,7 +218,9 @@ class Predictor:
         if self._repairs and len(observed.ids):
             changed = was_repaired(observed.positions, self.window.period)
             self.health["repaired"] += int(changed.sum())
-        models = self._forecast(observed, self.window.index, slots)
+        recall = None if self.place is None else self.place.recalled
+        models = self._forecast(observed, self.window.index, slots, recall)
+        self._watch(observed)
         places = self.window.resampled([*self.dropped], [self.window.stamp])
         took = time.perf_counter() - began - (self.waited - waited)
         return Forecast(
@@ -227,6 +235,23 @@ class Predictor:
             seen=observed.seen,
             whereabouts=places[:, 0],
         )
+
+    def _watch(self, observed: Observed) -> None:
+        """Let the place learn from those who are seen."""
+        if self.place is None:
+            return
+        if self.window.stamp <= self._watched:  # The clock was set back.
+            self.place.begin()
+        self._watched = self.window.stamp
+        seen = observed.take(np.flatnonzero(observed.extrapolated == 0))
+        self.place.watch(seen.positions[:, -1], seen.ids, self._watched)
+
+    def _rehearse(self, size: int) -> Remembered:
+        """What the place recalls of `size` people; the first time that is compiled."""
+        assert self.place is not None
+        if size not in self._rehearsed:
+            self._rehearsed[size] = self.place.rehearse(size)
+        return self._rehearsed[size]
 
     def _nearest(
         self, observed: Observed, most: int, focus: ArrayLike | None
@@ -246,12 +271,16 @@ class Predictor:
         zeros = np.zeros(size)
         positions = np.zeros((size, self.window.steps, 2))
         observed = Observed(np.arange(size), positions, zeros.astype(int), zeros, zeros)
+        recall = None
+        if self.place is not None:
+            # The place itself may be watching in another thread.
+            recall = lambda *arguments: self._rehearse(size)  # noqa: E731
         return Forecast(
             stamp=0.0,
             index=0,
             ids=observed.ids,
             observed=positions,
-            models=self._forecast(observed, 0, size),
+            models=self._forecast(observed, 0, size, recall),
             dropped={},
             latency=0.0,
             extrapolated=observed.extrapolated,
@@ -260,9 +289,12 @@ class Predictor:
         )
 
     def _forecast(
-        self, observed: Observed, index: int, slots: int
+        self, observed: Observed, index: int, slots: int, recall: Recall | None
     ) -> dict[str, ModelForecast]:
-        """Forecasts by model of N people, in `slots`, whose window ends at step `index`."""
+        """Forecasts by model of N people, in `slots`, whose window ends at step `index`.
+
+        `recall` is `Place.recalled`, if there is a place.
+        """
         people = len(observed.ids)
         if not people:
             return {name: self._of_nobody(name) for name in self.models}
@@ -277,13 +309,17 @@ class Predictor:
         models = {}
         for name, futures in started.items():
             result = _summary(*SceneForecaster.finish(futures, scene))
-            draw = None
-            if result.probability is not None:
-                forecaster = self._forecasters[name]
-                # The same noise in all frames: the draws of a person do not jump.
-                identity = scene_identity(self.recording, 0)
-                steady = padded.replace(identity=identity)
-                draw = functools.partial(_draw, forecaster, steady, people)
+            draw, memory = None, None
+            if recall is not None and self._learns(name):
+                # At once: later the place has seen more.
+                memory = recall(observed.positions, scene, slots)
+            if result.probability is not None or memory is not None:
+                forecaster, drawn = self._forecasters[name], padded
+                if result.probability is not None:
+                    # The same noise in all frames: the draws of a person do not jump.
+                    steady = scene_identity(self.recording, 0)
+                    drawn = padded.replace(identity=steady)
+                draw = functools.partial(_draw, forecaster, drawn, result, memory)
             if observed.doubt.any():
                 draw = functools.partial(
                     _widened, result, draw, observed, self.window.period
@@ -293,6 +329,10 @@ class Predictor:
                 result, runtime=took, draw=draw, scale=self.scales.get(name, 0.0)
             )
         return models
+
+    def _learns(self, name: str) -> bool:
+        """Whether the model of this name is the one that the place is watched with."""
+        return self.place is not None and self.models[name] is self.place.model
 
     def _of_nobody(self, name: str) -> ModelForecast:
         samples, length = (
@@ -324,9 +364,35 @@ def _common_steps(
     return lengths.pop(), float(periods.pop())
 
 
-def _draw(model: SceneForecaster, padded: Scene, people: int) -> np.ndarray:
-    """[k, N, pred_len, 2] draws for N `people`, by the program of the `padded` scene's size."""
-    return draw_futures(model, padded, model.samples)[:, :people]
+def _refuse_place(
+    place: Place | None, models: Mapping[str, Model], period: float
+) -> None:
+    if place is None:
+        return
+    if all(model is not place.model for model in models.values()):
+        raise InputError("place: it is watched with another model")
+    if place.model.config.period != period:
+        raise InputError(
+            f"place: it is watched in steps of {place.model.config.period:g} s, "
+            f"not of a period of {period:g} s"
+        )
+
+
+def _draw(
+    model: SceneForecaster,
+    padded: Scene,
+    result: ModelForecast,
+    memory: Remembered | None,
+) -> np.ndarray:
+    """[k, N, pred_len, 2] draws of N people, by the program of the `padded` scene's size.
+
+    The central one of equally probable samples stays as it is.
+    """
+    futures = draw_futures(model, padded, model.samples, memory)
+    futures = futures[:, : result.samples.shape[1]]
+    if result.probability is None:
+        futures[result.central] = result.samples[result.central]
+    return futures
 
 
 def _widened(

@@ -142,7 +142,8 @@ class Status:
 
     def now(self) -> dict[str, Any]:
         """JSON-able: ages [ms], their constant `offset` [s], `rate` [Hz], counts,
-        `missing` people with reasons by id, what was reported, and the `score`.
+        `missing` people with reasons by id, what was reported, the `score`, and what the
+        `place` brought in words.
 
         `age` is that of the newest forecast, `lag` that of the newest people [s],
         without offset.
@@ -164,6 +165,7 @@ class Status:
             "reports": list(self._source.reports)[-REPORTS:],
             "missing": dict(self._predictor.dropped),
             "score": self._analytics.summary(),
+            "place": self._place_in_words(),
         }
 
     def line(self) -> str:
@@ -185,6 +187,7 @@ class Status:
             self._ages_in_words(now),
             self._slowness(),
             *errors,
+            now["place"],
             _listed(now["wrong"]),
         ]
         return "; ".join(filter(None, parts))
@@ -201,6 +204,7 @@ class Status:
             _table(summary["models"]) or nobody,
             self._ages_in_words(now),
             self._slowness(),
+            now["place"],
             _listed(summary["dropped"], "people without a forecast or a score: "),
             _listed(now["wrong"], "wrong with the stream: "),
         ]
@@ -216,6 +220,23 @@ class Status:
             return ""
         advice = f"--max-gap {math.ceil(2 * step)} bridges the time between them"
         return f"frames come every {step:.1f} s: {advice}"
+
+    def _place_in_words(self) -> str:
+        """How much of a forecast the place gives, and what that brought; else empty."""
+        place = self._predictor.place
+        if place is None:
+            return ""
+        share = 100 * (1 - place.shares["network"])
+        text = f"memory of the place: up to {share:.0f} % of a forecast"
+        people, alone, used = place.scored
+        if not people:
+            return f"{text}, not scored yet"
+        change = 100 * (used / max(alone, 1e-9) - 1)
+        way = "higher" if change > 0 else "lower"
+        return (
+            f"{text}, error {abs(change):.1f} % {way} than without it "
+            f"in {place.seconds / 60:.0f} minutes"
+        )
 
     def _ages_in_words(self, now: Mapping[str, Any]) -> str:
         offset = (

@@ -47,6 +47,7 @@ def live(base):
         "--hold": "--hold 0.5",
         "--min-seen": "--min-seen 1.5",
         "--stitch": "--stitch",
+        "--place": "--place hall.npz",
         **with_more(base, "--stitch", LINKS),
         **with_more(
             base,
@@ -133,8 +134,10 @@ def inner():
     made.return_value.status.table.return_value = (
         made.return_value.table.return_value
     ) = ""
-    names = ("load_models", "Predictor", "PeopleSource", "OnlineStitcher")
-    views = ("Dashboard", "FoxgloveView", "Moments", "Newest")
+    made.return_value.values.return_value = [made]
+    made.return_value.frame = ""  # of a place
+    names = ("load_models", "Predictor", "PeopleSource", "OnlineStitcher", "open_place")
+    views = ("Dashboard", "FoxgloveView", "Moments", "Newest", "PlaceFile")
     shared: dict[str, Any] = {
         f"{C}._live_options.{name}": made for name in (*names, *views)
     }

@@ -65,6 +65,7 @@ class Remembered(NamedTuple):
         return jnp.where((point < len(ends))[..., None, None], future, draws)
 
 
+@jax.jit
 def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
     """The input of `Forecaster.distribution` for N people.
 

@@ -34,7 +34,7 @@ from neurosym_jax.runtime.files import new_file
 from neurosym_jax.runtime.foreign import read_arrays, reading
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 
-__all__ = ["Place", "load_place", "steps_of"]
+__all__ = ["Place", "load_place", "steps_of", "write_place"]
 
 VERSION = 1
 """Of the file that `Place.save` writes."""
@@ -94,7 +94,7 @@ class Place:
         self._shares = np.eye(1 + len(KERNELS))[0]
         self._origin: np.ndarray | None = None
         self._now, self._people = 0.0, 0
-        self._begin()
+        self.begin()
 
     @property
     def shares(self) -> dict[str, float]:
@@ -164,10 +164,10 @@ class Place:
         from neurosym_jax.data.recordings import recordings_in
 
         for tracks in recordings_in(recording):
-            self._begin()
+            self.begin()
             for step in steps_of(tracks, self.model.config.period):
                 self.watch_step(step)
-        self._begin()
+        self.begin()
 
     def forget(self, older_than: float) -> None:
         """Forget what was seen so many seconds before the last frame, or earlier.
@@ -199,6 +199,10 @@ class Place:
 
         People who are in view are not in it.
         """
+        write_place(file, self.contents())
+
+    def contents(self) -> dict[str, np.ndarray]:
+        """Arrays of a file, as they are now, for `write_place`."""
         ledger = self._ledger
         facts = {
             "version": VERSION,
@@ -213,20 +217,18 @@ class Place:
             "most": ledger.most,
         }
         arrays = {
-            f"memory_{name}": field for name, field in self._memory._asdict().items()
+            "facts": np.array(json.dumps(facts)),
+            "log_weight": ledger.log_weight,
+            "shares": self._shares,
+            "origin": np.zeros(0) if self._origin is None else self._origin,
         }
-        with new_file(Path(file)) as beside, beside.open("wb") as stream:
-            np.savez_compressed(
-                stream,
-                facts=np.array(json.dumps(facts)),
-                log_weight=ledger.log_weight,
-                shares=self._shares,
-                origin=np.zeros(0) if self._origin is None else self._origin,
-                **arrays,
-            )
+        for name, field in self._memory._asdict().items():
+            # A copy: the memory is used up by what is remembered next.
+            arrays[f"memory_{name}"] = np.array(field)
+        return arrays
 
-    def _begin(self) -> None:
-        """Begin a stream of frames: what was awaited will not come."""
+    def begin(self) -> None:
+        """Begin another stream of frames: what was awaited will not come."""
         config = self.model.config
         for awaited in getattr(self, "_awaited", ()):
             self._ledger = self._ledger.release(awaited.commitment)
@@ -235,6 +237,21 @@ class Place:
         self._followed = Followed(before + config.pred_len, self._people)
         self._awaited: deque[_Awaited] = deque()
         self._offset = np.nan
+
+    def rehearse(self, people: int) -> Remembered:
+        """Compile what is computed for so many people, by a place of its own.
+
+        Returns:
+            What is recalled of them there: nothing.
+        """
+        config = self.model.config
+        other = Place(self.model, moments=len(self._memory.person))
+        position = np.zeros((people, 2))
+        for number in range(config.obs_len + config.pred_len):
+            time = number * config.period
+            other.watch_step(Step(number, time, np.arange(people), position))
+        observed = np.zeros((people, config.obs_len, 2))
+        return other.recalled(observed, make_scene(observed), int(bucket_of(people)))
 
     def watch_step(self, step: Step) -> None:
         """Take in a step of the model's period, see `steps_of`: learn, and forecast."""
@@ -356,6 +373,18 @@ def _offsets(forecaster: Forecaster, params: Any, scene: Scene) -> jax.Array:
     return points - jnp.asarray(scene.observed)[None, :, -1:]
 
 
+def write_place(file: Path | str, contents: Mapping[str, Any]) -> None:
+    """Write a file with the `Place.contents`.
+
+    The file that was there stays until this one is whole.
+
+    Raises:
+        InputError: if it cannot be written.
+    """
+    with new_file(Path(file)) as beside, beside.open("wb") as stream:
+        np.savez_compressed(stream, **contents)
+
+
 def load_place(file: Path | str, model: Model) -> Place:
     """The place that `Place.save` wrote, for the same model.
 
@@ -410,7 +439,7 @@ def _restored(model: Model, facts: Any, arrays: dict[str, np.ndarray]) -> Place:
     place._origin = origin if len(origin) else None
     place._now, place._people = float(facts["now"]), int(facts["people"])
     place.scored, place.seconds = Scored(**facts["scored"]), float(facts["seconds"])
-    place._begin()
+    place.begin()
     return place
 
 

@@ -110,7 +110,7 @@ def test_what_comes_later_changes_no_earlier_forecast(model):
     draws, places = [], []
     for kept in (len(steps), 60):
         place = nj.Place(model)
-        place._begin()
+        place.begin()
         for step in steps[: min(kept, 60)]:
             place.watch_step(step)
         draws.append(nj.predict_distribution(model, window(5, 6.0), place=place))

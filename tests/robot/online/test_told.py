@@ -147,7 +147,10 @@ class Clocked:
     def __init__(self):
         self.now, self.said = 1000.0, []
         self.predictor: Any = SimpleNamespace(
-            health=Counter(), window=SimpleNamespace(max_gap=1.0), dropped={}
+            health=Counter(),
+            window=SimpleNamespace(max_gap=1.0),
+            dropped={},
+            place=None,
         )
         self.summary: Any = {"forecasts": 0, "dropped": {}, "models": {}}
         analytics: Any = SimpleNamespace(summary=lambda: self.summary)
