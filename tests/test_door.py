@@ -1,8 +1,11 @@
 """Foreign bytes come through one door: whatever is in a file, it is read, or refused in a line."""
 
+import contextlib
 import gzip
 import io
+import os
 import sqlite3
+import threading
 import zipfile
 
 import numpy as np
@@ -169,3 +172,26 @@ def test_a_rate_of_nothing_in_a_comment_is_refused(tmp_path):
     path.write_text("\n".join(["# frame rate: 0", "frame,id,x,y", *rows]))
     with pytest.raises(InputError, match=r"a\.csv: "):
         read_any(path)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "mkfifo"), reason="this system has no pipes in folders"
+)
+def test_a_pipe_is_not_read_to_its_end(tmp_path):
+    os.mkfifo(tmp_path / "a.json")
+    written: list[int] = []
+
+    def write() -> None:
+        with (
+            contextlib.suppress(BrokenPipeError),
+            open(tmp_path / "a.json", "wb", 0) as pipe,
+        ):
+            for _ in range(64):
+                written.append(pipe.write(bytes(2**16)))
+
+    writer = threading.Thread(target=write, daemon=True)
+    writer.start()
+    with pytest.raises(InputError, match="has more than the 0 MB"):
+        read_bytes(tmp_path / "a.json", 1000)
+    writer.join(10)
+    assert sum(written) < 2**22
