@@ -110,6 +110,18 @@ def marginal_fde(forecast: Array, scene: Scene) -> Array:
     return _distances(forecast, scene)[..., -1].min(axis=0)
 
 
+def joint_fde_same(forecast: Array, scene: Scene) -> Array:
+    """[N] errors at the last step, in the sample of best joint ADE."""
+    return horizon(forecast, scene)[:, -1]
+
+
+def marginal_fde_same(forecast: Array, scene: Scene) -> Array:
+    """[N] errors at the last step, of each agent's sample with its least ADE."""
+    distance = _distances(forecast, scene)
+    best = distance.mean(axis=-1).argmin(axis=0)
+    return distance[best, jnp.arange(distance.shape[1]), -1]
+
+
 def missed(forecast: Array, scene: Scene) -> Array:
     """[N] whether even the best sample ends `MISSED` off (Chang et al., "Argoverse", CVPR 2019)."""
     return marginal_fde(forecast, scene) > MISSED
@@ -458,6 +470,7 @@ class Metric:
 
 _JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
 _MARGINAL = "marginal: each agent's own best of k (most later papers)"
+_SAME = "FDE of that ADE: the error at the last step, in the sample with the least ADE"
 _MISS = (
     "missed: even the best of k samples of an agent ends more than 2 m from the truth"
 )
@@ -508,6 +521,10 @@ METRICS: Registry[Metric] = Registry(
         "excess_collisions": _on_host("collisions beyond truth's", excess_collisions),
         "draw_collisions": _on_host("draws in collision", collision_rate, drawn=True),
         "miss_rate": _further("missed by 2 m", missed, "share", _MISS),
+        "joint_fde_same": _further("joint FDE of that ADE", joint_fde_same, "m", _SAME),
+        "marginal_fde_same": _further(
+            "marginal FDE of that ADE", marginal_fde_same, "m", _SAME
+        ),
         "energy_score": _distribution("energy score", energy_score, "m", _PROPER),
         "person_energy": _distribution(
             "person's energy score", person_energy, "m", _PROPER

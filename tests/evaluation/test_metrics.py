@@ -57,6 +57,8 @@ def test_best_of_k_by_hand():
     assert scores.keys() == expected.keys()
     for name, total in expected.items():
         assert_allclose(scores[name].total, total, atol=1e-6, err_msg=name)
+    assert mean("joint_fde_same", forecast, truth) == pytest.approx((2 + 3) / 2)
+    assert mean("marginal_fde_same", forecast, truth) == pytest.approx((2 + 1) / 2)
     far = offsets([[[0, 2.1], [9, 1.9], [0, 3]], [[0, 2.2], [0, 9], [5, 0.5]]])
     assert mean("miss_rate", far, np.zeros((3, 2, 2))) == pytest.approx(1 / 3)
 
