@@ -183,7 +183,8 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
         InputError: naming `option` for an unknown NAME, `source` for a value that does
             not fit.
     """
-    fields, changed_before = to_json(config), set[str]()
+    fields = to_json(config)
+    changed_before = set[str]()
     for change in changes:
         path, equals, text = change.partition("=")
         if path in changed_before:
@@ -202,10 +203,8 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
             raise InputError(
                 f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}"
             )
-        value, table = (
-            _value(text),
-            None if outer else _table(_hints(type(config))[key]),
-        )
+        value = _value(text)
+        table = None if outer else _table(_hints(type(config))[key])
         if table is not None and isinstance(value, str):
             value = to_json(component(value, table, source), table)
         node[key] = value
@@ -224,10 +223,8 @@ def component(form: str | Mapping[str, Any], table: Registry[Any], source: str) 
         pairs = (change.partition("=") for change in changes)
         fields = {name: _value(text) for name, _, text in pairs}
     else:
-        kind, fields = (
-            form.get("kind"),
-            {name: form[name] for name in form if name != "kind"},
-        )
+        kind = form.get("kind")
+        fields = {name: form[name] for name in form if name != "kind"}
     try:
         cls = table[str(kind)]
     except InputError as error:
@@ -239,10 +236,8 @@ def differences(config: Any) -> list[str]:
     """NAME=VALUE of each field that differs from its default; the inverse of `changed`."""
     found = []
     for field in dataclasses.fields(config):
-        value, table = (
-            getattr(config, field.name),
-            _table(_hints(type(config))[field.name]),
-        )
+        value = getattr(config, field.name)
+        table = _table(_hints(type(config))[field.name])
         if value == field.default:
             continue
         if table is not None and value is not None:
@@ -285,7 +280,8 @@ def _hints(config: type) -> dict[str, Any]:
 
 def _misfit(value: Any, hint: Any) -> str:
     """What `value` would have to do to fit `hint`, in words; empty if it fits."""
-    origin, of = typing.get_origin(hint), typing.get_args(hint)
+    origin = typing.get_origin(hint)
+    of = typing.get_args(hint)
     if origin is Annotated:
         broken = (
             each.words
@@ -294,7 +290,9 @@ def _misfit(value: Any, hint: Any) -> str:
         )
         return _misfit(value, of[0]) or next(broken, "")
     if origin is Literal:
-        return "" if value in of else f"be one of {', '.join(map(str, of))}"
+        if value in of:
+            return ""
+        return f"be one of {', '.join(map(str, of))}"
     if origin in (typing.Union, types.UnionType):
         wanted = [_misfit(value, option) for option in of]
         return " or ".join(wanted) if all(wanted) else ""
@@ -310,10 +308,16 @@ def _misfit(value: Any, hint: Any) -> str:
         fits = isinstance(value, dict) and not any(
             _misfit(part, of[1]) for part in value.values()
         )
-        return "" if fits else f"be an object, each value of which must {_WORDS[of[1]]}"
+        if fits:
+            return ""
+        return f"be an object, each value of which must {_WORDS[of[1]]}"
     if hint in (int, float):
         number = isinstance(value, int | hint) and not isinstance(value, bool)
         # An integer of more bits has no float, and is no index.
         small = isinstance(value, float) or (number and value.bit_length() < 64)
-        return "" if number and small and math.isfinite(value) else _WORDS[hint]
-    return "" if isinstance(value, hint) else _WORDS.get(hint, f"be a {hint.__name__}")
+        if number and small and math.isfinite(value):
+            return ""
+        return _WORDS[hint]
+    if isinstance(value, hint):
+        return ""
+    return _WORDS.get(hint, f"be a {hint.__name__}")

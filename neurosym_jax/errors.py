@@ -86,16 +86,14 @@ class _Brief(reprlib.Repr):
         self.maxlevel, self.maxstring, self.maxother = 3, 80, 120
 
     def repr_int(self, x: int, level: int) -> str:
-        return (
-            f"an integer of {x.bit_length()} bits" if x.bit_length() > 128 else repr(x)
-        )
+        if x.bit_length() > 128:
+            return f"an integer of {x.bit_length()} bits"
+        return repr(x)
 
     def repr_instance(self, x: object, level: int) -> str:
-        return (
-            self.repr_dict(x, level)
-            if isinstance(x, dict)
-            else super().repr_instance(x, level)
-        )
+        if isinstance(x, dict):
+            return self.repr_dict(x, level)
+        return super().repr_instance(x, level)
 
 
 brief = _Brief().repr

@@ -106,7 +106,8 @@ def download(
     import requests
 
     pooch.get_logger().setLevel("WARNING")
-    base, names = mirror.rstrip("/") + "/", published_files(collection)
+    base = mirror.rstrip("/") + "/"
+    names = published_files(collection)
     into = folder if folder.exists() else folder.with_name(f"{folder.name}.part")
     fetcher = pooch.create(
         into,

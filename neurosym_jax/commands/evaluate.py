@@ -311,7 +311,8 @@ def _plan(
             )
     lengths |= protocol.lengths
     arguments = options.data, options.read, options.dataset, options.test_on
-    source, names = open_data(*arguments, period=options.period), options.checkpoint
+    source = open_data(*arguments, period=options.period)
+    names = options.checkpoint
     if options.all:
         # Baselines are tested beside every model.
         shipped = (path.name for path in shipped_models())

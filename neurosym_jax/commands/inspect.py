@@ -145,7 +145,8 @@ def _print_next(
         }
         options = guesses | options
     options = ({} if people > 1 else {"min_agents": 1}) | options
-    words, file = shlex.join(flags(options)), shlex.quote(str(path))
+    words = shlex.join(flags(options))
+    file = shlex.quote(str(path))
     print("\nnext:")
     print(
         f"  neurosym evaluate --data {file} --checkpoint {RECOMMENDED} {words}".rstrip()

@@ -134,10 +134,8 @@ def _show_weights(
     from neurosym_jax.plotting import plot_pairs, save_figure, use_style
 
     if model and text is None:
-        weighting, parameters = (
-            model.config.weighting,
-            model.params.get("weighting", {}),
-        )
+        weighting = model.config.weighting
+        parameters = model.params.get("weighting", {})
     else:
         text = text or "cnd"
         weighting = component(text, WEIGHTINGS, f"--weighting {text}")

@@ -168,7 +168,8 @@ def closing_line(options: Options, run: Run, source: Source, folder: Path) -> st
 
 def _unseen(run: Run, source: Source) -> list[str]:
     """The recordings of a source that are neither learned from nor validated on, by content."""
-    lengths, names = (run.config.obs_len, run.config.pred_len), list[str]()
+    lengths = (run.config.obs_len, run.config.pred_len)
+    names = list[str]()
     for path in source.paths:
         with contextlib.suppress(InputError):  # It may be too short for a window.
             windows = cut_windows(source.files([str(path)]), *lengths)
@@ -216,7 +217,8 @@ def _print_errors(run: Run, model: Model) -> None:
             seed=run.recipe.seed,
             metrics=("joint_ade", "joint_fde"),
         )
-        ade, fde = found.mean("joint_ade"), found.mean("joint_fde")
+        ade = found.mean("joint_ade")
+        fde = found.mean("joint_fde")
         print(f"  {each.name:26}  ADE {ade:.3f}  FDE {fde:.3f}")
 
 

@@ -134,7 +134,9 @@ def _complete(table: Table) -> Table:
     columns = range(min(len(table.names), MOST))
     is_empty = [absent(table.column(at)).to_numpy() for at in columns]
     is_complete = ~np.any(is_empty, axis=0)
-    return table.take(is_complete) if is_complete.mean() > 0.25 else table
+    if is_complete.mean() > 0.25:
+        return table.take(is_complete)
+    return table
 
 
 def _possible(table: Table, places: Mapping[str, int]) -> Iterator[_Candidate]:
@@ -199,7 +201,8 @@ def _varies(keys: np.ndarray, values: np.ndarray) -> bool:
 def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
     """The columns x and y and the two behind them as those of a box in a picture, if these are as
     its other corner or its size; else nothing."""
-    left, top = places.get("x", -1), places.get("y", -1)
+    left = places.get("x", -1)
+    top = places.get("y", -1)
     behind = (top + 1, top + 2)
     if top != left + 1 or top < 1 or behind[1] >= len(table.names):
         return {}
@@ -221,7 +224,9 @@ def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
 def _numbers(table: Table, at: int) -> Any:
     """[R] numbers of a column; None where most fields are others."""
     values = table.extra(at, texts=False)
-    return np.nan_to_num(values) if np.isfinite(values).mean() > 0.5 else None
+    if np.isfinite(values).mean() > 0.5:
+        return np.nan_to_num(values)
+    return None
 
 
 def _repeats(table: Table, at: int) -> bool:
@@ -1117,7 +1122,8 @@ def _seconds(
     path = table.path
     place = schema.places["time"]
     name = table.names[place]
-    named, unit = schema.units.get("time"), options.time_unit
+    named = schema.units.get("time")
+    unit = options.time_unit
     if options.fps_of(path.stem) is not None:
         raise InputError(
             f"{path}: {option('fps')} counts frames, and {name!r} is a time"

@@ -475,7 +475,9 @@ class Files(Source):
                 f"{scene}: the only recording, so nothing is left to train on (without --dataset "
                 "it is trained on, and nothing is left to test on)"
             )
-        return () if split == "val" else recordings_in(paths, self.read)
+        if split == "val":
+            return ()
+        return recordings_in(paths, self.read)
 
 
 @dataclasses.dataclass(frozen=True)

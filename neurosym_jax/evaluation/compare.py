@@ -296,7 +296,9 @@ def baseline(
 
 def _table(obs_len: int, pred_len: int, dataset: str | None) -> Model | None:
     place = find_model(shipped_name(TABLE, dataset, pred_len))
-    return load_model(place) if obs_len == LENGTH and place.is_dir() else None
+    if obs_len == LENGTH and place.is_dir():
+        return load_model(place)
+    return None
 
 
 def load_tests(
@@ -333,7 +335,8 @@ def make_test(
         recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents
     )
     for path, model in entries:
-        name, period = path or model.name, model.config.period
+        name = path or model.name
+        period = model.config.period
         hits, looked = seen_before(model.seen, windows)
         if hits:
             leak = (
@@ -463,7 +466,8 @@ def _results(settings: Settings, tests: Sequence[Test]) -> Iterator[Result]:
 
 def _compile(model: Model, scenes: Iterable[Scene], settings: Settings) -> None:
     """Compile the programs for batches like `scenes`: by running on empty ones; JAX keeps them."""
-    forecaster, metrics = model.forecaster, chosen(settings.metrics)
+    forecaster = model.forecaster
+    metrics = chosen(settings.metrics)
     # One after the other, for all shapes share a program that the first one compiles.
     for scene in scenes:
         empty: Any = jax.tree.map(np.zeros_like, scene)
@@ -677,7 +681,8 @@ def _latency(
     forecast = SceneForecaster(
         model.forecaster, model.params, samples=settings.samples, seed=settings.seed
     )
-    futures, moments = forecast(scene), [time.perf_counter()]
+    futures = forecast(scene)
+    moments = [time.perf_counter()]
     for _ in range(10):
         forecast(scene)
         moments.append(time.perf_counter())
@@ -740,7 +745,9 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
 
 def _on_host(array: Any) -> Any:
     """A torch tensor without its gradient, for numpy."""
-    return array.detach().cpu() if hasattr(array, "detach") else array
+    if hasattr(array, "detach"):
+        return array.detach().cpu()
+    return array
 
 
 # The report of an evaluation: its rows and facts as JSON, replaced when whole.
@@ -988,7 +995,8 @@ def test_of_file(
                 f"{option(key)}: has no effect on windows of a file of forecasts"
             )
     windows = windows_of(file)
-    obs_len, pred_len = windows.obs_len, windows.position.shape[1] - windows.obs_len
+    obs_len = windows.obs_len
+    pred_len = windows.position.shape[1] - windows.obs_len
     recordings = sorted({reading.recording for reading in windows.reading} - {""})
     test_set = TestSet("+".join(recordings) or name, obs_len, pred_len)
     entries = baselines_of(baselines, obs_len, pred_len, samples=samples)
@@ -1068,7 +1076,8 @@ def _with_forecasts(
         complete &= covered
     if not complete.any():
         raise InputError(f"{', '.join(files)}: no window is in all of these files")
-    people, windows = np.repeat(complete, windows.sizes), windows.take(complete)
+    people = np.repeat(complete, windows.sizes)
+    windows = windows.take(complete)
     forecasts = [
         (str(file.path), matched(file, name, windows, rows[name][people]))
         for name, file in files.items()

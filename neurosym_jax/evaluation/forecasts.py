@@ -238,7 +238,8 @@ def _match(
     file: ForecastFile, windows: Windows, partial: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """See `match`, whose door stands around this."""
-    names, own = _recordings(file, windows), recording_names(windows)
+    names = _recordings(file, windows)
+    own = recording_names(windows)
     if file.recordings is None and len(set(own)) > 1:
         raise InputError(
             f"{file.path}: has no `recordings`, and the test set has {len(set(own))}"
@@ -258,10 +259,8 @@ def _match(
     complete = np.ones(windows.scenes, bool)
     complete[scene[matches < 0]] = False
     used = np.unique(matches[matches >= 0])
-    missing, unused = (
-        int(np.sum(matches < 0)),
-        int(np.isin(names, own).sum()) - len(used),
-    )
+    missing = int(np.sum(matches < 0))
+    unused = int(np.isin(names, own).sum()) - len(used)
     if not complete.any() or ((missing or unused) and not partial):
         raise InputError(
             f"{file.path}: {missing} of {windows.agents} people in windows have no forecast, and "
@@ -317,10 +316,8 @@ def matched(
     samples = np.asarray(file.samples, np.float64)[:, rows]
     if file.probabilities is None:
         return Forecasts(name, samples)
-    likely, first = (
-        np.asarray(file.probabilities, np.float64)[:, rows],
-        windows.bounds[:-1],
-    )
+    likely = np.asarray(file.probabilities, np.float64)[:, rows]
+    first = windows.bounds[:-1]
     shared = np.repeat(likely[:, first], windows.sizes, axis=1)
     wrong = int(np.sum(np.abs(likely - shared).max(axis=0) > 1e-6))
     if wrong:

@@ -137,7 +137,8 @@ def _over_blocks(
     """An estimate from its `changes [blocks, M]` when a block is left out."""
     # The jackknife's factor, and that of blocks that share steps.
     share = (1 - 1 / len(changes)) * (3 * effective - 1) / (2 * effective - 1)
-    variance, enough = share * np.square(changes).sum(axis=0), effective > 1
+    variance = share * np.square(changes).sum(axis=0)
+    enough = effective > 1
     freedom = np.where(enough, 8 / 9 * (effective - 1), 1)
     return Estimate(value, np.where(enough, variance, np.inf), freedom)
 
@@ -174,7 +175,8 @@ class Difference:
 
     def intervals(self, metric: str) -> dict[str, Interval | None]:
         """`scenes`, `seeds` and `both`, see the module; `seeds` is None for a single seed."""
-        column, seeds = self.metrics.index(metric), self.over_seeds
+        column = self.metrics.index(metric)
+        seeds = self.over_seeds
         return {
             "scenes": self.over_scenes.interval(column),
             "seeds": seeds and seeds.interval(column),

@@ -77,7 +77,8 @@ NEAR = 2.0
 @jax.jit  # So that several metrics trace it once.
 def _distances(forecast: Array, scene: Scene) -> Array:
     """[k, N, T] metres from the forecast to the truth, zero for agents that are not valid."""
-    return jnp.where(scene.valid[:, None], _length(forecast - scene.known_future), 0)
+    distance = _length(forecast - scene.known_future)
+    return jnp.where(scene.valid[:, None], distance, 0)
 
 
 def _length(offset: Array) -> Array:
@@ -97,7 +98,8 @@ def joint_fde(forecast: Array, scene: Scene) -> Array:
 
 
 def _best(errors: Array) -> Array:
-    return errors[errors.sum(axis=-1).argmin()]
+    best = errors.sum(axis=-1).argmin()
+    return errors[best]
 
 
 def marginal_ade(forecast: Array, scene: Scene) -> Array:
@@ -130,7 +132,8 @@ def missed(forecast: Array, scene: Scene) -> Array:
 def horizon(forecast: Array, scene: Scene) -> Array:
     """[N, T] error at each step, in the sample of best joint ADE."""
     distance = _distances(forecast, scene)
-    return distance[distance.mean(axis=-1).sum(axis=-1).argmin()]
+    best = distance.mean(axis=-1).sum(axis=-1).argmin()
+    return distance[best]
 
 
 def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Array:
@@ -141,20 +144,20 @@ def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Ar
     """
     weight = _numbers(forecast, probability) / len(forecast)
     present = scene.valid[:, None, None]
-    error = jnp.square(jnp.where(present, forecast - scene.known_future, 0)).sum(
-        axis=(1, 2, 3)
-    )
+    error = jnp.where(present, forecast - scene.known_future, 0)
+    error = jnp.square(error).sum(axis=(1, 2, 3))
     # Products of offsets from the mean, which lose nothing where samples lie close
     # together.
-    offset = jnp.where(present, forecast - forecast.mean(axis=0), 0).reshape(
-        len(forecast), -1
-    )
+    offset = jnp.where(present, forecast - forecast.mean(axis=0), 0)
+    offset = offset.reshape(len(forecast), -1)
     product = offset @ offset.T
     square = jnp.diag(product)
-    spread = jnp.sqrt(jnp.maximum(square[:, None] + square - 2 * product, 0))
-    scale = jnp.sqrt(jnp.maximum(scene.valid.sum(), 1) * forecast.shape[2])
-    apart = weight @ spread @ weight * _pairs(forecast, probability)
-    return (weight @ jnp.sqrt(error) - apart / 2) / scale
+    apart = square[:, None] + square - 2 * product
+    spread = jnp.sqrt(jnp.maximum(apart, 0))
+    agents = jnp.maximum(scene.valid.sum(), 1)
+    scale = jnp.sqrt(agents * forecast.shape[2])
+    spread = weight @ spread @ weight * _pairs(forecast, probability)
+    return (weight @ jnp.sqrt(error) - spread / 2) / scale
 
 
 def person_energy(forecast: Array, scene: Scene, probability: Array | None) -> Array:
@@ -165,9 +168,11 @@ def person_energy(forecast: Array, scene: Scene, probability: Array | None) -> A
     product = jnp.einsum("intc,jntc->nij", offset, offset)
     square = jnp.square(offset).sum(axis=(2, 3)).T
     apart = square[:, :, None] + square[:, None] - 2 * product
-    spread = jnp.einsum("i,nij,j->n", weight, jnp.sqrt(jnp.maximum(apart, 0)), weight)
+    distance = jnp.sqrt(jnp.maximum(apart, 0))
+    spread = jnp.einsum("i,nij,j->n", weight, distance, weight)
     spread = spread * _pairs(forecast, probability)
-    return (weight @ jnp.sqrt(gap) - spread / 2) / jnp.sqrt(forecast.shape[2])
+    scale = jnp.sqrt(forecast.shape[2])
+    return (weight @ jnp.sqrt(gap) - spread / 2) / scale
 
 
 def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
@@ -198,13 +203,14 @@ def coverage(
         return nothing, nothing
     number = _numbers(forecast, probability)
     to_truth = _length(forecast - scene.known_future)
-    samples, truth = (
-        _apart(forecast, number) + to_truth,
-        jnp.tensordot(number, to_truth, 1),
-    )
-    nearer = jnp.tensordot(number, (samples < truth).astype(number.dtype), 1)
-    equal = 1 + jnp.tensordot(number, (samples == truth).astype(number.dtype), 1)
-    covered = jnp.clip((level * (k + 1) - nearer) / equal, 0, 1)
+    samples = _apart(forecast, number) + to_truth
+    truth = jnp.tensordot(number, to_truth, 1)
+    is_nearer = (samples < truth).astype(number.dtype)
+    is_equal = (samples == truth).astype(number.dtype)
+    nearer = jnp.tensordot(number, is_nearer, 1)
+    equal = 1 + jnp.tensordot(number, is_equal, 1)
+    share = (level * (k + 1) - nearer) / equal
+    covered = jnp.clip(share, 0, 1)
     return covered.mean(axis=-1), jnp.asarray(scene.valid)
 
 
@@ -221,11 +227,13 @@ def central_fde(forecast: Array, scene: Scene, probability: Array | None) -> Arr
 def _central(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N, T] errors of the most probable sample of the scene, of equally probable ones that with
     the least mean distance to the others."""
+    errors = _distances(forecast, scene)
     if probability is not None:
-        return _distances(forecast, scene)[probability.argmax()]
+        return errors[probability.argmax()]
     distances = _apart(forecast, _numbers(forecast, None))
-    spread = jnp.where(scene.valid[:, None], distances, 0).sum(axis=(1, 2))
-    return _distances(forecast, scene)[spread.argmin()]
+    distances = jnp.where(scene.valid[:, None], distances, 0)
+    spread = distances.sum(axis=(1, 2))
+    return errors[spread.argmin()]
 
 
 @functools.partial(jax.jit, static_argnums=2)  # So that several metrics trace it once.
@@ -241,19 +249,25 @@ def _apart(
         sample, times = weighted_sample
         return total + times * length(forecast - sample), None
 
-    return jax.lax.scan(add, jnp.zeros_like(length(forecast)), (forecast, number))[0]
+    nothing = jnp.zeros_like(length(forecast))
+    total, _ = jax.lax.scan(add, nothing, (forecast, number))
+    return total
 
 
 def _numbers(forecast: Array, probability: Array | None) -> Array:
     """[k] how many samples each one counts for."""
     k = len(forecast)
-    return jnp.ones(k, forecast.dtype) if probability is None else k * probability
+    if probability is None:
+        return jnp.ones(k, forecast.dtype)
+    return k * probability
 
 
 def _pairs(forecast: Array, probability: Array | None) -> float:
     """Number of all pairs of k samples over that of different ones, 1 where these are known."""
     k = len(forecast)
-    return 1.0 if k == 1 or probability is not None else k / (k - 1)
+    if k == 1 or probability is not None:
+        return 1.0
+    return k / (k - 1)
 
 
 def collisions(forecast: ArrayLike, valid: ArrayLike) -> np.ndarray:
@@ -268,38 +282,53 @@ def collisions(forecast: ArrayLike, valid: ArrayLike) -> np.ndarray:
     Returns:
         [k, N] bool.
     """
-    return _of_batch(np.asanyarray(forecast)[:, None], np.asarray(valid)[None])[:, 0]
+    forecasts = np.asanyarray(forecast)[:, None]
+    hits = _batch_collisions(forecasts, np.asarray(valid)[None])
+    return hits[:, 0]
 
 
-def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
+def _batch_collisions(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """[k, B, N] bool; `forecast [k, B, N, T, 2]`, `valid [B, N]`."""
     # Samples last, so that a pair is a contiguous row.
     paths = forecast[:, valid].transpose(2, 3, 1, 0).copy()  # [T, 2, A, k]
-    low, high = paths.min(axis=0), paths.max(axis=0) + REACH
-    sizes = valid.sum(axis=1)
-    pairs = [np.triu_indices(size, 1) for size in sizes]
-    starts = np.repeat(np.cumsum(sizes) - sizes, [len(first) for first, _ in pairs])
-    first, other = np.concatenate(pairs, axis=1) + starts
+    steps, _, agents, samples = paths.shape
+    low = paths.min(axis=0)
+    high = paths.max(axis=0) + REACH
+    first, other = _pairs_of_scenes(valid.sum(axis=1))
     # First the boxes around all samples of a pair, then those of each.
     near = _meet(low.min(axis=-1), high.max(axis=-1), first, other)
     first, other = first[near], other[near]
     pair, sample = np.nonzero(_meet(low, high, first, other))
-    ends = np.stack([first[pair], other[pair]]) * len(forecast) + sample
-    flat = paths.reshape(*paths.shape[:2], -1)
-    close = _collide(flat.take(ends[0], axis=2) - flat.take(ends[1], axis=2))
-    hit = np.zeros((paths.shape[2], len(forecast)), bool)
-    hit.reshape(-1)[ends[:, close]] = True
+
+    # Numbers of the paths in `flat`, whose last axis is [A * k].
+    ends = np.stack([first[pair], other[pair]]) * samples + sample
+    flat = paths.reshape(steps, 2, -1)
+    offset = flat.take(ends[0], axis=2) - flat.take(ends[1], axis=2)
+    close = _collide(offset)
+    hit = np.zeros(agents * samples, bool)
+    hit[ends[:, close]] = True
     hits = np.zeros(forecast.shape[:3], bool)
-    hits[:, valid] = hit.T
+    hits[:, valid] = hit.reshape(agents, samples).T
     return hits
+
+
+def _pairs_of_scenes(sizes: np.ndarray) -> np.ndarray:
+    """[2, P] numbers of the two agents of each pair, of scenes of `sizes [B]` agents."""
+    starts = np.cumsum(sizes) - sizes
+    pairs = []
+    for size, start in zip(sizes, starts):
+        pairs.append(np.stack(np.triu_indices(size, 1)) + start)
+    return np.concatenate(pairs, axis=1)
 
 
 def _meet(
     low: np.ndarray, high: np.ndarray, first: np.ndarray, other: np.ndarray
 ) -> np.ndarray:
     """[P, ...] whether boxes from `low [2, A, ...]` to `high` overlap."""
-    meet = (low[:, first] < high[:, other]) & (low[:, other] < high[:, first])
-    return meet[0] & meet[1]
+    starts_before = low[:, first] < high[:, other]
+    ends_behind = low[:, other] < high[:, first]
+    x, y = starts_before & ends_behind
+    return x & y
 
 
 def _collide(offset: np.ndarray) -> np.ndarray:
@@ -311,13 +340,15 @@ def _collide(offset: np.ndarray) -> np.ndarray:
     # The smallest positive number, for an offset that stays.
     length = np.maximum(dx**2 + dy**2, np.finfo(offset.dtype).tiny)
     t = np.clip(-(x * dx + y * dy) / length, 0, 1)
-    nearest = ((x + t * dx) ** 2 + (y + t * dy) ** 2).min(axis=0, initial=np.inf)
+    square = (x + t * dx) ** 2 + (y + t * dy) ** 2
+    nearest = square.min(axis=0, initial=np.inf)
     return np.minimum(end, nearest) < COLLISION_DISTANCE**2
 
 
 def collision_rate(forecast: np.ndarray, scene: Scene) -> np.ndarray:
     """[B, N] share of samples in which an agent collides; `forecast [k, B, N, T, 2]`."""
-    return _of_batch(forecast, np.asarray(scene.valid)).mean(axis=0)
+    hits = _batch_collisions(forecast, np.asarray(scene.valid))
+    return hits.mean(axis=0)
 
 
 def truth_collision_rate(forecast: np.ndarray, scene: Scene) -> np.ndarray:
@@ -332,21 +363,24 @@ def excess_collisions(forecast: np.ndarray, scene: Scene) -> np.ndarray:
 
 def neighbour_share(moves: Array, scene: Scene) -> tuple[Array, Array]:
     """[N] bool, whether an agent's forecast moves by more than `MOVED`; `moves [k, N, T, 2]`."""
-    return _length(moves).max(axis=(0, 2)) > MOVED, _in_company(scene)
+    farthest = _length(moves).max(axis=(0, 2))
+    return farthest > MOVED, _in_company(scene)
 
 
 def neighbour_near(moves: Array, scene: Scene) -> tuple[Array, Array]:
     """[N] bool, `neighbour_share` of the agents whose nearest neighbour is within `NEAR`."""
     last = jnp.asarray(scene.observed)[:, -1]
     others = jnp.asarray(scene.valid) & ~jnp.eye(len(last), dtype=bool)
-    closest = jnp.where(others, _length(last[:, None] - last), jnp.inf).min(axis=1)
+    distance = _length(last[:, None] - last)
+    closest = jnp.where(others, distance, jnp.inf).min(axis=1)
     changed, company = neighbour_share(moves, scene)
     return changed, company & (closest <= NEAR)
 
 
 def neighbour_move(moves: Array, scene: Scene) -> tuple[Array, Array]:
     """[N] mean over samples of the move at the last step."""
-    return _length(moves[:, :, -1]).mean(axis=0), _in_company(scene)
+    last = _length(moves[:, :, -1])
+    return last.mean(axis=0), _in_company(scene)
 
 
 def _in_company(scene: Scene) -> Array:
@@ -375,7 +409,8 @@ def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     def states(settings: SymbolSettings, *paths: Array) -> Array:
         return state_steps(settings, *paths).astype(jnp.int16)
 
-    return _log_score(states, len(all_states("c1")), forecast, scene)
+    count = len(all_states("c1"))
+    return _log_score(states, count, forecast, scene)
 
 
 def event_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
@@ -395,20 +430,23 @@ def _log_score(
     settings = dataclasses.replace(SETTINGS, period=scene.period)
     last = jnp.asarray(scene.observed)[:, -1]
 
-    def of(future: Array) -> Array:
+    def pair_classes(future: Array) -> Array:
         path = jnp.concatenate([last[:, None], future], axis=1)
         return classes_of(settings, path[:, None], path)
 
-    true = of(jnp.asarray(scene.known_future))
+    true = pair_classes(jnp.asarray(scene.known_future))
     # One sample after the other, for [k, N, N, T, 2] numbers of a crowd are many.
-    hits = jax.lax.map(lambda future: of(future) == true, forecast).sum(axis=0)
+    hits = jax.lax.map(lambda future: pair_classes(future) == true, forecast)
+    hits = hits.sum(axis=0)
     smoothing = settings.smoothing
-    scores = -jnp.log((hits + smoothing / classes) / (len(forecast) + smoothing))
-    near = jnp.square(last[:, None] - last[None]).sum(axis=-1) <= IN_SIGHT**2
-    pairs = near & other_pairs(scene.valid)
+    probability = (hits + smoothing / classes) / (len(forecast) + smoothing)
+    scores = -jnp.log(probability)
+    square = jnp.square(last[:, None] - last[None]).sum(axis=-1)
+    pairs = (square <= IN_SIGHT**2) & other_pairs(scene.valid)
     count = pairs.sum()
-    pair_scores = jnp.where(pairs, scores.reshape(*pairs.shape, -1).mean(axis=-1), 0)
-    return pair_scores.sum() / jnp.maximum(count, 1), count
+    scores = scores.reshape(*pairs.shape, -1).mean(axis=-1)
+    scores = jnp.where(pairs, scores, 0)
+    return scores.sum() / jnp.maximum(count, 1), count
 
 
 # What a metric is, and the table of all metrics; `scoring` computes them.
@@ -457,7 +495,9 @@ class Metric:
     @property
     def label(self) -> str:
         """Title and unit."""
-        return f"{self.title} [{self.unit}]" if self.unit else self.title
+        if not self.unit:
+            return self.title
+        return f"{self.title} [{self.unit}]"
 
     def text(self, value: float | None) -> str:
         """`value` for a table's cell, without the unit where that is metres."""
@@ -465,7 +505,9 @@ class Metric:
             return "-"
         if self.unit == "share":
             return f"{100 * value:.1f} %"
-        return f"{value:.3f}" + (f" {self.unit}" if self.unit not in ("", "m") else "")
+        if self.unit in ("", "m"):
+            return f"{value:.3f}"
+        return f"{value:.3f} {self.unit}"
 
 
 _JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
@@ -574,17 +616,19 @@ def metric_names(
         further: names to add; `all` adds every metric but those of symbols.
         collisions: whether the collision rate is among the defaults.
     """
-    names = {name for name in further if name != "all" and METRICS[name]}
-    names |= METRICS.keys() - set(SYMBOLS) if "all" in further else set()
-    defaults = {name for name, metric in METRICS.items() if metric.by_default}
-    names |= defaults if collisions else defaults - {"collision_rate"}
+    names = {name for name, metric in METRICS.items() if metric.by_default}
+    if not collisions:
+        names.discard("collision_rate")
+    for name in further:
+        if name == "all":
+            names |= METRICS.keys() - set(SYMBOLS)
+        elif METRICS[name]:
+            names.add(name)
     return tuple(name for name in METRICS if name in names)
 
 
 def known_metric(name: str) -> Metric:
     """Return the metric of this name; for one that only a report knows, a title alone."""
-    return (
-        METRICS[name]
-        if name in METRICS
-        else Metric(name, METRICS.__getitem__, "", higher_is_better=None)
-    )
+    if name in METRICS:
+        return METRICS[name]
+    return Metric(name, METRICS.__getitem__, "", higher_is_better=None)

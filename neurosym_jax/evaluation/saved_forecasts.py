@@ -148,14 +148,17 @@ def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
     """The points and a scene for each window. Of several recordings, frames and people are numbered
     consecutively, because a file is one recording; and people whose ids are texts."""
     windows = test.windows
-    names, steps = recording_names(windows), windows.position.shape[1]
+    names = recording_names(windows)
+    steps = windows.position.shape[1]
     rate = windows.reading[0].rate if len(windows.reading) == 1 else None
     renumbered = rate is None
     # TrajNet++'s people are numbers.
     is_named = renumbered or windows.agent.dtype.kind == "U"
     last = windows.identity[:, 1].astype(int) + windows.obs_len - 1
     last = last if renumbered else np.rint(last_frames(windows)).astype(int)
-    stride, shift, numbers = 1 if renumbered else round(rate * windows.period), 0, {}
+    stride = 1 if renumbered else round(rate * windows.period)
+    shift = 0
+    numbers = {}
     points: Points = {}
     scenes = []
     for name in dict.fromkeys(names.tolist()):
@@ -176,7 +179,8 @@ def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
                     for frame, xy in zip([*frames.tolist(), *future.tolist()], path)
                 }
             ends = int(frames[0]), int(future[-1])
-            fps, tag = round(1 / windows.period, 6), [0, []]
+            fps = round(1 / windows.period, 6)
+            tag = [0, []]
             scene = OfficialScene(int(at), int(people[0]), *ends, fps, tag)
             observed = windows.position[rows, : windows.obs_len]
             scenes.append(ObservedScene(scene, people, observed, future))

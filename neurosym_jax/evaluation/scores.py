@@ -64,11 +64,9 @@ class Score(NamedTuple):
     def mean(self) -> np.ndarray:
         """[] or [T] mean over all scenes; NaN where nothing was counted."""
         count = self.count.sum()
-        return (
-            self.total.sum(axis=0) / count
-            if count
-            else np.full(self.total.shape[1:], np.nan)
-        )
+        if count:
+            return self.total.sum(axis=0) / count
+        return np.full(self.total.shape[1:], np.nan)
 
     def of_each_scene(self) -> "Score":
         """Return the mean of each scene with weight 1, in place of its sum."""
@@ -122,7 +120,8 @@ def score_forecaster(
     `memories` of the place, one for each batch, are in the distribution alone.
     """
     start = time.perf_counter()
-    samples, cores = forecaster.count(samples), cpu_cores()
+    samples = forecaster.count(samples)
+    cores = cpu_cores()
     slots = max(batch.scene.valid.size for batch in batches) * min(cores, len(batches))
     drawn = any(metric.drawn for _, metric in chosen(metrics))
     futures = samples + DRAWS * drawn
@@ -156,7 +155,8 @@ def score_samples(
     Metrics of what neighbours change count nothing, for nobody was forecast without
     them.
     """
-    start, k = time.perf_counter(), len(samples)
+    start = time.perf_counter()
+    k = len(samples)
     selected = chosen(metrics)
     computed = tuple((name, metric) for name, metric in selected if not metric.moves)
 
@@ -212,7 +212,8 @@ def score_batch(
     memory: Remembered | None = None,
 ) -> Scores:
     """Scores of `forecaster` on a batch of padded scenes, with what is remembered there."""
-    valid, moves = np.asarray(scenes.valid), None
+    valid = np.asarray(scenes.valid)
+    moves = None
     noise = batch_noise(forecaster, scenes, samples, seed)
     futures, probability = forecast_batch(forecaster, params, scenes, noise)
     if any(metric.moves for _, metric in metrics):

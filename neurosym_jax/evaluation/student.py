@@ -20,7 +20,9 @@ def two_sided_p(t: float, freedom: float) -> float:
         return math.nan
     if math.isinf(freedom):
         return math.erfc(abs(t) / math.sqrt(2))
-    a, b, x = freedom / 2, 0.5, freedom / (freedom + t * t)
+    a = freedom / 2
+    b = 0.5
+    x = freedom / (freedom + t * t)
     if x in (0.0, 1.0):
         return x
     scale = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b)
@@ -33,7 +35,8 @@ def two_sided_p(t: float, freedom: float) -> float:
 
 def _beta_fraction(a: float, b: float, x: float) -> float:
     """The continued fraction of the incomplete beta function, 26.5.8 there, by Lentz's method."""
-    ratio, inverse = 1.0, 1 / (1 - (a + b) * x / (a + 1))
+    ratio = 1.0
+    inverse = 1 / (1 - (a + b) * x / (a + 1))
     value, step = inverse, 0
     change = math.inf
     while abs(change - 1) > 1e-15 and step < 100_000:

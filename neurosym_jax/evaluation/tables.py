@@ -139,7 +139,8 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
     lines = _lines(rows)
     means = pl.DataFrame(_tested(list(_means(lines))), schema=lines.schema)
     lines = pl.concat([lines, means]).drop("means", "trained")
-    group, p = ("dataset", *HORIZON, "metric"), pl.col("p")
+    group = ("dataset", *HORIZON, "metric")
+    p = pl.col("p")
     first = pl.col("mean").is_not_null() & p.is_null()
     beyond = (first.sum().over(group) == 1) & (p.max().over(group) < 0.05)
     return lines.with_columns(best=(first & beyond).fill_null(False))
@@ -277,7 +278,8 @@ def _over_trainings(line: dict[str, Any]) -> dict[str, Any]:
     means = line["means"]
     if not means or None in means:
         return line | dict.fromkeys(("mean", "low", "high", "std"))
-    mean, half = float(np.mean(means)), student_half(means)
+    mean = float(np.mean(means))
+    half = student_half(means)
     std = float(np.std(means, ddof=1))
     return line | {"mean": mean, "low": mean - half, "high": mean + half, "std": std}
 
@@ -302,11 +304,9 @@ def _means(lines: pl.DataFrame) -> Iterator[dict[str, Any]]:
 def _mean(sets: pl.DataFrame) -> dict[str, Any]:
     """The mean of one metric over test sets, a line each."""
     line = sets.row(0, named=True)
-    path, trainings, means = (
-        line.pop("family") or None,
-        line["trainings"],
-        sets["mean"].to_list(),
-    )
+    path = line.pop("family") or None
+    trainings = line["trainings"]
+    means = sets["mean"].to_list()
     line |= dict.fromkeys(
         ("mean", "low", "high", "std", "p", "scenes", "agents", "blocks")
     )
@@ -406,7 +406,9 @@ def format_table(
         return "\n".join([_text_tables(visible, width, whole), *_notes(lines)])
     if style == "latex":
         return _latex_table(lines, intervals)
-    return _csv_table(lines) if style == "csv" else _markdown_table(lines)
+    if style == "csv":
+        return _csv_table(lines)
+    return _markdown_table(lines)
 
 
 def _text_tables(lines: pl.DataFrame, width: int | None, whole: bool) -> str:
@@ -424,7 +426,8 @@ def _text_tables(lines: pl.DataFrame, width: int | None, whole: bool) -> str:
         ]
         models, *rest = _columns(metrics, members)
         while rest:
-            taken, left = [models], width - len(models[0])
+            taken = [models]
+            left = width - len(models[0])
             for column in list(rest):
                 # At least one column, however narrow the terminal is.
                 if len(column[0]) + 2 <= left or len(taken) == 1:
@@ -469,7 +472,9 @@ def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[lis
 
 def _rounded(value: float | None, decimals: int, scale: float = 1) -> str:
     """`value` in other units; `-` for none."""
-    return "-" if value is None else f"{scale * value:.{decimals}f}"
+    if value is None:
+        return "-"
+    return f"{scale * value:.{decimals}f}"
 
 
 def _csv_table(lines: pl.DataFrame) -> str:

@@ -68,7 +68,9 @@ class Case:
         """The stored noise of each agent, [A, D]."""
         noise = self.arrays["noise"][:, : self.config.noise_dim]
         is_global = self.config.noise_mix_type == "global"
-        return np.repeat(noise, np.diff(self.bounds), axis=0) if is_global else noise
+        if is_global:
+            return np.repeat(noise, np.diff(self.bounds), axis=0)
+        return noise
 
     @property
     def alpha(self) -> np.ndarray | None:
@@ -148,10 +150,8 @@ def padded(
     positions: np.ndarray, moves: np.ndarray, bounds: np.ndarray, obs_len: int
 ) -> Scene:
     """Scenes [S, N, ...] of `positions [A, T, 2]`, centred, and of `moves [A, T, 2]` as given."""
-    agents, identity = (
-        np.arange(len(positions)),
-        np.zeros((len(bounds) - 1, 2), np.uint32),
-    )
+    agents = np.arange(len(positions))
+    identity = np.zeros((len(bounds) - 1, 2), np.uint32)
     windows = Windows(positions.astype(np.float64), agents, bounds, identity, obs_len)
     scenes = gather_scenes(windows, np.arange(windows.scenes), int(windows.sizes.max()))
     steps = placed(
@@ -190,7 +190,8 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
 
 def forecasts(case: Case) -> Compared:
     """The generator's displacements, and positions in the frame of `traj`."""
-    scenes, moves = case.scenes, case.stages()["pred_rel"]
+    scenes = case.scenes
+    moves = case.stages()["pred_rel"]
     origin = np.repeat(np.asarray(scenes.origin), np.diff(case.bounds), axis=0)[:, None]
     last = np.asarray(scenes.observed)[case.valid][:, -1:]
     values = {"pred_rel": moves, "pred_abs": last + np.cumsum(moves, axis=1) + origin}

@@ -127,9 +127,8 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
             )
     arguments = {str(name): value for name, value in contents["args"].items()}
     unknown = sorted(set(arguments) - {*SAME, *FIXED, *WIDTHS, *PASSED.split()})
-    if refused := [
-        name for name in unknown if ignored is not None and name not in ignored
-    ]:
+    refused = [name for name in unknown if ignored is not None and name not in ignored]
+    if refused:
         raise InputError(
             f"unknown argument {brief(refused[0])}, which may change the network: if it does not, "
             f"`ignored` names it (neurosym convert --ignore-arg {refused[0][:80]})"
@@ -150,10 +149,11 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
     if config.weighting is not None and "weighting" not in arguments:
         assumed.append(f"pairs weighted by {config.weighting.name}")
     assumed += [f"the unknown argument {name} changes nothing" for name in unknown]
+    dataset = arguments.get("dataset_name")
     return Model(
         config,
         {"params": params},
-        dataset if isinstance(dataset := arguments.get("dataset_name"), str) else None,
+        dataset if isinstance(dataset, str) else None,
         assumed=tuple(assumed),
     )
 
@@ -196,7 +196,8 @@ def torch_contents(model: Model) -> dict[str, Any]:
     pooling, weighting = config.pooling, config.weighting
     if weighting is not None and initial_parameters(weighting):
         raise InputError(f"the weights {weighting.name} are learned: no torch has them")
-    if (width := getattr(pooling, "hidden_dim", 512)) != 512:
+    width = getattr(pooling, "hidden_dim", 512)
+    if width != 512:
         raise InputError(f"SGAN's pool_hidden_dim is fixed at 512, not {width}")
     arguments: dict[str, Any] = {
         **FIXED,
@@ -264,7 +265,8 @@ def generator(
     """
     state = without_dropout(state, arguments)
     fields = _required(arguments, (*SAME, "pooling_type")) | _widths(state)
-    if normed := [name for name in state if name.endswith("running_mean")]:
+    normed = [name for name in state if name.endswith("running_mean")]
+    if normed:
         raise InputError(f"{normed[0]}: our networks have no batch norm")
     noise = fields["noise_dim"] or 0
     fields["noise_dim"] = (
@@ -307,11 +309,13 @@ def discriminator(
 
 def _required(arguments: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     for name, value in FIXED.items():
-        if (argument := arguments.get(name, value)) != value:
+        argument = arguments.get(name, value)
+        if argument != value:
             raise InputError(
                 f"args: {name} is {brief(argument)}, and our networks have {value!r} only"
             )
-    if missing := set(names) - set(arguments):
+    missing = set(names) - set(arguments)
+    if missing:
         raise InputError(f"args: {min(missing)} is missing")
     return {name: arguments[name] for name in names}
 

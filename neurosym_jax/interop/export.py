@@ -81,7 +81,8 @@ def export_onnx(model: Model, samples: int = 20) -> bytes:
         "period": f"{model.config.period:g}",
         "noise": spec.distribution if spec.dim else "none",
     }
-    program, arguments = program_of(model, samples), _arguments(model, "samples")
+    program = program_of(model, samples)
+    arguments = _arguments(model, "samples")
     return to_onnx(program, arguments, ("forecasts", "probabilities"), properties)
 
 
@@ -94,11 +95,9 @@ def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Ar
         InputError: for k that the model cannot make.
     """
     refuse(Count, {"samples": samples})
-    forecaster, params, count = (
-        model.forecaster,
-        model.params,
-        model.forecaster.count(samples),
-    )
+    forecaster = model.forecaster
+    params = model.params
+    count = model.forecaster.count(samples)
 
     def program(observed: Array, noise: Array | None = None) -> tuple[Array, Array]:
         scene = make_scene(observed, period=model.config.period)

@@ -121,7 +121,8 @@ class _Graph:
         if isinstance(value, str):
             return value
         array = np.asarray(value)
-        name, kind = self.fresh(), _kind(array.dtype)
+        name = self.fresh()
+        kind = _kind(array.dtype)
         array = np.ascontiguousarray(array.astype(kind)).reshape(array.shape)
         self.constants.append(self.onnx.numpy_helper.from_array(array, name))
         return name
@@ -224,7 +225,9 @@ class _Graph:
         values |= dict(zip(jaxpr.invars, inputs))
 
         def read(atom: Any) -> Any:
-            return np.asarray(atom.val) if hasattr(atom, "val") else values[atom]
+            if hasattr(atom, "val"):
+                return np.asarray(atom.val)
+            return values[atom]
 
         for eqn in jaxpr.eqns:
             results = self.equation(eqn, [read(atom) for atom in eqn.invars])
@@ -258,7 +261,9 @@ class _Graph:
                 f"ONNX: the operation {primitive} has no translation: export a .stablehlo file"
             )
         results = translation(self, eqn, *inputs)
-        return results if eqn.primitive.multiple_results else [results]
+        if eqn.primitive.multiple_results:
+            return results
+        return [results]
 
     def _scan(self, eqn: Any, inputs: list[Any]) -> list[Any]:
         """A loop, written out, or a `Scan`, whose body reads the constants from outside."""
@@ -269,7 +274,8 @@ class _Graph:
             inputs[split[0] : split[1]],
             inputs[split[1] :],
         )
-        count, length = len(carry), params["length"]
+        count = len(carry)
+        length = params["length"]
         # ONNX has no loop without an array to loop over.
         if isinstance(length, int) and (length <= UNROLLED or not rows):
             stacks = [[] for _ in eqn.outvars[count:]]
@@ -290,7 +296,8 @@ class _Graph:
                     stack.append(self.add("Unsqueeze", unit))
             stacks = [stack[:: -1 if params["reverse"] else 1] for stack in stacks]
             return [*carry, *(self.add("Concat", stack, axis=0) for stack in stacks)]
-        inner, arguments = _Graph(self.onnx, self), body.jaxpr.invars[split[0] :]
+        inner = _Graph(self.onnx, self)
+        arguments = body.jaxpr.invars[split[0] :]
         names = [inner.fresh() for _ in arguments]
         constants = list(map(self.name, constants))
         results = inner.translate(body.jaxpr, body.consts, [*constants, *names])
@@ -316,4 +323,6 @@ def _kind(dtype: Any) -> Any:
     """The type in ONNX: float32, bool, or int32 for all integers."""
     if np.issubdtype(dtype, np.bool_):
         return np.bool_
-    return np.int32 if np.issubdtype(dtype, np.integer) else np.float32
+    if np.issubdtype(dtype, np.integer):
+        return np.int32
+    return np.float32

@@ -146,7 +146,9 @@ def _dot_general(graph, eqn, left, right):
     else:
         product = graph.add("Einsum", names, equation=_einsum(contracted, batch, ranks))
     dtype = eqn.outvars[0].aval.dtype
-    return product if _is(dtype, np.floating) else graph.cast(product, dtype)
+    if _is(dtype, np.floating):
+        return product
+    return graph.cast(product, dtype)
 
 
 def _einsum(contracted: Any, batch: Any, ranks: list[int]) -> str:
@@ -176,18 +178,17 @@ def _reshape(graph, eqn, x, *_):
 @_translates("broadcast_in_dim")
 def _broadcast_in_dim(graph, eqn, x, *_):
     before, after = eqn.invars[0].aval.shape, eqn.outvars[0].aval.shape
-    axes, name = eqn.params["broadcast_dimensions"], graph.name(x)
+    axes = eqn.params["broadcast_dimensions"]
+    name = graph.name(x)
     added = [axis for axis in range(len(after)) if axis not in axes]
     if added:
         name = graph.add("Unsqueeze", [name, graph.integers(*added)])
     wide = [1] * len(after)
     for axis, size in zip(axes, before):
         wide[axis] = size
-    return (
-        name
-        if tuple(wide) == tuple(after)
-        else graph.add("Expand", [name, graph.shape(after)])
-    )
+    if tuple(wide) == tuple(after):
+        return name
+    return graph.add("Expand", [name, graph.shape(after)])
 
 
 @_translates("transpose")
@@ -222,10 +223,8 @@ def _split(graph, eqn, x):
 def _slice(graph, eqn, x):
     params, shape = eqn.params, eqn.invars[0].aval.shape
     strides = params["strides"] or (1,) * len(shape)
-    starts, ends = (
-        graph.shape(params["start_indices"]),
-        graph.shape(params["limit_indices"]),
-    )
+    starts = graph.shape(params["start_indices"])
+    ends = graph.shape(params["limit_indices"])
     return graph.slice(x, range(len(shape)), starts, ends, strides)
 
 
@@ -244,10 +243,8 @@ def _dynamic_slice(graph, eqn, x, *starts):
 @_translates("rev")
 def _rev(graph, eqn, x):
     axes = eqn.params["dimensions"]
-    starts, ends = (
-        graph.integers(*[-1] * len(axes)),
-        graph.integers(*[-(2**31)] * len(axes)),
-    )
+    starts = graph.integers(*[-1] * len(axes))
+    ends = graph.integers(*[-(2**31)] * len(axes))
     return graph.slice(x, axes, starts, ends, [-1] * len(axes))
 
 
@@ -333,7 +330,8 @@ def _gather(graph, eqn, x, indices):
         batch_dims=len(batching),
     )
     # The result has the axes of the indices first; jax says where the others are.
-    rank, offsets = len(out), numbers.offset_dims
+    rank = len(out)
+    offsets = numbers.offset_dims
     lead = [place for place in range(rank) if place not in offsets]
     source = {place: number for number, place in enumerate([*lead, *offsets])}
     result = graph.add(

@@ -100,10 +100,8 @@ class Parity:
         """An aligned table and the verdict."""
         table = [("case", "output", "shape", "max abs", "max rel", "")]
         for row in self.rows:
-            shape, verdict = (
-                "x".join(map(str, row.shape)) or "scalar",
-                "ok" if row.ok else "MISS",
-            )
+            shape = "x".join(map(str, row.shape)) or "scalar"
+            verdict = "ok" if row.ok else "MISS"
             numbers = f"{row.max_abs:.1e}", f"{row.max_rel:.1e}"
             table.append((row.case, row.output, shape, *numbers, verdict))
         differ = (row for row in self.rows if row.reason)
@@ -129,7 +127,8 @@ def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
             wrong.
     """
     refuse(NotNegative, {"tolerance": tolerance})
-    path, rows = directory / "manifest.json", []
+    path = directory / "manifest.json"
+    rows = []
     with reading(path, "a list of cases"):
         cases = []
         for row in read_json(path):
@@ -145,7 +144,8 @@ def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
 def _rows_of_case(path: Path, row: Mapping[str, Any], tolerance: float) -> list[Any]:
     """The outputs of a stored case, compared."""
     # The name of a row's kind of case: its model's, else its file's.
-    kind, classes = row.get("model", path.stem), row.get("layers", {})
+    kind = row.get("model", path.stem)
+    classes = row.get("layers", {})
     if kind not in CASES:
         raise InputError(f"{brief(kind)} is none of the cases {', '.join(CASES)}")
     arrays = read_arrays(path, "a case")
@@ -264,10 +264,8 @@ def compare(
         refuse_other_length(model, walk, f"scenes[{i}]")
     inputs = torch_side.inputs(walks, vars(config), seed, torch_module)
     arrays, classes = torch_side.forecast(torch, torch_module, inputs)
-    case, name = (
-        make_case(config, model.params["params"], arrays),
-        type(torch_module).__name__,
-    )
+    case = make_case(config, model.params["params"], arrays)
+    name = type(torch_module).__name__
     rows = _compare(
         name, tolerance, forecasts(case), _compared_layers(case, classes), classes
     )
@@ -281,7 +279,9 @@ def _compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
     network's own value at that place, from the scenes on. A layer that torch never
     called is compared with NaN.
     """
-    arrays, stages, layers = case.arrays, case.stages(), _layers(case)
+    arrays = case.arrays
+    stages = case.stages()
+    layers = _layers(case)
     compared: Compared = {}
     if "in/encoder.spatial_embedding" in arrays:
         moves = np.swapaxes(arrays["traj_rel"][:, : case.config.obs_len], 0, 1).reshape(
@@ -304,7 +304,8 @@ def _compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
 
 def _layers(case: Case) -> dict[str, Any]:
     """Our layers and perceptrons, by torch's names."""
-    network, layers = Generator(case.config).bind({"params": case.params}), {}
+    network = Generator(case.config).bind({"params": case.params})
+    layers = {}
     for name, (path, _) in torch_names(case.config).items():
         *parts, _ = (
             re.sub(r"/layer_\d", "", path).replace("lstm", "recurrent").split("/")
@@ -339,8 +340,10 @@ def _compare(
     """The rows of a case `name`, its layers first; the first that misses has the reason."""
     rows: list[ParityRow] = []
     for output, (values, reference) in (layers | compared).items():
-        values, reference = np.asarray(values), np.asarray(reference)
-        scale, max_abs = float(np.abs(reference).max()), math.nan
+        values = np.asarray(values)
+        reference = np.asarray(reference)
+        scale = float(np.abs(reference).max())
+        max_abs = math.nan
         if values.shape == reference.shape:
             max_abs = float(np.abs(values.astype(np.float64) - reference).max())
         # Against an output that is all zeros, any difference is infinitely large, and
@@ -367,7 +370,8 @@ def _likely_reason(
     if output.endswith("(alone)"):
         within = output.removesuffix(" (alone)") + "."
         kinds = [kind for name, kind in classes.items() if name.startswith(within)]
-        if others := [kind for kind in kinds if kind not in NO_RELU]:
+        others = [kind for kind in kinds if kind not in NO_RELU]
+        if others:
             return f"activation {others[0]}, ours is ReLU"
         if kinds and np.abs(np.maximum(reference, 0) - values).max() < TOLERANCE:
             return "no ReLU after its last layer, ours has one"

@@ -250,14 +250,17 @@ def _read_legacy(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
         raise InputError(
             f"of another format ({brief(protocol)}), or of a big-endian machine"
         )
-    contents, keys = _load(stream, storages), _load(stream, storages)
+    contents = _load(stream, storages)
+    keys = _load(stream, storages)
     _refuse_keys(keys)
-    if missing := storages.keys() - set(keys):
+    missing = storages.keys() - set(keys)
+    if missing:
         raise InputError(f"storage {brief(min(missing))} is missing")
     for key in keys:
         (numel,) = struct.unpack("<q", stream.read(8))
         _fill(storages[key], stream.read(numel * storages[key].itemsize))
-    if after := len(stream.read()):
+    after = len(stream.read())
+    if after:
         raise InputError(f"{after} bytes follow the last storage")
     return contents
 

@@ -85,7 +85,8 @@ def read(torch, given):
 
 def random_walks(steps, seed):
     """Scenes [N, steps, 2] in metres of people who walk at random, near enough to pool."""
-    rng, walks = np.random.RandomState(seed), []
+    rng = np.random.RandomState(seed)
+    walks = []
     for people in SIZES:
         moves = rng.normal(0, 0.3, (people, steps, 2))
         if people > 2:
@@ -104,7 +105,8 @@ def inputs(walks, arguments, seed, network=None):
     kind = np.float32
     if network is not None and "64" in str(next(network.parameters()).dtype):
         kind = np.float64
-    ends, positions = np.cumsum([len(walk) for walk in walks]), np.concatenate(walks)
+    ends = np.cumsum([len(walk) for walk in walks])
+    positions = np.concatenate(walks)
     rows = len(walks) if arguments["noise_mix_type"] == "global" else len(positions)
     dim = int(np.sum(arguments.get("noise_dim") or 0))
     return {
@@ -143,7 +145,8 @@ def forecast(torch, network, scenes):
         "g_state/" + name: value.numpy() for name, value in network.state_dict().items()
     }
     arrays.update(scenes)
-    classes, dtype = {}, next(network.parameters()).dtype
+    classes = {}
+    dtype = next(network.parameters()).dtype
 
     def keep(name, module, inputs, result):
         if not name or name in classes:

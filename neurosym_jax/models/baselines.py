@@ -54,7 +54,8 @@ class ConstantVelocitySampled(TwoStageForecaster):
     def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
         """`[k, N, pred_len, 2]`; `params` and `context` are empty."""
         angle = HEADING_STD * noise[..., 0]
-        cos, sin = jnp.cos(angle), jnp.sin(angle)
+        cos = jnp.cos(angle)
+        sin = jnp.sin(angle)
         x, y = scene.displacement[:, -1, 0], scene.displacement[:, -1, 1]
         step = jnp.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
         return _extrapolate(scene.observed[:, -1], step, self.pred_len)

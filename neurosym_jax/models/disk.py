@@ -170,7 +170,9 @@ def _shipped_folder() -> Path:
     """`checkpoints`: in the package where that is installed, beside it in a clone."""
     package = Path(neurosym_jax.__path__[0])
     within = package / "checkpoints"
-    return within if within.is_dir() else package.parent / "checkpoints"
+    if within.is_dir():
+        return within
+    return package.parent / "checkpoints"
 
 
 # Models on disk: folders of three files and, read through `interop`, torch's
@@ -382,7 +384,8 @@ def _read(folder: Path) -> Model:
 
 def _refuse_misfit(model: Model) -> None:
     """Refuse parameters that are not finite or do not fit the configuration."""
-    shapes, flat = model.forecaster.shapes(), flat_parameters(model.params)
+    shapes = model.forecaster.shapes()
+    flat = flat_parameters(model.params)
     fields = (
         {name: array.shape for name, array in flat.items()}
         if shapes is None

@@ -613,7 +613,8 @@ def _predict_named(
     bounds = np.cumsum([0, *map(len, scenes)])
     identity = scene_identity(recording, np.asarray(frames))
     agents = np.arange(bounds[-1])
-    tracks, period = np.concatenate(scenes), model.config.period
+    tracks = np.concatenate(scenes)
+    period = model.config.period
     repaired = repair_tracks(tracks, period) if repair else None
     if repair or model.forecaster.repairs:
         warn_of_tracking_errors(tracks, period, "observed")
@@ -719,7 +720,8 @@ def _decoded_agents(
     valid: np.ndarray,
 ) -> np.ndarray:
     """`[k, A, pred_len, 2]` of the agents, packed as one scene and decoded in parts of `PART`."""
-    encoder, bare = forecaster.encoder, scenes.bare()
+    encoder = forecaster.encoder
+    bare = scenes.bare()
     context = () if encoder is None else _encode(encoder, params, bare)
     agents = context, bare.replace(identity=None)
     agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], agents)
@@ -728,7 +730,8 @@ def _decoded_agents(
         if noise.ndim == 4
         else np.repeat(noise, valid.sum(axis=1), axis=1)
     )
-    packed, parts = (*agents, agent_noise.swapaxes(0, 1)), []
+    packed = (*agents, agent_noise.swapaxes(0, 1))
+    parts = []
     for at in range(0, agent_noise.shape[1], PART):
         part = jax.tree.map(lambda leaf, at=at: _filled(leaf[at : at + PART]), packed)
         futures = _decode(forecaster, params, *part[:-1], part[-1].swapaxes(0, 1))

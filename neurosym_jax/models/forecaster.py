@@ -87,7 +87,9 @@ def scene_noise(
     """
     slots = jnp.arange(agents, dtype=jnp.uint32) if spec.per_agent else jnp.uint32(0)
     draw = functools.partial(_stream, spec, key, identity, samples=samples)
-    return jax.vmap(draw, out_axes=1)(slots) if spec.per_agent else draw(slots)
+    if spec.per_agent:
+        return jax.vmap(draw, out_axes=1)(slots)
+    return draw(slots)
 
 
 def draw_noise(
@@ -106,7 +108,8 @@ def draw_noise(
     per_scene = slots[0] if slots else 1
     slot = np.tile(np.arange(per_scene, dtype=np.uint32), len(identity))
     streams = np.column_stack([np.repeat(identity, per_scene, axis=0), slot])
-    key, parts = key_numbers(seed), []
+    key = key_numbers(seed)
+    parts = []
     for chunk in np.split(streams, range(CHUNK, len(streams), CHUNK)):
         filled = np.pad(chunk, [(0, CHUNK - len(chunk)), (0, 0)])
         parts.append(
@@ -316,7 +319,9 @@ class Forecaster(abc.ABC):
         scene, repair = repair_scene(scene, self.config.period)
         draws = self.distribution(params, scene, key, count)
         draws = settle(draws, repair, self.config.period)
-        return draws if memory is None else memory.among(draws, scene, key, count)
+        if memory is None:
+            return draws
+        return memory.among(draws, scene, key, count)
 
     def distribution(
         self,
@@ -338,7 +343,9 @@ class Forecaster(abc.ABC):
             self.noise, key, jnp.asarray(scene.identity), self.count(count), agents
         )
         draws = self.representatives(params, scene, noise)[0]
-        return draws if memory is None else memory.among(draws, scene, key, count)
+        if memory is None:
+            return draws
+        return memory.among(draws, scene, key, count)
 
     def points(self, params: Any, scene: Scene, key: Array) -> Array:
         """[P, N, pred_len, 2] equally probable futures of each person by itself.

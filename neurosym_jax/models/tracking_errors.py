@@ -227,6 +227,7 @@ def limit_displacement(
     reach = TOP_SPEED * expansion[:, None] * time[None] + 0.3
     share = distance / reach[None]
     # (1 + share^8)^(-1/8), written so that a large share does not overflow.
-    low, high = jnp.minimum(share, 1), jnp.maximum(share, 1)
+    low = jnp.minimum(share, 1)
+    high = jnp.maximum(share, 1)
     factor = (high**-8 + low**8) ** (-1 / 8) / high
     return start + factor[..., None] * ahead

@@ -92,7 +92,9 @@ def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
     )
     for place, models in enumerate(columns):
         first = next(iter(models.values()))
-        scene, test, first_column = first.example, first.test_set, place == 0
+        scene = first.example
+        test = first.test_set
+        first_column = place == 0
         valid = np.asarray(scene.valid)
         past, future = (
             to_world(array, scene)[valid]

@@ -39,7 +39,8 @@ def plot_forecasts(
     }
     arrays = [array for array in (past, future, *samples.values()) if array is not None]
     points = np.concatenate([array.reshape(-1, 2) for array in arrays])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     # At least 3 m, so that the tremor of a standing agent does not look like a walk;
     # and neither a corridor nor a row of agents makes a sliver of a figure.
     extent = np.maximum(1.06 * (high - low) + 0.3, 3.0)

@@ -140,7 +140,8 @@ def plot_pairs(
     texts = state_texts()
     # Between two dollars matplotlib sees a formula.
     people = [str(person).replace("$", r"\$") for person in scene.agent]
-    count, steps = len(people), alpha.shape[-1]
+    count = len(people)
+    steps = alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
     pairing = itertools.permutations if both_ways else itertools.combinations
     pairs = list(pairing(range(count), 2))

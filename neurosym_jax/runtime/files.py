@@ -66,10 +66,8 @@ def _replace(beside: Path, path: Path) -> None:
     with contextlib.suppress(
         AttributeError, OSError
     ):  # Other systems, old C libraries.
-        exchange, names = (
-            ctypes.CDLL(None).renameat2,
-            (os.fsencode(beside), os.fsencode(path)),
-        )
+        exchange = ctypes.CDLL(None).renameat2
+        names = (os.fsencode(beside), os.fsencode(path))
         if exchange(_HERE, names[0], _HERE, names[1], _EXCHANGE) == 0:
             shutil.rmtree(beside)
             return

@@ -116,7 +116,8 @@ def tune() -> None:
 
 def progress_of(total: int) -> Callable[[str], None]:
     """A function to call after each of `total` steps; it prints a line on the standard error."""
-    since, count = time.perf_counter(), itertools.count(1)
+    since = time.perf_counter()
+    count = itertools.count(1)
 
     def step(task: str) -> None:
         seconds = time.perf_counter() - since
@@ -128,7 +129,8 @@ def progress_of(total: int) -> Callable[[str], None]:
 
 def run_environment() -> dict[str, Any]:
     """Versions, threads, instruction set, device and precision; JSON-able. Starts JAX's backend."""
-    device, info = jax.devices()[0], Path("/proc/cpuinfo")
+    device = jax.devices()[0]
+    info = Path("/proc/cpuinfo")
     words = info.read_text().split() if info.exists() else []
     vectors = [name for name in _INSTRUCTIONS if name in words][:1]  # the widest
     return {
@@ -179,9 +181,9 @@ def code_version() -> str | None:
 
 def cpu_cores() -> int:
     """Cores that this process may use."""
-    return (
-        len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-    )
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _digests(paths: Iterable[Path | str]) -> dict[str, str]:

@@ -269,7 +269,8 @@ def _source() -> str:
     Raises:
         Unnamed: where a file has changed since this process began.
     """
-    digest, began = hashlib.sha256(), _process_began()
+    digest = hashlib.sha256()
+    began = _process_began()
     for file in sorted(ROOT.glob(f"{PACKAGES}*/**/*")):
         if file.suffix not in SOURCES:
             continue

@@ -76,7 +76,8 @@ def simulate_labelled(
     refuse(Positive, {"rate": rate, "duration": duration})
     frames = int(duration * rate + 1e-6) + 1
     walked = _walk_frames(_key(seed, 0), scenario, people, frames, float(rate))
-    path, stamp = np.asarray(walked, np.float64), np.arange(frames) / rate
+    path = np.asarray(walked, np.float64)
+    stamp = np.arange(frames) / rate
     faults = faults or TrackerFaults()
     lost, label = _identities(path, faults, rate, seed)
     frame, person = np.nonzero(~lost)
@@ -155,7 +156,8 @@ def _walk_frames(
     # One draw for everything, because each takes a third of a second to compile.
     # float32 by name, so that a seed is the same walk under x64. Kicks of unit variance
     # need not be normal: the wobble is the sum of many.
-    steps, plans = frames * substeps + 1, legs * people * 8
+    steps = frames * substeps + 1
+    plans = legs * people * 8
     chance = jax.random.uniform(key, (plans + steps * 2 * people,), jnp.float32)
     kicks = float(np.sqrt(12)) * (chance[plans:].reshape(steps, 2, people) - 0.5)
     plan = _PLANS[scenario](chance[:plans].reshape(legs, people, 8))

@@ -68,7 +68,8 @@ def walk(
     `kicks` [F + 1, 2, P] of unit variance change pace and heading at random. With
     `abreast`, people 0 and 1, 2 and 3, ... are pairs that stay side by side across x.
     """
-    people, ahead = plan.goal.shape[1], plan.goal[1] - plan.goal[0]
+    people = plan.goal.shape[1]
+    ahead = plan.goal[1] - plan.goal[0]
     start = _State(
         position=plan.goal[0],
         velocity=jnp.zeros((people, 2), jnp.float32),

@@ -60,10 +60,8 @@ class PairFuture:
     @property
     def order(self) -> Array:
         """[..., T] int8: -1 where k walks behind l, towards l who walks away, 1 ahead, else 0."""
-        behind, ahead = (
-            self.towards("k") & self.away("l"),
-            self.away("k") & self.towards("l"),
-        )
+        behind = self.towards("k") & self.away("l")
+        ahead = self.away("k") & self.towards("l")
         return ahead.astype(jnp.int8) - behind.astype(jnp.int8)
 
     def place(self, who: str) -> tuple[Array, Array]:
@@ -72,7 +70,8 @@ class PairFuture:
         While `who` stands these are 0 and False.
         """
         own, other = (self.k, self.l) if who == "k" else (self.l, self.k)
-        v, to = jnp.diff(own, axis=-2), (other - own)[..., 1:, :]
+        v = jnp.diff(own, axis=-2)
+        to = (other - own)[..., 1:, :]
         moves = jnp.linalg.norm(v, axis=-1) > self.speed * self.period
         left = v[..., 0] * to[..., 1] - v[..., 1] * to[..., 0]
         along = (v * to).sum(axis=-1)
@@ -94,10 +93,12 @@ class PairFuture:
 
     def angle_between(self, low: float, high: float) -> Array:
         """[..., T] bool: both walk, and their directions differ by `low` to `high` degrees."""
-        v, w = jnp.diff(self.k, axis=-2), jnp.diff(self.l, axis=-2)
+        v = jnp.diff(self.k, axis=-2)
+        w = jnp.diff(self.l, axis=-2)
         lengths = jnp.linalg.norm(v, axis=-1) * jnp.linalg.norm(w, axis=-1)
         cosine = (v * w).sum(axis=-1)
-        least, most = jnp.cos(jnp.radians(high)), jnp.cos(jnp.radians(low))
+        least = jnp.cos(jnp.radians(high))
+        most = jnp.cos(jnp.radians(low))
         return (cosine >= least * lengths) & (cosine <= most * lengths) & (lengths > 0)
 
     def lasting(self, condition: Array, seconds: float) -> Array:
@@ -110,7 +111,8 @@ class PairFuture:
     @staticmethod
     def turns(sign: Array) -> Array:
         """[..., T] bool: a sign [..., T] is the opposite of its last value that was not 0."""
-        before, reach = _shifted(sign, 1), 1
+        before = _shifted(sign, 1)
+        reach = 1
         while reach < sign.shape[-1]:
             before = jnp.where(before != 0, before, _shifted(before, reach))
             reach *= 2

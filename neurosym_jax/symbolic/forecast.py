@@ -175,7 +175,8 @@ def _checked(
 ) -> tuple[SymbolSettings, Array, np.ndarray | None]:
     """Settings; centred paths [k, N, T + 1, 2] from the last positions observed on; pairs."""
     refuse_masked({"samples": samples, "observed": observed})
-    shape, seen = np.shape(samples), np.shape(observed)
+    shape = np.shape(samples)
+    seen = np.shape(observed)
     if len(shape) != 4 or len(seen) != 3 or shape[1] != seen[0]:
         raise InputError(
             "samples must be [k, N, T, 2] and observed [N, obs_len, 2], not "
@@ -187,7 +188,8 @@ def _checked(
     if isinstance(last, np.ndarray):
         # Far from the origin float32 would lose the differences.
         origin = last.astype(np.float64).mean(axis=0, where=~np.isnan(last))
-        samples, last = samples - origin, last - origin
+        samples = samples - origin
+        last = last - origin
     start = jnp.broadcast_to(jnp.asarray(last, float)[:, None], (*shape[:2], 1, 2))
     if pairs is not None:
         pairs = np.asarray(pairs, int).reshape(-1, 2)
@@ -209,7 +211,8 @@ def _ends(paths: Array, pairs: Array | None) -> tuple[Array, Array, Array]:
 def _forecast(settings: SymbolSettings, paths: Array, pairs: Array | None) -> Array:
     k, l, others = _ends(paths, pairs)
     rows = state_steps(settings, k, l)
-    count, size = rows[0].size, len(settings.states)
+    count = rows[0].size
+    size = len(settings.states)
     first = (size + 1) * jnp.arange(count).reshape(1, *rows.shape[1:])
     counts = jnp.zeros(count * (size + 1)).at[(first + rows).ravel()].add(1)
     counts = counts.reshape(

@@ -175,7 +175,8 @@ def validate(states: ArrayLike) -> np.ndarray:
     states = np.asarray(states)
     before, after = states[:-1], states[1:]
     shared = (before != ABSENT) & (after != ABSENT)
-    p, c = np.where(shared, before, 0), np.where(shared, after, 0)
+    p = np.where(shared, before, 0)
+    c = np.where(shared, after, 0)
     middle = np.where(p * c == -1, 0, c)
     leaving = ((p != 0) & (middle == 0)).any(axis=1, keepdims=True)
     middle = np.where(shared, np.where(leaving & (p == 0), 0, middle), after).astype(
@@ -461,5 +462,6 @@ def _compare(a: Array, b: Array, scale: Array | None, factor: ArrayLike) -> Arra
 
 def _length(x: Array, y: Array) -> Array:
     """[...] length of (x, y), that of (y, x) even if a compiler fuses a product and the sum."""
-    long, short = jnp.maximum(abs(x), abs(y)), jnp.minimum(abs(x), abs(y))
+    long = jnp.maximum(abs(x), abs(y))
+    short = jnp.minimum(abs(x), abs(y))
     return jnp.sqrt(long * long + short * short)

@@ -55,10 +55,8 @@ def soft_symbols(
     """
     side = side_factor(quantisation_factor, convention, side_quantisation_factor)
     thresholds = [quantisation_factor] * 2 + [side] * 2
-    symbols, points = (
-        [],
-        [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)],
-    )
+    symbols = []
+    points = [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)]
     # Filled, so that gradients of what is absent are 0.
     first, second = (jnp.where(jnp.isnan(point), 0, point) for point in points)
     compared = comparisons(
@@ -112,10 +110,8 @@ def _expected_by_zeros(zero: Array) -> Array:
     count = [jnp.ones_like(zero[..., 0])]
     for symbol in range(4):
         p = zero[..., symbol]
-        others, zeros = (
-            [share * (1 - p) for share in count],
-            [share * p for share in count],
-        )
+        others = [share * (1 - p) for share in count]
+        zeros = [share * p for share in count]
         count = [others[0], *(a + b for a, b in zip(others[1:], zeros)), zeros[-1]]
     terms = (share / (3**z + 2 ** (4 - z) - 2) for z, share in enumerate(count))
     return sum(terms, jnp.zeros(()))

@@ -101,7 +101,8 @@ class Weighting(Checked, abc.ABC):
                 raise InputError(
                     f"{self.name} has no parameter {brief(name)}; it has {known}"
                 )
-            shape, expected = list(jnp.shape(value)), list(np.shape(accepted[name]))
+            shape = list(jnp.shape(value))
+            expected = list(np.shape(accepted[name]))
             if shape != expected:
                 raise InputError(
                     f"the parameter {name} of {self.name} is {shape}, not {expected}"
@@ -121,10 +122,8 @@ class Weighting(Checked, abc.ABC):
         self, parameters: Parameters, positions: ArrayLike, *, period: float = 0.4
     ) -> Array:
         """[N, N, T-1] codes of the QTC_C1 states of all ordered pairs of `positions [N, T, 2]`."""
-        positions, thresholds = (
-            jnp.asarray(positions),
-            self.thresholds(parameters, period),
-        )
+        positions = jnp.asarray(positions)
+        thresholds = self.thresholds(parameters, period)
         return encode_state(observe(positions[:, None], positions, **thresholds))
 
     def alpha(
@@ -255,9 +254,9 @@ class Cnd(Weighting):
 def value_of(parameters: Parameters, weighting: Weighting, option: str) -> Any:
     """An option of `weighting`, or its learned value, of which the logarithm is a parameter."""
     name = f"log_{option}"
-    return (
-        jnp.exp(parameters[name]) if name in parameters else getattr(weighting, option)
-    )
+    if name in parameters:
+        return jnp.exp(parameters[name])
+    return getattr(weighting, option)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -274,7 +273,9 @@ class CndShipped(Cnd):
     def state_weights(self) -> np.ndarray:
         """See `Cnd.state_weights`."""
         table = alpha_table("c1", rule="continuity", include_self=True)
-        return table if self.decimals is None else np.round(table, self.decimals)
+        if self.decimals is None:
+            return table
+        return np.round(table, self.decimals)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -319,7 +320,9 @@ class Quantised(Cnd):
 
     def start(self) -> Parameters:
         """`log_speed` [] if learned."""
-        return {"log_speed": np.log(self.speed)} if self.learned else {}
+        if self.learned:
+            return {"log_speed": np.log(self.speed)}
+        return {}
 
     def observed(
         self, parameters: Parameters, positions: Array, valid: Array, period: float
@@ -353,7 +356,9 @@ class Soft(Quantised):
             "log_temperature": np.log(self.temperature),
             "table": self.state_weights(),
         }
-        return {**super().start(), **own, "unobserved": 0.0} if self.learned else {}
+        if self.learned:
+            return {**super().start(), **own, "unobserved": 0.0}
+        return {}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -374,7 +379,8 @@ class Shuffled(Cnd):
     ) -> Array:
         """See `Cnd.observed`."""
         observed = super().observed(parameters, positions, valid, period)
-        others, last = other_pairs(valid), positions[:, -1]
+        others = other_pairs(valid)
+        last = positions[:, -1]
         square_distance = jnp.square(last[:, None] - last[None]).sum(axis=-1)
         order = jnp.argsort(jnp.where(others, square_distance, jnp.inf), axis=1)
         rank = jnp.argsort(order, axis=1)

@@ -96,7 +96,8 @@ def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
     """
     values, counts = np.unique(sizes, return_counts=True)
     below = np.concatenate([[0], np.cumsum(counts)])
-    best, cut = np.zeros(len(values) + 1), np.zeros(len(values) + 1, int)
+    best = np.zeros(len(values) + 1)
+    cut = np.zeros(len(values) + 1, int)
     for end in range(1, len(values) + 1):
         # One class from each possible beginning to `end`, after the best classes before
         # it.
@@ -105,7 +106,8 @@ def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
         costs = best[:end] + pairs + COST_OF_A_CLASS
         cut[end] = costs.argmin()
         best[end] = costs[cut[end]]
-    classes, end = [], len(values)
+    classes = []
+    end = len(values)
     while end:
         classes.append(values[end - 1])
         end = cut[end]
@@ -168,7 +170,8 @@ def split(
 ) -> list[Array]:
     """Cut an axis of `whole [...]` into parts, each of its own shape."""
     ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))[:-1]
-    before, after = merged.shape[:axis], merged.shape[axis + 1 :]
+    before = merged.shape[:axis]
+    after = merged.shape[axis + 1 :]
     parts = jnp.split(merged, ends, axis)
     return [part.reshape(*before, *shape, *after) for part, shape in zip(parts, shapes)]
 
@@ -191,7 +194,8 @@ def _move(groups: Groups, key: Array, recipe: Recipe) -> Groups:
         factor = jax.random.uniform(stretch, total, minval=1 - scale, maxval=1 + scale)
     angle = jnp.where(turned, jax.random.uniform(turn, total, maxval=2 * jnp.pi), 0.0)
     sign = jnp.where(turned, jax.random.rademacher(flip, total, angle.dtype), 1.0)
-    cos, sin = factor * jnp.cos(angle), factor * jnp.sin(angle)
+    cos = factor * jnp.cos(angle)
+    sin = factor * jnp.sin(angle)
     matrix = jnp.stack([cos, -sin * sign, sin, cos * sign], axis=-1).reshape(
         *total, 2, 2
     )
@@ -214,11 +218,13 @@ def _jitter(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     if not recipe.jitter:
         return groups
     size, error = jax.random.split(key)
-    scenes, shapes = _counts(groups), [scene.observed.shape for scene in groups]
+    scenes = _counts(groups)
+    shapes = [scene.observed.shape for scene in groups]
     # One draw for all groups: each draw adds a second of compiling to the step.
     errors = jax.random.normal(error, (sum(map(math.prod, shapes)),))
     per_scene = (sum(count for (count,) in scenes), 1, 1, 1)
-    if clean := recipe.clean_share:
+    clean = recipe.clean_share
+    if clean:
         level = jax.random.uniform(size, per_scene, minval=-clean / (1 - clean))
         deviations = recipe.jitter * jnp.maximum(level, 0)
     else:
@@ -240,7 +246,8 @@ def _single_agents(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     if not recipe.single_agent_share:
         return groups
     choose, who = jax.random.split(key)
-    scenes, shapes = _counts(groups), [scene.valid.shape for scene in groups]
+    scenes = _counts(groups)
+    shapes = [scene.valid.shape for scene in groups]
     total = (sum(count for (count,) in scenes),)
     alone = jax.random.uniform(choose, total) < recipe.single_agent_share
     lots = jax.random.uniform(who, (sum(map(math.prod, shapes)),))

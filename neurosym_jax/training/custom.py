@@ -112,7 +112,8 @@ def scene_losses(
     Raises:
         InputError: for a loss that returns no single number.
     """
-    total, scenes_with_people = jnp.zeros(()), jnp.zeros(())
+    total = jnp.zeros(())
+    scenes_with_people = jnp.zeros(())
     groups = forecaster.groups_of(batch)
     for scenes, futures in batch_samples(forecaster, params, groups, key, recipe):
         values = jax.vmap(loss, in_axes=(1, 0))(futures, scenes)

@@ -208,10 +208,12 @@ def train_run(
         TrainingError: when numbers are not finite again after steps were made smaller;
             the best state stays on disk as a model.
     """
-    recipe, record = run.recipe, record_of(run)
+    recipe = run.recipe
+    record = record_of(run)
     files = RunFiles(run, folder, record)
     with sole_writer(folder), Progress(recipe.steps, PROGRAMS, quiet=quiet) as progress:
-        batches, advice = make_batches(run.validation), Advice(run)
+        batches = make_batches(run.validation)
+        advice = Advice(run)
         session = _begin(run, folder, record if resume else None)
         files.begin(session.rows)
         if session.rows and not files.finished:
@@ -247,7 +249,8 @@ def train_run(
             session = with_row(
                 session, session.state, validated(session.state, {"step": 0})
             )
-        good, done = session, int(session.state.step)
+        good = session
+        done = int(session.state.step)
         advance = (run.slower() if session.is_slower else run).rounds()
         if not is_over(run, session.rows, done):
             files.unfinish()
@@ -261,13 +264,15 @@ def train_run(
             validates = count == to_validation or row["step"] == recipe.steps
             if validates and np.isfinite([*row.values()]).all():
                 row = validated(state, row)
-            if bad := [
+            bad = [
                 f"{name} {value}"
                 for name, value in row.items()
                 if not np.isfinite(value)
-            ]:
+            ]
+            if bad:
                 session = good = _slower(good, run, folder, done, ", ".join(bad))
-                done, advance = int(session.state.step), run.slower().rounds()
+                done = int(session.state.step)
+                advance = run.slower().rounds()
                 files.begin(session.rows)
                 continue
             session = with_row(session, state, row)

@@ -172,11 +172,9 @@ class _Recording:
 
         `gap` seconds on both sides belong to neither part.
         """
-        before, after, half = (
-            first - gap - self.step / 2,
-            last + gap + self.step / 2,
-            self.step / 2,
-        )
+        before = first - gap - self.step / 2
+        after = last + gap + self.step / 2
+        half = self.step / 2
         stamp = self.tracks.stamp
         outside = self.tracks.take((stamp < before) | (stamp > after))
         within = self.tracks.take((stamp > first - half) & (stamp < last + half))
@@ -213,7 +211,8 @@ _Parts = list[tuple[Tracks | None, Tracks | None]]
 
 def _last_parts(recordings: Sequence[_Recording]) -> _Parts:
     """The last windows of each recording are kept; of several short ones, every fifth recording."""
-    parts, short = _Parts(), list[_Recording]()
+    parts = _Parts()
+    short = list[_Recording]()
     for recording in recordings:
         first = recording.begin[_last(len(recording.begin))]
         gap = recording.window + recording.step
@@ -235,7 +234,8 @@ def _last_parts(recordings: Sequence[_Recording]) -> _Parts:
 
 def _halves(recording: _Recording) -> tuple[Tracks, Tracks]:
     """Two parts of one short recording, without a gap."""
-    begin, length = recording.begin, recording.window + recording.step
+    begin = recording.begin
+    length = recording.window + recording.step
     later = begin[begin > begin[0] + length - recording.step / 2]
     if not len(later):
         raise InputError(
@@ -258,7 +258,8 @@ def _fold(recordings: Sequence[_Recording], fold: str) -> _Parts:
         number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count) > 1
     ):
         raise InputError(f"fold: K/N, such as 1/5 for the first of five, not {fold!r}")
-    at, total = int(number) - 1, int(count)
+    at = int(number) - 1
+    total = int(count)
     if len(recordings) >= total:
         return [
             (None, recording.tracks)
@@ -273,7 +274,8 @@ def _fold(recordings: Sequence[_Recording], fold: str) -> _Parts:
             raise InputError(
                 f"fold {fold}: {recording.tracks.recording} has too few windows"
             )
-        last, gap = begin[-1] + recording.window, recording.window + recording.step
+        last = begin[-1] + recording.window
+        gap = recording.window + recording.step
         parts.append(recording.parted(begin[0], last, gap)[:2])
     return parts
 

@@ -108,7 +108,8 @@ def make_config(
     config = changed(
         dataclasses.replace(configs[model], **lengths), changes, "config", model
     )
-    if (other := forecaster_of(config).model) != model:
+    other = forecaster_of(config).model
+    if other != model:
         raise InputError(f"model {model!r}: {', '.join(changes)} makes it {other!r}")
     return config
 
@@ -228,7 +229,8 @@ class Run:
         modules = self.forecaster.shapes()
         paths = (path for path, _ in jax.tree.leaves_with_path(modules))
         known = {getattr(entry, "key", None) for path in paths for entry in path}
-        if unknown := [name for name in self.recipe.freeze if name not in known]:
+        unknown = [name for name in self.recipe.freeze if name not in known]
+        if unknown:
             there = ", ".join(modules.get("params", modules))
             raise InputError(f"freeze: no module {unknown[0]!r} in {there}")
 
@@ -391,7 +393,8 @@ def model_card(
     )
     settings |= {name: facts[name] for name in ("parameters", "code")}
     settings["plugins"] = ", ".join(facts["plugins"])
-    if (share := facts["validation"].get("val_neighbour_share")) is not None:
+    share = facts["validation"].get("val_neighbour_share")
+    if share is not None:
         settings["people whom their neighbours change"] = (
             f"{100 * share:.1f} %, in validation"
         )
@@ -478,7 +481,9 @@ def is_over(run: Run, rows: Sequence[Row], done: int) -> bool:
 def _waited(rows: Sequence[Row]) -> int:
     """Validations since the best one."""
     validated = [row for row in rows if "val_score" in row]
-    return len(validated) - 1 - validated.index(best_row(rows)) if validated else 0
+    if validated:
+        return len(validated) - 1 - validated.index(best_row(rows))
+    return 0
 
 
 class Advice:
@@ -487,7 +492,8 @@ class Advice:
     def __init__(self, run: Run):
         """Look at the windows that are validated on."""
         self._run, self._given = run, set[str]()
-        if (people := run.validation.agents) < FEW:
+        people = run.validation.agents
+        if people < FEW:
             self._give(
                 f"validation has {people} people in windows: below {FEW} its errors say little, "
                 "and the best state is chosen half by chance; validate on more"
@@ -586,7 +592,9 @@ class RunFiles:
 
     def model(self, params: Any, best: Row) -> Model:
         """The model with these parameters, and its origin, that of the initial model included."""
-        run, init, data = self._run, self._run.init, licences_of(self._run.data)
+        run = self._run
+        init = self._run.init
+        data = licences_of(self._run.data)
         if init is not None:
             data = {**(init.data or {"the initial model's": "unstated"}), **data}
         return Model(

@@ -200,11 +200,9 @@ def clipping(recipe: Recipe) -> optax.GradientTransformation:
 
 def warmup_of(recipe: Any) -> int:
     """Steps in which the learning rate rises, as they are done."""
-    return (
-        min(recipe.warmup_steps, recipe.steps // 2)
-        if recipe.schedule == "cosine"
-        else 0
-    )
+    if recipe.schedule == "cosine":
+        return min(recipe.warmup_steps, recipe.steps // 2)
+    return 0
 
 
 def _optimizer(recipe: Recipe) -> optax.GradientTransformation:
@@ -268,7 +266,8 @@ def variety_loss(
 
     The batch is augmented; every scene gets its own noise. Consumes `key`.
     """
-    total, people = jnp.zeros(()), jnp.zeros(())
+    total = jnp.zeros(())
+    people = jnp.zeros(())
     for scenes, futures in batch_samples(forecaster, params, groups, key, recipe):
         distance = safe_root(jnp.square(futures - scenes.known_future[None]).sum(-1))
         error = distance.mean(-1) + recipe.fde_weight * distance[..., -1]  # [k, B, N]
@@ -285,7 +284,8 @@ def batch_samples(
     Consumes `key`.
     """
     move_key, noise_key = jax.random.split(key)
-    samples, spec = forecaster.best_of(recipe), forecaster.noise
+    samples = forecaster.best_of(recipe)
+    spec = forecaster.noise
     for number, scenes in enumerate(augment(groups, move_key, recipe)):
         scenes = jax.tree.map(jnp.asarray, scenes)
         slots = scenes.valid.shape if spec.per_agent else scenes.valid.shape[:1]
@@ -421,4 +421,6 @@ def _steps(folder: Path) -> list[Path]:
 
 
 def _reason(error: Exception) -> str:
-    return str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+    if str(error):
+        return str(error).splitlines()[0][:200]
+    return type(error).__name__

@@ -188,10 +188,8 @@ def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]
     """
     parts = {}
     for dataset in [dataset for name, dataset in runs if name == model]:
-        model_runs, reference_runs = (
-            runs[model, dataset],
-            runs.get((reference, dataset), {}),
-        )
+        model_runs = runs[model, dataset]
+        reference_runs = runs.get((reference, dataset), {})
         seeds = sorted(model_runs.keys() & reference_runs.keys())
         if not seeds:
             raise InputError(
@@ -218,7 +216,9 @@ def _cell(row: dict[str, Any]) -> str:
     if not np.isfinite(low):
         return f"{row['difference']:+.3f} (too few blocks of scenes)".replace("-", "−")
     text = f"{row['difference']:+.3f} ({low:+.3f} to {high:+.3f})".replace("-", "−")
-    return f"**{text}**" if row["seeds"] >= ENOUGH and (low > 0 or high < 0) else text
+    if row["seeds"] >= ENOUGH and (low > 0 or high < 0):
+        return f"**{text}**"
+    return text
 
 
 # Sweeps: many trainings, one test of all models, and a report that compares them.
@@ -264,7 +264,8 @@ class SweepRun(NamedTuple):
                 }
                 for x in (text, self.options)
             )
-            if changes := "; ".join(differences_between(before, now)):
+            changes = "; ".join(differences_between(before, now))
+            if changes:
                 raise InputError(
                     f"{recipe}: the run had other options: {changes}: choose another "
                     f"{option('out')}"

@@ -417,20 +417,24 @@ def _is_seen(table: Table, role: str, at: int) -> np.ndarray:
     Raises:
         InputError: for a word or number whose meaning is not known.
     """
-    words, texts = vocabulary(), table.words(at)
+    words = vocabulary()
+    texts = table.words(at)
     numbers = texts.cast(pl.Float64, strict=False)
     if role == "confidence":
         if (numbers < 0).fill_null(False).all():
             return np.ones(len(texts), bool)  # -1 everywhere: unknown
         return (numbers > 0).fill_null(texts.is_in(YES)).to_numpy()
-    seen, unseen = texts.is_in(words["seen"]), texts.is_in(words["unseen"])
+    seen = texts.is_in(words["seen"])
+    unseen = texts.is_in(words["unseen"])
     yes = texts.is_in(YES) | (numbers == 1).fill_null(False)
     no = texts.is_in(NO) | absent(texts) | (numbers == 0).fill_null(False)
     if role == "lost":
-        seen, unseen = seen | no, unseen | yes
+        seen = seen | no
+        unseen = unseen | yes
     elif role == "valid":
         share = (numbers > 0) & (numbers < 1)
-        seen, unseen = seen | yes | share.fill_null(False), unseen | no
+        seen = seen | yes | share.fill_null(False)
+        unseen = unseen | no
     others = texts.filter(~(seen | unseen)).unique(maintain_order=True).head(4)
     if len(others):
         column = column_name(table, at)
@@ -450,7 +454,8 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
     columns (there may be millions) whose texts say so; numbers, and kinds in a file
     beside, count only where no texts do, and names of rows or of people are no kinds.
     """
-    people, others = vocabulary()["people"], vocabulary()["others"]
+    people = vocabulary()["people"]
+    others = vocabulary()["others"]
     kinds = [kind.lower() for kind in keep]
     if "label" in schema.declared:
         columns = {schema.places["label"]: table.words(schema.places["label"])}

@@ -141,7 +141,8 @@ def table_of(data: Any) -> Table:
         columns = {str(name): np.asarray(values) for name, values in data.items()}
         return columns_table(FRAME, columns)
     if _is_pedpy(data):
-        facts, data = {"fps": str(float(data.frame_rate))}, data.data
+        facts = {"fps": str(float(data.frame_rate))}
+        data = data.data
     elif _is_moving(data):
         frames = (track.df for track in getattr(data, "trajectories", [data]))
         timed = [frame.rename_axis(index="t").reset_index() for frame in frames]
@@ -193,7 +194,8 @@ def array_columns(path: Path, array: np.ndarray) -> dict[str, np.ndarray]:
             f"{path}: {list(array.shape)} {array.dtype} is no recording: rows [R, 4] of frame, "
             "id, x, y, or positions [T, N, 2] are; `make_tracks` takes stamps, ids and positions"
         )
-    first, second = _bend_along(array, 0), _bend_along(array, 1)
+    first = _bend_along(array, 0)
+    second = _bend_along(array, 1)
     if SMOOTHER * min(first, second) > max(first, second):
         raise InputError(
             f"{path}: positions {list(array.shape)}: which axis is time? `make_tracks` says it"

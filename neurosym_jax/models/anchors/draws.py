@@ -111,7 +111,8 @@ def couple(
     up_to = jnp.triu(jnp.ones(table.shape[-2:]))
     # Whoever depends on nobody has no turn.
     bound = table.any(axis=(1, 2, 3))
-    turns, number = jnp.argsort(~bound), bound.sum()
+    turns = jnp.argsort(~bound)
+    number = bound.sum()
 
     def sweep(round: Array, chosen: Array) -> Array:
         lots = _lots(jax.random.fold_in(key, round), agents, count, even)
@@ -233,7 +234,8 @@ def _overlaps(points: Array, near: Array) -> Array:
             for place in (step[0], step[1])
         )
         then_x, then_y = before or (x, y)
-        dx, dy = then_x - x, then_y - y
+        dx = then_x - x
+        dy = then_y - y
         back = -(x * dx + y * dy) / (dx * dx + dy * dy + 1e-12)
         back = jnp.clip(back, 0, 1)
         least = jnp.minimum(

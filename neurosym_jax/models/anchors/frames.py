@@ -38,7 +38,8 @@ def heading_of(velocity: Array, slow: float) -> Array:
 def turned(vector: Array, heading: Array, sign: int) -> Array:
     """`vector [..., 2]` rotated by the angle of `heading [..., 2]`; with sign -1 rotated back."""
     x, y = vector[..., 0], vector[..., 1]
-    cos, sin = heading[..., 0], sign * heading[..., 1]
+    cos = heading[..., 0]
+    sin = sign * heading[..., 1]
     return jnp.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
@@ -75,20 +76,23 @@ def pair_features(
     the pair's bearing, motion, closest approach and speeds, its QTC_C1 symbols at two
     steps, or all of these.
     """
-    position, number = observed[:, -1], jnp.arange(valid.shape[0])
+    position = observed[:, -1]
+    number = jnp.arange(valid.shape[0])
 
     def seen(values: Array) -> Array:
         return values[near]  # None adds an axis.
 
     offset = seen(position) - position[:, None]
-    distance, features = length(offset), []
+    distance = length(offset)
+    features = []
     if config.geometry:
         pace = velocity / config.period
         bearing = turned(offset, heading[:, None], -1)
         relative = seen(pace) - pace[:, None]
         motion = turned(relative, heading[:, None], -1)
         soon, miss = closest_approach(bearing, motion, 0.05, LONGEST)
-        close, speed = 1 / jnp.maximum(distance, 1), length(pace)
+        close = 1 / jnp.maximum(distance, 1)
+        speed = length(pace)
         other_speed = jnp.broadcast_to(seen(speed), distance.shape)
         # Equal without `near`, but a copy of the rows would change the last bits of a
         # training.

@@ -46,10 +46,12 @@ class AnchorStream:
 
     def batch(self, step: int) -> tuple[Scene, np.ndarray]:
         """Scenes `[B, slots, ...]`, and the index [B] of the crowd that each is merged into."""
-        recipe, rng = self._recipe, np.random.default_rng([self._recipe.seed, step])
+        recipe = self._recipe
+        rng = np.random.default_rng([self._recipe.seed, step])
         slots, members = self._classes[rng.choice(len(self._classes), p=self._shares)]
         count = max(1, min(recipe.batch_scenes, recipe.batch_people // slots))
-        chosen, focus = rng.choice(members, count), np.zeros(count)
+        chosen = rng.choice(members, count)
+        focus = np.zeros(count)
         sizes = self._windows.sizes[chosen]
         if sizes.max() > slots:
             focus = rng.random(count)
@@ -145,7 +147,8 @@ def personal_energy(points: Array, future: Array) -> Array:
     square = jnp.diagonal(product, axis1=1, axis2=2)
     square_gap = square[:, :, None] + square[:, None] - 2 * product
     # Smooth at 0: points may meet each other and the truth.
-    error, spread = jnp.sqrt(square + 1e-6), jnp.sqrt(jnp.maximum(square_gap, 0) + 1e-6)
+    error = jnp.sqrt(square + 1e-6)
+    spread = jnp.sqrt(jnp.maximum(square_gap, 0) + 1e-6)
     return (error.mean(1) - spread.mean((1, 2)) / 2) / jnp.sqrt(steps)
 
 

@@ -164,7 +164,8 @@ def remember(
         person: [n] int32; nothing is remembered of a negative one.
         time: [n] seconds.
     """
-    rows, index = len(memory.person), jnp.arange(len(kernels))
+    rows = len(memory.person)
+    index = jnp.arange(len(kernels))
 
     def add(number: Array, memory: Memory) -> Memory:
         seen = moment[number]

@@ -38,7 +38,8 @@ class Remembered(NamedTuple):
         future = self.future.reshape(-1, parts, *self.future.shape[1:])[:, part]
         share = self.share.reshape(-1, parts, self.share.shape[1])[:, part]
         # Each part has the whole share, where it has a point of the memory.
-        whole, total = self.share.sum(axis=0), share.sum(axis=0)
+        whole = self.share.sum(axis=0)
+        total = share.sum(axis=0)
         share = share * whole / jnp.maximum(total, 1e-9)
         rest = (1 - share.sum(axis=0)) / len(points)
         own = jnp.broadcast_to(rest, (len(points), len(rest)))

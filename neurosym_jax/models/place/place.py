@@ -299,7 +299,8 @@ class Place:
     def _remember(self, number: int) -> None:
         """Remember the moments whose way on ends with step `number`."""
         config = self.model.config
-        least, most = memories.STRIDE + 1, BEFORE
+        least = memories.STRIDE + 1
+        most = BEFORE
         tracks = self._followed.tracks(
             number, least + config.pred_len, most + config.pred_len
         )

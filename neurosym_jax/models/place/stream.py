@@ -39,7 +39,8 @@ class Steps:
         self, time: float, ids: np.ndarray, position: np.ndarray
     ) -> Iterator[Step]:
         """The steps up to a frame, `ids [N]` at `position [N, 2]`, after all others."""
-        before, frame = self.last, Step(0, time, ids, position)
+        before = self.last
+        frame = Step(0, time, ids, position)
         self.last = frame
         if before is None or time - before.time > LOST * self.period:
             # Two numbers further on, nobody's track continues.

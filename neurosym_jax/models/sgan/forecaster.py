@@ -52,10 +52,8 @@ class GeneratorForecaster(TwoStageForecaster):
     @property
     def variant(self) -> str:
         """The model, its pooling and weighting."""
-        pooling, weighting = (
-            POOLINGS.name_of(self.config.pooling),
-            self.config.weighting,
-        )
+        pooling = POOLINGS.name_of(self.config.pooling)
+        weighting = self.config.weighting
         if weighting is None:
             return f"sgan_{pooling}"
         return f"neurosym_{pooling.removeprefix('neurosym_')}_{weighting.name}"
@@ -73,7 +71,9 @@ class GeneratorForecaster(TwoStageForecaster):
     def unfit(self) -> str:
         """See `pooling.NO_FORECAST`."""
         rows = "alpha_rows" in self.config.pooling.inputs
-        return f"{POOLINGS.name_of(self.config.pooling)} {NO_FORECAST}" if rows else ""
+        if rows:
+            return f"{POOLINGS.name_of(self.config.pooling)} {NO_FORECAST}"
+        return ""
 
     def init(self, key: Array) -> Any:
         """See `Forecaster.init`."""
@@ -109,7 +109,9 @@ class GeneratorForecaster(TwoStageForecaster):
 
     def encode(self, params: Any, scene: Scene) -> Any:
         """Context `[N, C]`, see `encode_scene`."""
-        return encode_scene(self.config, params, scene) if self.config.pools else ()
+        if self.config.pools:
+            return encode_scene(self.config, params, scene)
+        return ()
 
     def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
         """See `TwoStageForecaster.decode`."""

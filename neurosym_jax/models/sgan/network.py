@@ -209,7 +209,9 @@ class Generator(nn.Module):
             context = jnp.concatenate(
                 [context, self.pool(context, scene, alpha)], axis=-1
             )
-        return self.context_mlp(context) if self.config.needs_context_mlp else context
+        if self.config.needs_context_mlp:
+            return self.context_mlp(context)
+        return context
 
     def pool(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
         """The vectors `[N, B]` that `interact` adds to `context`; the config must pool."""
@@ -419,7 +421,8 @@ def interact_scene(
 
     `method` is the generator's `interact`, or its `pool` for the pooled vectors.
     """
-    weigh, alpha = _weighting(config, params), scene.alpha
+    weigh = _weighting(config, params)
+    alpha = scene.alpha
     if alpha is None and weigh is not None:
         alpha = weigh(jnp.asarray(scene.observed), jnp.asarray(scene.valid))
     return Generator(config).apply(params, hidden, scene, alpha, method=method)

@@ -86,14 +86,17 @@ def tanh(x: Array) -> Array:
     if x.dtype != jnp.float32:
         return jnp.tanh(x)
     x = jnp.clip(x, -8.2, 8.2)
-    square, numerator, denominator = x * x, 1.4903334e-08, 8.3964648e-07
+    square = x * x
+    numerator = 1.4903334e-08
+    denominator = 8.3964648e-07
     for a, b in (
         (2.1683279e-05, 3.3910569e-04),
         (3.5595330e-03, 2.6119196e-02),
         (1.3434543e-01, 4.6767871e-01),
         (1.0, 1.0),
     ):
-        numerator, denominator = numerator * square + a, denominator * square + b
+        numerator = numerator * square + a
+        denominator = denominator * square + b
     return x * numerator / denominator
 
 
@@ -466,7 +469,9 @@ def _varying_alike(arrays: Any) -> Any:
 
     def varying(leaf: Array) -> Array:
         missing = every_axis - _varying_axes(leaf)
-        return jax.lax.pcast(leaf, tuple(missing), to="varying") if missing else leaf
+        if missing:
+            return jax.lax.pcast(leaf, tuple(missing), to="varying")
+        return leaf
 
     return jax.tree.map(varying, arrays)
 

@@ -80,7 +80,8 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
         )
         shapes = jax.eval_shape(Discriminator(config).init, *inputs)
     else:
-        pooling, forecaster = config.pooling, GeneratorForecaster(config)
+        pooling = config.pooling
+        forecaster = GeneratorForecaster(config)
         shapes = forecaster.shapes()
         # Some networks that the released code lacks have the arrays of another.
         later = config.pool_every_timestep and config.symbolic

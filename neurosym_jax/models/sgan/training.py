@@ -228,7 +228,8 @@ def generator_loss(
         ]
     futures = decode(generator, contexts, groups, chosen)
     variety = variety_loss(recipe, groups, [future[:best] for future in futures])
-    terms, total = {"g_variety": variety}, recipe.variety_weight * variety
+    terms = {"g_variety": variety}
+    total = recipe.variety_weight * variety
     if recipe.adversarial_weight:
         last = [future[-1] for future in futures]
         scores = merge(_scores(recipe, discriminator, groups, last))
@@ -463,7 +464,8 @@ def init_state(
         params = init_gentle_pooling(params)
     if not recipe.adversarial_weight:
         return new_state(recipe, params)
-    network, observed = Discriminator(recipe.discriminator), jnp.zeros((1, 1, 2))
+    network = Discriminator(recipe.discriminator)
+    observed = jnp.zeros((1, 1, 2))
     discriminator = network.init(
         discriminator_key, observed, observed, jnp.ones(1, bool)
     )
@@ -532,7 +534,8 @@ def train_step(
     if not recipe.adversarial_weight:
         batch = jax.tree.map(lambda leaf: leaf[-1], batches)
         return _loss_step(forecaster, recipe, state, batch, key)
-    config, earlier = forecaster.config, recipe.discriminator_steps - 1
+    config = forecaster.config
+    earlier = recipe.discriminator_steps - 1
     keys = jax.random.split(key, 7 + 4 * earlier)
 
     def drawn(batch: int, keys: Array, samples: int) -> Drawn:
@@ -600,7 +603,9 @@ def draw_batch(
 
 
 def _scale_of(recipe: GeneratorRecipe) -> Callable[[Any], Any]:
-    return scale_pooling_updates if recipe.gentle_pooling else lambda moves: moves
+    if recipe.gentle_pooling:
+        return scale_pooling_updates
+    return lambda moves: moves
 
 
 def learn(
