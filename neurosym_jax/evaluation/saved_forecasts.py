@@ -70,14 +70,13 @@ def write_trajnet(
     """
     points, scenes = _official(test) or _of_windows(test)
     truth = target.with_stem(f"{target.stem}_truth")
-    listed = [seen.scene for seen in scenes]
-    with new_file(truth) as beside:
-        rows = (
-            _track(frame, person, xy) for (frame, person), xy in sorted(points.items())
-        )
-        beside.write_text(_lines(map(_scene, listed)) + _lines(rows), encoding="utf-8")
+    header = _lines([_scene(seen.scene) for seen in scenes])
+    with new_file(truth) as beside, beside.open("w", encoding="utf-8") as file:
+        file.write(header)
+        for (frame, person), xy in sorted(points.items()):
+            file.write(_lines([_track(frame, person, xy)]))
     with new_file(target) as beside, beside.open("w", encoding="utf-8") as file:
-        file.write(_lines(map(_scene, listed)))
+        file.write(header)
         for seen, futures in _forecasts(model, test, scenes, samples, seed):
             file.write(_lines(_predictions(seen, futures)))
     return truth
@@ -94,34 +93,40 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
     if not listed or abs(windows.period - 1 / listed[0].fps) > 0.01 * windows.period:
         return None
     (tracks,) = Trajnet().read(path, AS_IT_SAYS, PERIOD)
-    frames = np.rint(tracks.stamp * (reading.rate or 1)).astype(int)
-    rows = zip(frames.tolist(), tracks.id.tolist(), tracks.position)
-    points = {(frame, person): position for frame, person, position in rows}
-    step = round(windows.period * (reading.rate or 1))
+    rate = reading.rate or 1
+    frames = np.rint(tracks.stamp * rate).astype(int)
+    keys = zip(frames.tolist(), tracks.id.tolist())
+    points = dict(zip(keys, tracks.position))
     people_at: dict[int, list[int]] = {}
     for frame, person in points:
         people_at.setdefault(frame, []).append(person)
-    obs_len, pred_len = test.test_set.obs_len, test.test_set.pred_len
+
+    obs_len = test.test_set.obs_len
+    pred_len = test.test_set.pred_len
     scenes = []
     for scene in listed:
-        steps = np.arange(scene.start, scene.end + 1, step)
-        past, future = steps[:-pred_len], steps[-pred_len:]
+        steps = np.arange(scene.start, scene.end + 1, round(windows.period * rate))
+        past, future = steps[:-pred_len].tolist(), steps[-pred_len:]
         if len(past) < obs_len:
             raise InputError(
                 f"{path}: scene {scene.id} has {len(steps)} steps, not {obs_len} + {pred_len}"
             )
-        seen: set[int] = set()
-        for frame in past.tolist():
-            seen.update(people_at.get(frame, ()))
-        people = [scene.person, *sorted(seen - {scene.person})]
-        nothing = np.full(2, np.nan)
-        walks = []
-        for person in people:
-            walk = [points.get((frame, person), nothing) for frame in past.tolist()]
-            walks.append(_filled(np.array(walk))[-obs_len:])
-        observed = np.stack(walks)
-        scenes.append(ObservedScene(scene, np.array(people), observed, future))
+        neighbours: set[int] = set()
+        for frame in past:
+            neighbours.update(people_at.get(frame, ()))
+        people = [scene.person, *sorted(neighbours - {scene.person})]
+        observed = [_observed(points, past, person)[-obs_len:] for person in people]
+        seen = ObservedScene(scene, np.array(people), np.stack(observed), future)
+        scenes.append(seen)
     return points, scenes
+
+
+def _observed(points: Points, frames: list[int], person: int) -> np.ndarray:
+    """[T, 2] positions of a person in frames, see `_filled`."""
+    path = np.full((len(frames), 2), np.nan)
+    for row, frame in enumerate(frames):
+        path[row] = points.get((frame, person), np.nan)
+    return _filled(path)
 
 
 def _filled(path: np.ndarray) -> np.ndarray:
@@ -130,17 +135,20 @@ def _filled(path: np.ndarray) -> np.ndarray:
     Raises:
         InputError: for a path without a point.
     """
-    steps, (seen,) = np.arange(len(path)), np.nonzero(np.isfinite(path[:, 0]))
+    steps = np.arange(len(path))
+    seen = np.flatnonzero(np.isfinite(path[:, 0]))
     if not len(seen):
         raise InputError("a scene's primary person is not seen at any observed step")
-    filled = np.stack(
-        [np.interp(steps, seen, path[seen, axis]) for axis in range(2)], axis=1
-    )
-    if len(seen) > 1:
-        for end, inner in ((seen[0], seen[1]), (seen[-1], seen[-2])):
-            velocity = (path[end] - path[inner]) / (end - inner)
-            outside = steps < end if end < inner else steps > end
-            filled[outside] += velocity * (steps[outside, None] - end)
+    x, y = path[seen].T
+    filled = np.column_stack([np.interp(steps, seen, x), np.interp(steps, seen, y)])
+    if len(seen) == 1:
+        return filled
+    before = steps < seen[0]
+    after = steps > seen[-1]
+    ends = ((before, seen[0], seen[1]), (after, seen[-1], seen[-2]))
+    for outside, end, inner in ends:
+        velocity = (path[end] - path[inner]) / (end - inner)
+        filled[outside] += velocity * (steps[outside, None] - end)
     return filled
 
 
@@ -154,37 +162,37 @@ def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
     renumbered = rate is None
     # TrajNet++'s people are numbers.
     is_named = renumbered or windows.agent.dtype.kind == "U"
-    last = windows.identity[:, 1].astype(int) + windows.obs_len - 1
-    last = last if renumbered else np.rint(last_frames(windows)).astype(int)
-    stride = 1 if renumbered else round(rate * windows.period)
+    if rate is None:
+        last = windows.identity[:, 1].astype(int) + windows.obs_len - 1
+        stride = 1
+    else:
+        last = np.rint(last_frames(windows)).astype(int)
+        stride = round(rate * windows.period)
+    step = stride * np.arange(1 - windows.obs_len, steps - windows.obs_len + 1)
+    fps = round(1 / windows.period, 6)
     shift = 0
-    numbers = {}
+    numbers: dict[tuple[str, int], int] = {}
     points: Points = {}
     scenes = []
     for name in dict.fromkeys(names.tolist()):
-        members = np.flatnonzero(names == name)
-        for at in members:
+        for at in np.flatnonzero(names == name):
             rows = slice(*windows.bounds[at : at + 2])
-            frames = last[at] + shift + stride * np.arange(1 - windows.obs_len, 1)
-            future = frames[-1] + stride * np.arange(1, steps - windows.obs_len + 1)
+            frames = last[at] + shift + step
             people = windows.agent[rows]
             if is_named:
-                keys = ((name, person) for person in people.tolist())
-                people = np.array(
-                    [numbers.setdefault(key, len(numbers)) for key in keys]
-                )
+                keys = [(name, person) for person in people.tolist()]
+                people = [numbers.setdefault(key, len(numbers)) for key in keys]
+                people = np.array(people)
             for person, path in zip(people.tolist(), windows.position[rows]):
-                points |= {
-                    (frame, person): xy
-                    for frame, xy in zip([*frames.tolist(), *future.tolist()], path)
-                }
-            ends = int(frames[0]), int(future[-1])
-            fps = round(1 / windows.period, 6)
-            tag = [0, []]
-            scene = OfficialScene(int(at), int(people[0]), *ends, fps, tag)
+                for frame, xy in zip(frames.tolist(), path):
+                    points[frame, person] = xy
+            start, end = int(frames[0]), int(frames[-1])
+            scene = OfficialScene(int(at), int(people[0]), start, end, fps, [0, []])
             observed = windows.position[rows, : windows.obs_len]
+            future = frames[windows.obs_len :]
             scenes.append(ObservedScene(scene, people, observed, future))
-        shift = max(frame for frame, _ in points) + 1 if renumbered else 0
+        if renumbered:
+            shift = max(frame for frame, _ in points) + 1
     return points, scenes
 
 
@@ -195,15 +203,17 @@ def _forecasts(
 
     The noise is that of the windows where the scenes are these.
     """
-    bounds = np.cumsum([0, *(len(seen.people) for seen in scenes)])
-    name = test.windows.reading[0].recording
-    own = len(scenes) == test.windows.scenes and (bounds == test.windows.bounds).all()
-    starts = np.array([seen.scene.id for seen in scenes])
+    sizes = [len(seen.people) for seen in scenes]
+    bounds = np.append(0, np.cumsum(sizes))
+    identity = test.windows.identity
+    if not np.array_equal(bounds, test.windows.bounds):
+        numbers = np.array([seen.scene.id for seen in scenes])
+        identity = scene_identity(test.windows.reading[0].recording, numbers)
     windows = Windows(
         np.concatenate([seen.observed for seen in scenes]),
         np.concatenate([seen.people for seen in scenes]),
         bounds,
-        test.windows.identity if own else scene_identity(name, starts),
+        identity,
         test.test_set.obs_len,
         test.windows.period,
     )
@@ -212,8 +222,10 @@ def _forecasts(
     )
     for number, seen in enumerate(scenes):
         own_samples = futures[:, slice(*bounds[number : number + 2])]
-        if likely is not None:  # The evaluator takes number 0 for the best guess.
-            own_samples = own_samples[np.argsort(-likely[:, number], kind="stable")]
+        if likely is not None:
+            # The evaluator takes number 0 for the best guess.
+            order = np.argsort(-likely[:, number], kind="stable")
+            own_samples = own_samples[order]
         yield seen, own_samples
 
 
@@ -222,7 +234,8 @@ def _predictions(seen: ObservedScene, samples: np.ndarray) -> Iterator[dict[str,
         for person, path in zip(seen.people.tolist(), sample):
             for frame, xy in zip(seen.frames.tolist(), path):
                 row = _track(frame, person, xy)
-                row["track"] |= {"prediction_number": number, "scene_id": seen.scene.id}
+                row["track"]["prediction_number"] = number
+                row["track"]["scene_id"] = seen.scene.id
                 yield row
 
 
@@ -233,9 +246,10 @@ def _track(frame: int, person: int, xy: np.ndarray) -> dict[str, Any]:
 
 def _scene(scene: OfficialScene) -> dict[str, Any]:
     names = {"person": "p", "start": "s", "end": "e"}
-    return {
-        "scene": {names.get(key, key): value for key, value in scene._asdict().items()}
-    }
+    fields = {}
+    for key, value in scene._asdict().items():
+        fields[names.get(key, key)] = value
+    return {"scene": fields}
 
 
 def _lines(rows: Any) -> str:
@@ -283,33 +297,39 @@ def save_forecasts(
     were replaced.
     """
     check_forecasts_file(path)
-    entries = [(test, *entry) for test in tests for entry in test.entries]
+    is_only = sum(len(test.entries) for test in tests) == 1
     paths: list[Path] = []
-    for test, checkpoint, model in entries:
-        name = Path(checkpoint or model.family).name.removesuffix(".pt")
-        parts = [
-            path.stem,
-            test.test_set.dataset,
-            test.test_set.obs_len,
-            test.test_set.pred_len,
-        ]
-        stem = "_".join(map(str, [*parts, re.sub(r"[^\w.+-]+", "_", name)]))
-        target = path.with_name(stem + path.suffix) if len(entries) > 1 else path
-        while target in paths:
-            target = target.with_stem(f"{target.stem}_")
-        paths.append(target)
-        if path.suffix.lower() == ".ndjson":
-            paths.append(write_trajnet(target, model, test, samples, seed))
-            continue
-        arrays = forecasts_of(model, test, samples, seed)
-        for name in ("samples", "truth", "observed"):
-            arrays[name] = np.round(arrays[name], DECIMALS)
-        with new_file(target) as beside:
-            if path.suffix.lower() == ".nc":
-                to_xarray(**arrays).to_netcdf(beside, engine="scipy")
+    for test in tests:
+        for checkpoint, model in test.entries:
+            target = path if is_only else _path_beside(path, test, checkpoint, model)
+            while target in paths:
+                target = target.with_stem(f"{target.stem}_")
+            paths.append(target)
+            if path.suffix.lower() == ".ndjson":
+                paths.append(write_trajnet(target, model, test, samples, seed))
             else:
-                np.savez_compressed(beside, **arrays)
+                _write_arrays(target, forecasts_of(model, test, samples, seed))
     return paths
+
+
+def _path_beside(path: Path, test: Test, checkpoint: str | None, model: Model) -> Path:
+    """`path` with the names of a test set and of a model."""
+    model_name = Path(checkpoint or model.family).name.removesuffix(".pt")
+    model_name = re.sub(r"[^\w.+-]+", "_", model_name)
+    kind = test.test_set
+    stem = f"{path.stem}_{kind.dataset}_{kind.obs_len}_{kind.pred_len}_{model_name}"
+    return path.with_name(stem + path.suffix)
+
+
+def _write_arrays(path: Path, arrays: dict[str, Any]) -> None:
+    """Write `forecasts_of` as .npz or .nc, by the ending."""
+    for name in ("samples", "truth", "observed"):
+        arrays[name] = np.round(arrays[name], DECIMALS)
+    with new_file(path) as beside:
+        if path.suffix.lower() == ".nc":
+            to_xarray(**arrays).to_netcdf(beside, engine="scipy")
+        else:
+            np.savez_compressed(beside, **arrays)
 
 
 def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> dict[str, Any]:
@@ -322,16 +342,17 @@ def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> dict[str,
         and `start`, the index of the first step; `period` in seconds; and, where
         samples have them, `probabilities` [k, A].
     """
-    windows, obs_len, forecaster = test.windows, test.windows.obs_len, model.forecaster
-    samples = forecaster.count(samples)
-    numbers = 2.0 * samples * windows.agents * forecaster.pred_len
+    windows = test.windows
+    obs_len = windows.obs_len
+    samples = model.forecaster.count(samples)
+    numbers = 2.0 * samples * windows.agents * model.forecaster.pred_len
     refuse_beyond_memory("saving forecasts", 24 * numbers, "ask for fewer samples")
     with ThreadPoolExecutor(cpu_cores()) as pool:
         futures, likely = forecast_windows(
             model, windows, test.batches, samples, seed, pool.map
         )
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
-    return {
+    arrays = {
         "samples": futures,
         "truth": windows.position[:, obs_len:],
         "observed": windows.position[:, :obs_len],
@@ -341,8 +362,10 @@ def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> dict[str,
         "recordings": recording_names(windows)[scene],
         "start": windows.identity[scene, 1].astype(np.int64),
         "period": windows.period,
-        **({} if likely is None else {"probabilities": likely[:, scene]}),
     }
+    if likely is not None:
+        arrays["probabilities"] = likely[:, scene]
+    return arrays
 
 
 def to_xarray(samples: ArrayLike, *, period: float = 0.4, **arrays: ArrayLike) -> Any:
@@ -360,18 +383,15 @@ def to_xarray(samples: ArrayLike, *, period: float = 0.4, **arrays: ArrayLike) -
     Raises:
         InputError: where xarray is not installed.
     """
-    values = {
-        name: np.asarray(array)
-        for name, array in {"samples": samples, **arrays}.items()
-    }
-    variables: dict[str, Any] = {
-        name: (DIMENSIONS.get(name, ("agent",))[: array.ndim], array)
-        for name, array in values.items()
-    }
+    variables: dict[str, Any] = {}
+    for name, values in {"samples": samples, **arrays}.items():
+        values = np.asarray(values)
+        dimensions = DIMENSIONS.get(name, ("agent",))
+        variables[name] = (dimensions[: values.ndim], values)
     variables["xy"] = ["x", "y"]
-    variables["time"] = period * np.arange(1, values["samples"].shape[2] + 1)
-    if "observed" in values:
-        variables["past"] = period * np.arange(1 - values["observed"].shape[1], 1)
+    variables["time"] = period * np.arange(1, np.shape(samples)[2] + 1)
+    if "observed" in arrays:
+        variables["past"] = period * np.arange(1 - np.shape(arrays["observed"])[1], 1)
     dataset = _xarray().Dataset(variables, attrs={"units": "metres", "period": period})
     return dataset.set_coords(arrays.keys() - DIMENSIONS.keys())
 

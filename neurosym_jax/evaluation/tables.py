@@ -3,6 +3,7 @@
 import itertools
 import re
 import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import PurePath
 from typing import Any, Literal, NamedTuple
@@ -39,9 +40,15 @@ __all__ = [
 # Tables as text, in Markdown and in aligned columns for a terminal; and foreign names
 # in them.
 
-LATEX = {**{sign: f"\\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}"}
-LATEX |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"}
-MARKDOWN = {sign: f"\\{sign}" for sign in "\\`*[]"} | {
+LATEX = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "±": r"$\pm$",
+}
+MARKDOWN = {
+    **{sign: f"\\{sign}" for sign in "\\`*[]"},
     "<": "&lt;",
     ">": "&gt;",
     "&": "&amp;",
@@ -85,14 +92,21 @@ def aligned_table(rows: Sequence[Sequence[str]]) -> str:
 
     Characters that steer a terminal are escaped.
     """
-    rows = [list(map(printable, row)) for row in rows]
+    rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    lines = []
+    for row in rows:
+        cells = map(str.ljust, row, widths)
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
 
 
 def _line(cells: Sequence[str]) -> str:
-    texts = (" ".join(cell.split()).replace("|", r"\|") for cell in cells)
-    return f"|{'|'.join(f' {text} ' if text else ' ' for text in texts)}|"
+    texts = []
+    for cell in cells:
+        text = " ".join(cell.split()).replace("|", r"\|")
+        texts.append(f" {text} " if text else " ")
+    return f"|{'|'.join(texts)}|"
 
 
 # Lines of tables: a model on a test set, by one training or several; and means over
@@ -152,23 +166,21 @@ def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
     paths = list(dict.fromkeys(path for _, path in models if path))
     short = dict(zip(paths, unique_suffixes([PurePath(path) for path in paths])))
     names = [name for name, _ in models]
-    return [
-        f"{name} {short[path]}" if path and names.count(name) > 1 else name
-        for name, path in models
-    ]
+    texts = []
+    for name, path in models:
+        if path and names.count(name) > 1:
+            name = f"{name} {short[path]}"
+        texts.append(name)
+    return texts
 
 
 def unique_suffixes(paths: Sequence[PurePath]) -> list[str]:
     """The shortest ends of all paths that tell them apart, without the parts that all end with."""
     parts = [path.parts for path in dict.fromkeys(paths)]
-    while (
-        len(parts) > 1
-        and len({path[-1:] for path in parts}) == 1
-        and min(map(len, parts)) > 1
-    ):
+    while len(parts) > 1 and _end_alike(parts):
         parts = [path[:-1] for path in parts]
     longest = max(map(len, parts), default=0)
-    unique = list(map(str, paths))
+    unique = [str(path) for path in paths]
     for size in range(1, longest + 1):
         ends = ["/".join(path[-size:]) for path in parts]
         if len(set(ends)) == len(parts):
@@ -178,20 +190,26 @@ def unique_suffixes(paths: Sequence[PurePath]) -> list[str]:
     return [suffixes[path] for path in paths]
 
 
+def _end_alike(parts: Sequence[tuple[str, ...]]) -> bool:
+    """Whether paths have one last part, and others before it."""
+    ends = {path[-1:] for path in parts}
+    return len(ends) == 1 and min(map(len, parts)) > 1
+
+
 def short_names(names: Iterable[str]) -> dict[str, str]:
     """Labels by name for narrow tables: CV for constant velocity, and without options.
 
     Names that would be the same stay as they are.
     """
-    short = {
-        name: re.sub(r",\S+", "", name.replace("constant velocity", "CV"))
-        for name in names
-    }
-    brief = list(short.values())
-    return {
-        name: label if brief.count(label) == 1 else name
-        for name, label in short.items()
-    }
+    short = {}
+    for name in names:
+        label = name.replace("constant velocity", "CV")
+        short[name] = re.sub(r",\S+", "", label)
+    counts = Counter(short.values())
+    for name, label in short.items():
+        if counts[label] > 1:
+            short[name] = name
+    return short
 
 
 def first_trainings(rows: Sequence[Mapping[str, Any]]) -> list[int]:
@@ -227,18 +245,17 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     metrics = [name for name in rows.columns if f"{name}_low" in rows.columns]
     by_metric = []
     for name in metrics:
-        values = [
-            _optional(rows, f"{name}{end}", pl.Float64).alias(value)
-            for value, end in ends.items()
-        ]
-        by_metric.append(
-            rows.select(
-                pl.col("training_seed", "configuration", "checkpoint", "line"),
-                pl.col("latency", "forecasts_per_second", *FACTS),
-                *values,
-                metric=pl.lit(name),
-            )
+        values = []
+        for value, end in ends.items():
+            column = _optional(rows, f"{name}{end}", pl.Float64)
+            values.append(column.alias(value))
+        table = rows.select(
+            pl.col("training_seed", "configuration", "checkpoint", "line"),
+            pl.col("latency", "forecasts_per_second", *FACTS),
+            *values,
+            metric=pl.lit(name),
         )
+        by_metric.append(table)
     long = pl.concat(by_metric)
     lines = long.group_by("line", "metric", maintain_order=True).agg(
         pl.col("configuration", *FACTS, *ends).first(),
@@ -253,7 +270,9 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     values = []
     for line in lines.to_dicts():
         line["checkpoint"] = _pattern(line.pop("paths"))
-        values.append(_over_trainings(line) if line["trainings"] > 1 else line)
+        if line["trainings"] > 1:
+            line = _over_trainings(line)
+        values.append(line)
     schema = {**lines.drop("paths").schema, "checkpoint": pl.String}
     return pl.DataFrame(values, schema=schema).sort("line", maintain_order=True)
 
@@ -269,7 +288,10 @@ def _pattern(paths: Sequence[str | None]) -> str | None:
     known = [PurePath(path).parts for path in paths if path is not None]
     if len({len(parts) for parts in known}) != 1:
         return None
-    shared = [part[0] if len(set(part)) == 1 else "*" for part in zip(*known)]
+    shared = []
+    for first, *others in zip(*known):
+        is_shared = all(part == first for part in others)
+        shared.append(first if is_shared else "*")
     return str(PurePath(*shared))
 
 
@@ -294,11 +316,10 @@ def _means(lines: pl.DataFrame) -> Iterator[dict[str, Any]]:
         columns = ("model", "configuration", "family", "metric")
         for _, sets in peers.group_by(columns, maintain_order=True):
             if len(names) > 1 and sets["dataset"].to_list() == names:
-                number = len(lines) + sets["line"][0]
-                yield _mean(sets) | {
-                    "line": number,
-                    "dataset": f"mean of {', '.join(names)}",
-                }
+                mean = _mean(sets)
+                mean["line"] = len(lines) + sets["line"][0]
+                mean["dataset"] = f"mean of {', '.join(names)}"
+                yield mean
 
 
 def _mean(sets: pl.DataFrame) -> dict[str, Any]:
@@ -307,27 +328,28 @@ def _mean(sets: pl.DataFrame) -> dict[str, Any]:
     path = line.pop("family") or None
     trainings = line["trainings"]
     means = sets["mean"].to_list()
-    line |= dict.fromkeys(
-        ("mean", "low", "high", "std", "p", "scenes", "agents", "blocks")
-    )
+    is_known = None not in means
+    unknown = ("mean", "low", "high", "std", "p", "scenes", "agents", "blocks")
+    line |= dict.fromkeys(unknown)
     line |= {"sets": len(sets), "checkpoint": path, "trainings": 1}
-    line |= {"latency": sets["latency"].max()}
+    line["latency"] = sets["latency"].max()
     line["forecasts_per_second"] = sets["forecasts_per_second"].min()
-    if trainings > 1 and all(
-        seeds == line["trained"] for seeds in sets["trained"].to_list()
-    ):
+    same_seeds = all(seeds == line["trained"] for seeds in sets["trained"].to_list())
+    if trainings > 1 and same_seeds:
         # Trainings of one seed are not independent of each other, so they are averaged
         # first.
-        averages = (
-            [] if None in means else np.mean(sets["means"].to_list(), axis=0).tolist()
-        )
+        averages = []
+        if is_known:
+            averages = np.mean(sets["means"].to_list(), axis=0).tolist()
         line = _over_trainings(line | {"means": averages, "trainings": trainings})
         return line | {"means": means}
     line["means"] = means
-    if None not in means:
-        line["mean"] = mean = float(np.mean(means))
+    if is_known:
+        mean = float(np.mean(means))
+        line["mean"] = mean
         if sets["low"].null_count() == 0:
-            half = float(np.linalg.norm((sets["high"] - sets["low"]) / 2)) / len(sets)
+            halves = (sets["high"] - sets["low"]) / 2
+            half = float(np.linalg.norm(halves)) / len(sets)
             line |= {"low": mean - half, "high": mean + half}
     return line
 
@@ -336,17 +358,17 @@ def _tested(means: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Lines of means over test sets, with the p values of their paired tests over the sets."""
     groups: dict[Any, list[dict[str, Any]]] = {}
     for line in means:
-        groups.setdefault(
-            (line["dataset"], *map(line.get, HORIZON), line["metric"]), []
-        ).append(line)
+        test = [line[column] for column in ("dataset", *HORIZON, "metric")]
+        groups.setdefault(tuple(test), []).append(line)
     for (*_, metric), group in groups.items():
 
         def p_value(best: int, other: int, group: Any = group) -> float:
-            return student_p(np.subtract(group[best]["means"], group[other]["means"]))
+            changes = np.subtract(group[best]["means"], group[other]["means"])
+            return student_p(changes)
 
         higher = known_metric(metric).higher_is_better
-        p_values = against_best([line["mean"] for line in group], higher, p_value)
-        for line, p in zip(group, p_values):
+        values = [line["mean"] for line in group]
+        for line, p in zip(group, against_best(values, higher, p_value)):
             line["p"] = p
     return means
 
@@ -398,12 +420,13 @@ def format_table(
         whole: whether text has columns that do not fit in further tables, and a table
             of means.
     """
-    lines = summarise(rows).with_columns(
-        pl.col("dataset", "model", "checkpoint").map_elements(printable, pl.String)
-    )
+    names = pl.col("dataset", "model", "checkpoint")
+    lines = summarise(rows)
+    lines = lines.with_columns(names.map_elements(printable, pl.String))
     if style == "text":
         visible = lines if whole else lines.filter(pl.col("sets") == 1)
-        return "\n".join([_text_tables(visible, width, whole), *_notes(lines)])
+        tables = _text_tables(visible, width, whole)
+        return "\n".join([tables, *_notes(lines)])
     if style == "latex":
         return _latex_table(lines, intervals)
     if style == "csv":
@@ -418,56 +441,79 @@ def _text_tables(lines: pl.DataFrame, width: int | None, whole: bool) -> str:
     texts = []
     for metrics, members in _by_test_set(lines):
         facts = members[0].facts
-        counts = f", {facts['scenes']} scenes, {facts['agents']} people" * (
-            facts["sets"] == 1
-        )
-        title = [
-            f"{facts['dataset']}: {facts['obs_len']} + {facts['pred_len']} steps{counts}"
-        ]
+        title = _test_title(facts)
+        if facts["sets"] == 1:
+            title += f", {facts['scenes']} scenes, {facts['agents']} people"
+        texts.append(title)
         models, *rest = _columns(metrics, members)
         while rest:
-            taken = [models]
-            left = width - len(models[0])
-            for column in list(rest):
-                # At least one column, however narrow the terminal is.
-                if len(column[0]) + 2 <= left or len(taken) == 1:
-                    taken.append(column)
-                    rest.remove(column)
-                    left -= len(column[0]) + 2
-            texts.append("\n".join([*title, aligned_table(list(zip(*taken))), ""]))
-            title = []
-            rest = rest if whole else []
+            taken, rest = _that_fit(rest, width - len(models[0]))
+            table = aligned_table(list(zip(models, *taken)))
+            texts.append(f"{table}\n")
+            if not whole:
+                break
     return "\n".join(texts)
+
+
+def _test_title(facts: Mapping[str, Any]) -> str:
+    return f"{facts['dataset']}: {facts['obs_len']} + {facts['pred_len']} steps"
+
+
+def _that_fit(
+    columns: Sequence[list[str]], width: int
+) -> tuple[list[list[str]], list[list[str]]]:
+    """The columns that fit into `width` letters with two blanks before each, and the others.
+
+    At least one column fits, however narrow the terminal is.
+    """
+    taken, others = [], []
+    for column in columns:
+        letters = len(column[0]) + 2
+        if letters <= width or not taken:
+            taken.append(column)
+            width -= letters
+        else:
+            others.append(column)
+    return taken, others
 
 
 def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[list[str]]:
     """Cells of equal width of each column, two rows of head first."""
     columns = []
     for name, metric in metrics.items():
-        column_cells = [line.cells[name] for line in members]
-        unmarked = " " if any(cell.best for cell in column_cells) else ""
-        cells = [
-            cell.mean + cell.half + ("*" if cell.best else unmarked)
-            for cell in column_cells
-        ]
-        first, _, rest = metric.title.partition(" ")
-        columns.append([first, rest, *cells] if rest else ["", first, *cells])
-    heads = (("", "k"), ("forecasts", "a second"), ("latency", "in ms"))
-    facts = [
-        (
-            line.facts["samples"],
-            _rounded(line.facts["forecasts_per_second"], 0),
-            _rounded(line.facts["latency"], 1, 1000),
-        )
-        for line in members
-    ]
-    columns += [[*head, *map(str, cells)] for head, cells in zip(heads, zip(*facts))]
+        above, below = _heads(metric)
+        cells = _marked([line.cells[name] for line in members])
+        columns.append([above, below, *cells])
+    samples = ["", "k"]
+    rates = ["forecasts", "a second"]
+    latencies = ["latency", "in ms"]
+    for line in members:
+        samples.append(str(line.facts["samples"]))
+        rates.append(_rounded(line.facts["forecasts_per_second"], 0))
+        latencies.append(_rounded(line.facts["latency"], 1, 1000))
     right = []
-    for column in columns:
+    for column in (*columns, samples, rates, latencies):
         width = max(map(len, column))
         right.append([cell.rjust(width) for cell in column])
     models = ["", "model", *(line.label for line in members)]
-    return [[cell.ljust(max(map(len, models))) for cell in models], *right]
+    width = max(map(len, models))
+    return [[cell.ljust(width) for cell in models], *right]
+
+
+def _heads(metric: Metric) -> tuple[str, str]:
+    """The two rows of the head of a metric's column."""
+    first, _, rest = metric.title.partition(" ")
+    return (first, rest) if rest else ("", first)
+
+
+def _marked(cells: Sequence[Cell]) -> list[str]:
+    """The texts of cells, with `*` behind the best, and a blank behind others then."""
+    no_mark = " " if any(cell.best for cell in cells) else ""
+    texts = []
+    for cell in cells:
+        mark = "*" if cell.best else no_mark
+        texts.append(cell.mean + cell.half + mark)
+    return texts
 
 
 def _rounded(value: float | None, decimals: int, scale: float = 1) -> str:
@@ -504,74 +550,72 @@ def _csv_table(lines: pl.DataFrame) -> str:
 def _markdown_table(lines: pl.DataFrame) -> str:
     """Means with 95 % intervals; the significantly best is bold."""
     metrics = _metrics(lines)
-    heads = [
-        metric.title if metric.unit == "share" else metric.label
-        for metric in metrics.values()
-    ]
+    heads = []
+    for metric in metrics.values():
+        heads.append(metric.title if metric.unit == "share" else metric.label)
     body = []
     for _, members in _by_test_set(lines):
         for label, facts, cells in members:
-            names = map(markdown_text, (facts["dataset"], label))
-            values = [_bold(cells[name]) for name in metrics]
-            body.append([*names, str(facts["samples"]), *values])
+            dataset = markdown_text(facts["dataset"])
+            row = [dataset, markdown_text(label), str(facts["samples"])]
+            for name in metrics:
+                mean, interval, _, best = cells[name]
+                text = f"**{mean}**" if best else mean
+                row.append(text + interval)
+            body.append(row)
     return markdown_table(["", "", "k", *heads], body, right=len(heads) + 1)
-
-
-def _bold(cell: Cell) -> str:
-    return (f"**{cell.mean}**" if cell.best else cell.mean) + cell.interval
 
 
 def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
     """A `tabular` of booktabs for one column of a paper: the significantly best mean is bold."""
     metrics = _metrics(lines)
     tests = [members for _, members in _by_test_set(lines)]
-    titles = [metric.title.partition(" ") for metric in metrics.values()]
     above, below = ["", ""], ["", "$k$"]
-    for first, parts in itertools.groupby(
-        titles, lambda title: title[0] if title[2] else ""
-    ):
-        rests = [rest or word for word, _, rest in parts]
-        above.append(rf"\multicolumn{{{len(rests)}}}{{c}}{{{latex_text(first)}}}")
-        below += map(latex_text, rests)
-    lines_of_all = itertools.chain.from_iterable(tests)
-    short = short_names(line.label for line in lines_of_all)
+    heads = [_heads(metric) for metric in metrics.values()]
+    for title, group in itertools.groupby(heads, lambda head: head[0]):
+        rests = [latex_text(rest) for _, rest in group]
+        above.append(rf"\multicolumn{{{len(rests)}}}{{c}}{{{latex_text(title)}}}")
+        below += rests
+    all_lines = itertools.chain.from_iterable(tests)
+    short = short_names(line.label for line in all_lines)
     rows = []
     for members in tests:
         facts = members[0].facts
-        title = latex_text(
-            f"{facts['dataset']}, {facts['obs_len']} + {facts['pred_len']} steps"
-        )
-        rows += [
-            r"\midrule",
-            rf"\multicolumn{{{len(below)}}}{{l}}{{\emph{{{title}}}}} \\",
-        ]
-        for label, facts, cells_by_metric in members:
-            cells = [latex_text(short[label]), str(facts["samples"])]
-            for mean, interval, _, best in map(cells_by_metric.__getitem__, metrics):
-                text = rf"\textbf{{{latex_text(mean)}}}" if best else latex_text(mean)
-                cells.append(
-                    text
-                    + rf"{{\scriptsize{interval}}}" * (intervals and bool(interval))
-                )
-            rows.append(" & ".join(cells) + r" \\")
-    named = [f"{brief}: {name}" for name, brief in short.items() if brief != name]
-    units = ["errors in metres"] * any(
-        metric.unit == "m" for metric in metrics.values()
-    )
-    return "\n".join(
-        [
-            r"% \usepackage{booktabs}",
-            *(f"% {note}" for note in [*named, *units, *_notes(lines, intervals)]),
-            r"\begingroup\footnotesize\setlength{\tabcolsep}{3pt}",
-            rf"\begin{{tabular}}{{@{{}}l{'r' * (len(below) - 1)}@{{}}}}",
-            r"\toprule",
-            " & ".join(above) + r" \\",
-            " & ".join(below) + r" \\",
-            *rows,
-            r"\bottomrule",
-            r"\end{tabular}\endgroup",
-        ]
-    )
+        steps = f"{facts['obs_len']} + {facts['pred_len']} steps"
+        title = latex_text(f"{facts['dataset']}, {steps}")
+        rows.append(r"\midrule")
+        rows.append(rf"\multicolumn{{{len(below)}}}{{l}}{{\emph{{{title}}}}} \\")
+        for label, facts, cells in members:
+            row = [latex_text(short[label]), str(facts["samples"])]
+            row += [_latex_cell(cells[name], intervals) for name in metrics]
+            rows.append(" & ".join(row) + r" \\")
+    notes = [f"{brief}: {name}" for name, brief in short.items() if brief != name]
+    if any(metric.unit == "m" for metric in metrics.values()):
+        notes.append("errors in metres")
+    notes += _notes(lines, intervals)
+    table = [
+        r"% \usepackage{booktabs}",
+        *(f"% {note}" for note in notes),
+        r"\begingroup\footnotesize\setlength{\tabcolsep}{3pt}",
+        rf"\begin{{tabular}}{{@{{}}l{'r' * (len(below) - 1)}@{{}}}}",
+        r"\toprule",
+        " & ".join(above) + r" \\",
+        " & ".join(below) + r" \\",
+        *rows,
+        r"\bottomrule",
+        r"\end{tabular}\endgroup",
+    ]
+    return "\n".join(table)
+
+
+def _latex_cell(cell: Cell, intervals: bool) -> str:
+    """The mean, bold where it is the best, with the interval if there is one."""
+    text = latex_text(cell.mean)
+    if cell.best:
+        text = rf"\textbf{{{text}}}"
+    if intervals and cell.interval:
+        text += rf"{{\scriptsize{cell.interval}}}"
+    return text
 
 
 def _cell(metric: Metric, value: Mapping[str, Any]) -> Cell:
@@ -580,38 +624,33 @@ def _cell(metric: Metric, value: Mapping[str, Any]) -> Cell:
         return Cell()
     mean = metric.text(value["mean"])
     if value["low"] is None:
-        few = value["sets"] == 1 and value["blocks"] < FEWEST
-        return Cell(mean, " [too few blocks]" * few)
-    low, high = (metric.text(value[end]).split(" ")[0] for end in ("low", "high"))
-    half = f" ±{(value['high'] - value['low']) / 2:.3f}".replace("±0.", "±.")
-    return Cell(
-        mean, f" [{low}, {high}]", half * (metric.unit in ("", "m")), value["best"]
-    )
+        is_few = value["sets"] == 1 and value["blocks"] < FEWEST
+        return Cell(mean, " [too few blocks]" if is_few else "")
+    low, _, _ = metric.text(value["low"]).partition(" ")
+    high, _, _ = metric.text(value["high"]).partition(" ")
+    half = ""
+    if metric.unit in ("", "m"):
+        number = (value["high"] - value["low"]) / 2
+        half = f" ±{number:.3f}".replace("±0.", "±.")
+    return Cell(mean, f" [{low}, {high}]", half, value["best"])
 
 
 def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
     """Explanations below a table for a terminal or, given whether it has `intervals`, a paper."""
     notes = [metric.about for metric in _metrics(lines).values()]
-    single = (
-        lines.filter(pl.col("trainings") == 1)["blocks"]
-        .drop_nulls()
-        .unique()
-        .sort()
-        .to_list()
-    )
-    if single and intervals is not False:
+    single = lines.filter(pl.col("trainings") == 1)["blocks"].drop_nulls()
+    if len(single) and intervals is not False:
         interval = "[ ]: 95 % interval" if intervals else "±: half of a 95 % interval"
-        number = f"{single[0]}" if len(single) == 1 else f"{single[0]} to {single[-1]}"
+        least, most = single.min(), single.max()
+        number = f"{least}" if least == most else f"{least} to {most}"
         notes.append(f"{interval} by Student's t over {number} blocks of scenes")
-        if single[0] < FEWEST:
+        if (single < FEWEST).any():
             notes.append(
                 f"fewer than {FEWEST} blocks say nothing: no interval, no test"
             )
-    counts = (
-        lines.filter(pl.col("trainings") > 1)["trainings"].unique().sort().to_list()
-    )
-    if counts:
-        number = ", ".join(map(str, counts))
+    several = lines.filter(pl.col("trainings") > 1)["trainings"].unique()
+    if len(several):
+        number = ", ".join(map(str, several.sort()))
         notes.append(f"{number} trainings: Student's interval of their mean instead")
     if lines["best"].any():
         mark = "*" if intervals is None else "bold"
@@ -623,29 +662,26 @@ def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
 
 def _by_test_set(lines: pl.DataFrame) -> Iterator[tuple[dict[str, Metric], list[Line]]]:
     """The metrics that have a value on each test set, and its lines."""
-    for _, rows in lines.group_by(
-        "dataset", "obs_len", "pred_len", maintain_order=True
-    ):
-        groups = [
-            line.to_dicts() for _, line in rows.group_by("line", maintain_order=True)
-        ]
+    for _, rows in lines.group_by("dataset", *HORIZON, maintain_order=True):
+        groups = []
+        for _, line in rows.group_by("line", maintain_order=True):
+            groups.append(line.to_dicts())
         names = labels([(first["model"], first["checkpoint"]) for first, *_ in groups])
         members = []
-        for name, values in zip(names, groups):
+        for label, values in zip(names, groups):
             facts = values[0]
-            trainings = facts["trainings"]
-            label = name + f" ({trainings} trainings)" * (trainings > 1)
-            cells = {
-                value["metric"]: _cell(known_metric(value["metric"]), value)
-                for value in values
-            }
+            if facts["trainings"] > 1:
+                label += f" ({facts['trainings']} trainings)"
+            cells = {}
+            for value in values:
+                metric = known_metric(value["metric"])
+                cells[value["metric"]] = _cell(metric, value)
             members.append(Line(label, facts, cells))
         yield _metrics(rows), members
 
 
 def _metrics(lines: pl.DataFrame) -> dict[str, Metric]:
     """The metrics of which some line has a value."""
-    names = lines.filter(pl.col("mean").is_not_null())["metric"].unique(
-        maintain_order=True
-    )
+    counted = lines.filter(pl.col("mean").is_not_null())
+    names = counted["metric"].unique(maintain_order=True)
     return {name: known_metric(name) for name in names}

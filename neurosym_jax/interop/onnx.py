@@ -9,7 +9,8 @@ all integers are int32; a product of booleans is one of floats.
 """
 
 import ast
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -64,18 +65,19 @@ def to_onnx(
         for name, argument in arguments.items():
             graph.declare_sizes(name, argument.shape)
         results = graph.translate(closed.jaxpr, closed.consts, list(arguments))
-    infos = [graph.info(name, argument) for name, argument in arguments.items()]
-    named = [
-        graph.info(name, var.aval) for name, var in zip(outputs, closed.jaxpr.outvars)
-    ]
     for name, result in zip(outputs, results):
-        graph.add("Identity", [graph.name(result)], name=name)
-    body = onnx.helper.make_graph(
-        graph.nodes, "forecast", infos, named, graph.constants
+        graph.add("Identity", result, name=name)
+    make = onnx.helper
+    body = make.make_graph(
+        graph.nodes,
+        "forecast",
+        graph.infos(arguments, arguments.values()),
+        graph.infos(outputs, (var.aval for var in closed.jaxpr.outvars)),
+        graph.constants,
     )
-    opset = onnx.helper.make_opsetid("", OPSET)
-    model = onnx.helper.make_model(body, opset_imports=[opset], ir_version=IR_VERSION)
-    onnx.helper.set_model_props(model, dict(properties))
+    opset = make.make_opsetid("", OPSET)
+    model = make.make_model(body, opset_imports=[opset], ir_version=IR_VERSION)
+    make.set_model_props(model, dict(properties))
     onnx.checker.check_model(model, full_check=True)
     return model.SerializeToString()
 
@@ -88,56 +90,59 @@ class _Graph:
     """
 
     def __init__(self, onnx: Any, outer: "_Graph | None" = None):
-        self.onnx, self.nodes = onnx, []
-        self.constants = [] if outer is None else outer.constants
-        self.numbers = [0] if outer is None else outer.numbers
-        self.sizes: dict[str, str] = {} if outer is None else outer.sizes
+        self.onnx = onnx
+        self.nodes = []
+        self.constants = []
+        self.numbers = itertools.count(1)
+        self.sizes: dict[str, str] = {}
+        if outer is not None:
+            self.constants = outer.constants
+            self.numbers = outer.numbers
+            self.sizes = outer.sizes
 
     # -- writing
     # ---------------------------------------------------------------------------------
 
     def add(
-        self, operator: str, inputs: list[str], name: str = "", **attributes: Any
+        self, operator: str, *values: Any, name: str = "", **attributes: Any
     ) -> str:
         """Add a node with one result; return its name."""
-        return self.add_many(operator, inputs, [name or self.fresh()], **attributes)[0]
+        inputs = [self.name(value) for value in values]
+        name = name or self.fresh()
+        self.add_many(operator, inputs, [name], **attributes)
+        return name
 
     def add_many(
         self, operator: str, inputs: list[str], names: list[str], **attributes: Any
     ) -> list[str]:
         """Add a node with results called `names`."""
-        self.nodes.append(
-            self.onnx.helper.make_node(operator, inputs, names, **attributes)
-        )
+        node = self.onnx.helper.make_node(operator, inputs, names, **attributes)
+        self.nodes.append(node)
         return names
 
     def fresh(self) -> str:
         """A new name."""
-        self.numbers[0] += 1
-        return f"v{self.numbers[0]}"
+        return f"v{next(self.numbers)}"
 
     def name(self, value: Any) -> str:
         """The name of a value; an array becomes a constant of the model."""
         if isinstance(value, str):
             return value
         array = np.asarray(value)
-        name = self.fresh()
-        kind = _kind(array.dtype)
-        array = np.ascontiguousarray(array.astype(kind)).reshape(array.shape)
-        self.constants.append(self.onnx.numpy_helper.from_array(array, name))
-        return name
+        return self._constant(array.astype(_kind(array.dtype), order="C"))
 
     def integers(self, *values: int) -> str:
         """The constant [len(values)] int64, as operators take axes and shapes."""
+        return self._constant(np.array(values, np.int64))
+
+    def _constant(self, array: np.ndarray) -> str:
         name = self.fresh()
-        self.constants.append(
-            self.onnx.numpy_helper.from_array(np.array(values, np.int64), name)
-        )
+        self.constants.append(self.onnx.numpy_helper.from_array(array, name))
         return name
 
     def number(self, value: int) -> str:
         """The constant [] int64."""
-        return self.add("Squeeze", [self.integers(value)])
+        return self.add("Squeeze", self.integers(value))
 
     def element_type(self, dtype: Any) -> int:
         """ONNX's number of a type."""
@@ -145,14 +150,17 @@ class _Graph:
 
     def cast(self, value: Any, dtype: Any) -> str:
         """The value as another type."""
-        return self.add("Cast", [self.name(value)], to=self.element_type(dtype))
+        return self.add("Cast", value, to=self.element_type(dtype))
 
-    def info(self, name: str, aval: Any) -> Any:
-        """Declaration of an input or output."""
-        dims = [size if isinstance(size, int) else str(size) for size in aval.shape]
-        return self.onnx.helper.make_tensor_value_info(
-            name, self.element_type(aval.dtype), dims
-        )
+    def infos(self, names: Iterable[str], avals: Iterable[Any]) -> list[Any]:
+        """Declarations of inputs or outputs."""
+        infos = []
+        for name, aval in zip(names, avals):
+            kind = self.element_type(aval.dtype)
+            dims = [size if isinstance(size, int) else str(size) for size in aval.shape]
+            info = self.onnx.helper.make_tensor_value_info(name, kind, dims)
+            infos.append(info)
+        return infos
 
     # -- sizes
     # -----------------------------------------------------------------------------------
@@ -161,7 +169,7 @@ class _Graph:
         """Know the symbols among the sizes of an argument."""
         for axis, size in enumerate(shape):
             if not isinstance(size, int) and str(size) not in self.sizes:
-                shape_name = self.add("Shape", [argument], start=axis, end=axis + 1)
+                shape_name = self.add("Shape", argument, start=axis, end=axis + 1)
                 self.sizes[str(size)] = shape_name
 
     def size(self, size: Any) -> str:
@@ -176,43 +184,35 @@ class _Graph:
             case ast.Constant(value=int(value)):
                 return self.integers(value)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return self.add("Neg", [self._polynomial(operand)])
+                return self.add("Neg", self._polynomial(operand))
             case ast.Name(id=name) if name in self.sizes:
                 return self.sizes[name]
             case ast.BinOp(left=left, op=op, right=right) if type(op) in operators:
                 parts = [self._polynomial(left), self._polynomial(right)]
-                return self.add(operators[type(op)], parts)
+                return self.add(operators[type(op)], *parts)
         raise InputError(f"ONNX: the size {ast.unparse(term)} has no translation")
 
     def shape(self, sizes: Sequence[Any]) -> str:
         """The name of a shape [rank] int64."""
         if all(isinstance(size, int) for size in sizes):
             return self.integers(*sizes)
-        return self.add("Concat", [self.size(size) for size in sizes], axis=0)
+        return self.add("Concat", *[self.size(size) for size in sizes], axis=0)
 
     def reshape(self, value: Any, sizes: Sequence[Any]) -> str:
         """The value in another shape; one symbol among its sizes is left to ONNX to find."""
-        free = [not isinstance(size, int) for size in sizes]
-        if sum(free) == 1 and 0 not in sizes:
-            shape = self.integers(
-                *(-1 if unknown else size for size, unknown in zip(sizes, free))
-            )
+        numbers = [size if isinstance(size, int) else -1 for size in sizes]
+        if numbers.count(-1) == 1 and 0 not in numbers:
+            shape = self.integers(*numbers)
         else:
             shape = self.shape(sizes)
-        return self.add("Reshape", [self.name(value), shape])
+        return self.add("Reshape", value, shape)
 
     def slice(
         self, value: Any, axes: Sequence[int], starts: Any, ends: Any, steps: Any
     ) -> str:
         """Part of a value; `starts` and `ends` are names of [len(axes)] int64."""
-        inputs = [
-            self.name(value),
-            starts,
-            ends,
-            self.integers(*axes),
-            self.integers(*steps),
-        ]
-        return self.add("Slice", inputs)
+        axes_name = self.integers(*axes)
+        return self.add("Slice", value, starts, ends, axes_name, self.integers(*steps))
 
     # -- translating
     # -----------------------------------------------------------------------------
@@ -236,25 +236,19 @@ class _Graph:
 
     def equation(self, eqn: Any, inputs: list[Any]) -> Sequence[Any]:
         """Values of the results of one equation."""
-        primitive, shapes = eqn.primitive.name, [var.aval.shape for var in eqn.outvars]
+        primitive = eqn.primitive.name
         if primitive == "scan":
             return self._scan(eqn, inputs)
-        called = next((eqn.params[name] for name in CALLS if name in eqn.params), None)
-        if called is not None:
-            return self.translate(called.jaxpr, called.consts, inputs)
+        for name in CALLS:
+            if name in eqn.params:
+                function = eqn.params[name]
+                return self.translate(function.jaxpr, function.consts, inputs)
         if primitive in IDENTITIES:
             return inputs
-        fixed = all(isinstance(size, int) for shape in shapes for size in shape)
-        unknown = primitive == "dim_as_value" or any(isinstance(x, str) for x in inputs)
-        if fixed and not unknown:
-            arrays = [
-                jnp.asarray(x, atom.aval.dtype) for x, atom in zip(inputs, eqn.invars)
-            ]
-            results = eqn.primitive.bind(*arrays, **eqn.params)
-            results = results if eqn.primitive.multiple_results else [results]
-            return list(map(np.asarray, results))
+        if _is_constant(eqn, inputs):
+            return _computed(eqn, inputs)
         if primitive in OPERATORS:
-            return [self.add(OPERATORS[primitive], list(map(self.name, inputs)))]
+            return [self.add(OPERATORS[primitive], *inputs)]
         translation = TRANSLATIONS.get(primitive)
         if translation is None:
             raise InputError(
@@ -267,56 +261,88 @@ class _Graph:
 
     def _scan(self, eqn: Any, inputs: list[Any]) -> list[Any]:
         """A loop, written out, or a `Scan`, whose body reads the constants from outside."""
-        params, body = eqn.params, eqn.params["jaxpr"]
-        split = params["num_consts"], params["num_consts"] + params["num_carry"]
-        constants, carry, rows = (
-            inputs[: split[0]],
-            inputs[split[0] : split[1]],
-            inputs[split[1] :],
-        )
-        count = len(carry)
-        length = params["length"]
+        length = eqn.params["length"]
+        count = eqn.params["num_consts"]
+        constants = inputs[:count]
+        inputs = inputs[count:]
+        carry = inputs[: eqn.params["num_carry"]]
+        rows = inputs[len(carry) :]
         # ONNX has no loop without an array to loop over.
         if isinstance(length, int) and (length <= UNROLLED or not rows):
-            stacks = [[] for _ in eqn.outvars[count:]]
-            steps = range(length)[:: -1 if params["reverse"] else 1]
-            for step in steps:
-                slices = [
-                    row[step]
-                    if not isinstance(row, str)
-                    else self.add("Gather", [row, self.name(np.int32(step))], axis=0)
-                    for row in rows
-                ]
-                results = self.translate(
-                    body.jaxpr, body.consts, [*constants, *carry, *slices]
-                )
-                carry = results[:count]
-                for stack, result in zip(stacks, results[count:]):
-                    unit = [self.name(result), self.integers(0)]
-                    stack.append(self.add("Unsqueeze", unit))
-            stacks = [stack[:: -1 if params["reverse"] else 1] for stack in stacks]
-            return [*carry, *(self.add("Concat", stack, axis=0) for stack in stacks)]
+            return self._unrolled(eqn, constants, carry, rows)
+
+        body = eqn.params["jaxpr"]
         inner = _Graph(self.onnx, self)
-        arguments = body.jaxpr.invars[split[0] :]
+        arguments = body.jaxpr.invars[count:]
         names = [inner.fresh() for _ in arguments]
-        constants = list(map(self.name, constants))
+        constants = [self.name(constant) for constant in constants]
         results = inner.translate(body.jaxpr, body.consts, [*constants, *names])
-        outputs = [inner.add("Identity", [inner.name(result)]) for result in results]
-        infos = [inner.info(name, var.aval) for name, var in zip(names, arguments)]
-        ends = [
-            inner.info(name, var.aval) for name, var in zip(outputs, body.jaxpr.outvars)
-        ]
-        graph = self.onnx.helper.make_graph(inner.nodes, "step", infos, ends)
-        direction = [int(params["reverse"])]
+        outputs = [inner.add("Identity", result) for result in results]
+        graph = self.onnx.helper.make_graph(
+            inner.nodes,
+            "step",
+            inner.infos(names, (var.aval for var in arguments)),
+            inner.infos(outputs, (var.aval for var in body.jaxpr.outvars)),
+        )
+        direction = [int(eqn.params["reverse"])]
         return self.add_many(
             "Scan",
-            list(map(self.name, [*carry, *rows])),
+            [self.name(value) for value in inputs],
             [self.fresh() for _ in eqn.outvars],
             body=graph,
             num_scan_inputs=len(rows),
             scan_input_directions=direction * len(rows),
-            scan_output_directions=direction * (len(outputs) - count),
+            scan_output_directions=direction * (len(outputs) - len(carry)),
         )
+
+    def _unrolled(
+        self, eqn: Any, constants: list[Any], carry: list[Any], rows: list[Any]
+    ) -> list[Any]:
+        """A loop, step after step."""
+        body = eqn.params["jaxpr"]
+        steps = list(range(eqn.params["length"]))
+        if eqn.params["reverse"]:
+            steps.reverse()
+        outputs = []
+        for step in steps:
+            slices = []
+            for row in rows:
+                if isinstance(row, str):
+                    slices.append(self.add("Gather", row, np.int32(step), axis=0))
+                else:
+                    slices.append(row[step])
+            arguments = [*constants, *carry, *slices]
+            results = self.translate(body.jaxpr, body.consts, arguments)
+            carry = results[: len(carry)]
+            units = []
+            for result in results[len(carry) :]:
+                units.append(self.add("Unsqueeze", result, self.integers(0)))
+            outputs.append(units)
+        if eqn.params["reverse"]:
+            outputs.reverse()
+        stacks = [self.add("Concat", *units, axis=0) for units in zip(*outputs)]
+        return [*carry, *stacks]
+
+
+def _is_constant(eqn: Any, inputs: Sequence[Any]) -> bool:
+    """Whether an equation's results depend on no argument, nor on a size by a symbol."""
+    if eqn.primitive.name == "dim_as_value":
+        return False
+    for variable in eqn.outvars:
+        if not all(isinstance(size, int) for size in variable.aval.shape):
+            return False
+    return not any(isinstance(value, str) for value in inputs)
+
+
+def _computed(eqn: Any, inputs: Sequence[Any]) -> list[np.ndarray]:
+    """The results of an equation of constants."""
+    arrays = []
+    for value, variable in zip(inputs, eqn.invars):
+        arrays.append(jnp.asarray(value, variable.aval.dtype))
+    results = eqn.primitive.bind(*arrays, **eqn.params)
+    if not eqn.primitive.multiple_results:
+        results = [results]
+    return [np.asarray(result) for result in results]
 
 
 def _kind(dtype: Any) -> Any:

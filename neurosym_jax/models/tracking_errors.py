@@ -86,29 +86,33 @@ def repair_tracks(observed: AnyArray, period: float) -> Repair:
     wrong, bridge, bridged = _errors(xp, steps, period)
 
     mended: list[Any] = []
+    last_mended: Any = 0
     plausible = xp.zeros_like(wrong[:, 0])
     for number in range(steps.shape[1]):
-        step, plausible_step = steps[:, number], ~wrong[:, number]
+        step = steps[:, number]
+        plausible_step = ~wrong[:, number]
         for pair in (number - 1, number):
             if 0 <= pair < bridged.shape[1]:
-                step = xp.where(bridged[:, pair, None], bridge[:, pair], step)
-                plausible_step = plausible_step | bridged[:, pair]
-        # Of earlier steps without a plausible one before them, this is the first one
-        # after them.
-        mended = [
-            xp.where((plausible_step & ~plausible)[:, None], step, before)
-            for before in mended
-        ]
-        mended += [xp.where(plausible_step[:, None], step, mended[-1] if mended else 0)]
+                is_bridged = bridged[:, pair]
+                step = xp.where(is_bridged[:, None], bridge[:, pair], step)
+                plausible_step = plausible_step | is_bridged
+        # Earlier steps without a plausible one before them become the first one after
+        # them.
+        is_first = (plausible_step & ~plausible)[:, None]
+        mended = [xp.where(is_first, step, before) for before in mended]
+        if mended:
+            last_mended = mended[-1]
+        mended.append(xp.where(plausible_step[:, None], step, last_mended))
         plausible = plausible | plausible_step
 
-    offset = xp.where(plausible_step[:, None], 0, steps[:, -1] - mended[-1])
-    last = observed[:, -1] - offset
-    track = [last]
-    for step in mended[::-1]:
-        track.insert(0, track[0] - step)
+    jump = steps[:, -1] - mended[-1]
+    offset = xp.where(plausible_step[:, None], 0, jump)
+    points = [observed[:, -1] - offset]
+    for step in reversed(mended):
+        points.append(points[-1] - step)
     # A track without errors keeps its bits.
-    tracks = xp.where(wrong.any(1)[:, None, None], xp.stack(track, 1), observed)
+    has_errors = wrong.any(1)[:, None, None]
+    tracks = xp.where(has_errors, xp.stack(points[::-1], 1), observed)
     return Repair(tracks, offset, ~plausible)
 
 
@@ -122,7 +126,9 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
     def beyond(vectors: Any, speed: Any) -> Any:
         return xp.square(vectors).sum(-1) > xp.square(speed * period)
 
-    difference = xp.sqrt(xp.square(steps[:, :, None] - steps[:, None]).sum(-1) + 1e-6)
+    # The step that differs least from all others.
+    difference = steps[:, :, None] - steps[:, None]
+    difference = xp.sqrt(xp.square(difference).sum(-1) + 1e-6)
     middle = difference.sum(2).argmin(1)[:, None]
     typical = xp.take_along_axis(steps, middle[..., None], axis=1)
     typical_speed = xp.sqrt(xp.square(typical).sum(-1)) / period  # [N, 1]
@@ -130,19 +136,26 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
 
     turn = beyond(steps[:, 1:] - steps[:, :-1], change)
     end = xp.ones_like(middle, bool)
-    sudden = xp.concatenate([end, turn], 1) & xp.concatenate([turn, end], 1)
+    turn_before = xp.concatenate([end, turn], 1)
+    turn_after = xp.concatenate([turn, end], 1)
     unlike = beyond(steps - typical, change)
 
-    run = xp.cumsum(xp.concatenate([~end, turn], 1).astype(np.int32), axis=1)
+    # The run of steps around the typical one, and whether enough agree with it.
+    begins = xp.concatenate([~end, turn], 1)
+    run = xp.cumsum(begins.astype(np.int32), axis=1)
     main = run == xp.take_along_axis(run, middle, axis=1)
-    count = steps.shape[1]
-    believed = (main | ~unlike).sum(1) >= min(WITNESSES, count // 2 + 1)
-    reached = xp.sqrt(xp.where(main, xp.square(steps).sum(-1), 0).max(1)) / period
-    limit = xp.where(believed, xp.maximum(HEADROOM * reached, TOP_SPEED), TOP_SPEED)
+    witnesses = (main | ~unlike).sum(1)
+    believed = witnesses >= min(WITNESSES, steps.shape[1] // 2 + 1)
+
+    square = xp.where(main, xp.square(steps).sum(-1), 0)
+    reached = xp.sqrt(square.max(1)) / period
+    limit = xp.maximum(HEADROOM * reached, TOP_SPEED)
+    limit = xp.where(believed, limit, TOP_SPEED)
     limit = xp.minimum(limit, FASTEST)[:, None]
 
+    sudden = turn_before & turn_after & unlike
     # Where too few steps agree, none is a witness.
-    wrong = beyond(steps, limit) | (sudden & unlike) | ~believed[:, None]
+    wrong = beyond(steps, limit) | sudden | ~believed[:, None]
     bridge = (steps[:, 1:] + steps[:, :-1]) / 2
     mends = ~beyond(bridge, limit) & ~beyond(bridge - typical, change)
     return wrong, bridge, wrong[:, 1:] & wrong[:, :-1] & mends
@@ -152,9 +165,9 @@ def repair_scene(scene: Scene, period: float) -> tuple[Scene, Repair]:
     """The scene with plausible tracks, and what was repaired, see `repair_tracks`."""
     repair = repair_tracks(jnp.asarray(scene.observed), period)
     track = repair.tracks
-    changed = (track != scene.observed).any((1, 2))[:, None, None]
+    changed = (track != scene.observed).any((1, 2))
     steps = jnp.diff(track, axis=1, prepend=track[:, :1])
-    steps = jnp.where(changed, steps, scene.displacement)
+    steps = jnp.where(changed[:, None, None], steps, scene.displacement)
     return scene.replace(observed=track, displacement=steps), repair
 
 
@@ -196,8 +209,9 @@ def unknown_motion(count: int, steps: int, period: float) -> np.ndarray:
     """
     number = np.arange(count)
     angle = GOLDEN_ANGLE * number
+    direction = np.stack([np.cos(angle), np.sin(angle)], -1)
     speed = STRIDE * (number + 0.5) / count
-    velocity = speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    velocity = speed[:, None] * direction
     time = period * np.arange(1, steps + 1)
     return velocity[:, None] * time[:, None]
 

@@ -80,53 +80,63 @@ def simulate_labelled(
     stamp = np.arange(frames) / rate
     faults = faults or TrackerFaults()
     lost, label = _identities(path, faults, rate, seed)
+    noise = jax.random.normal(_key(seed, 2), path.shape, jnp.float32)
+    noise = np.asarray(noise, np.float64)
     frame, person = np.nonzero(~lost)
     ids = label[frame, person]
-    noise = np.asarray(
-        jax.random.normal(_key(seed, 2), path.shape, jnp.float32), np.float64
-    )
     position = path[frame, person] + faults.noise * noise[frame, person]
     tracks = make_tracks(f"synthetic/{scenario}/{seed}", stamp[frame], ids, position)
-    return tracks, person[np.lexsort((stamp[frame], ids))].astype(np.int64)
+    order = np.lexsort((stamp[frame], ids))
+    return tracks, person[order].astype(np.int64)
 
 
 def _key(seed: int, purpose: int) -> jax.Array:
     """A key for each purpose of a seed; a Threefry key is two free words, so no split is needed."""
-    return jax.random.wrap_key_data(
-        jnp.array([purpose, seed], jnp.uint32), impl="threefry2x32"
-    )
+    words = jnp.array([purpose, seed], jnp.uint32)
+    return jax.random.wrap_key_data(words, impl="threefry2x32")
 
 
 def _all_forward(chance: jax.Array) -> Plan:
     """Pairs abreast between the room's ends; a third and fourth pair start a rank behind."""
+    width, length = ROOM
     legs, people, _ = chance.shape
-    pair = np.arange(people) // 2
-    lanes = min((people + 1) // 2, 2)
-    lane = ((pair % lanes + 0.5) / lanes - 0.5) * 4.0 + ROOM[0] / 2
-    side = (np.arange(people) % 2 - 0.5) * ABREAST
+    number = np.arange(people)
+    pair = number // 2
     shared = chance[:, 2 * pair]
+
+    lanes = min((people + 1) // 2, 2)
+    lane = ((pair % lanes + 0.5) / lanes - 0.5) * 4.0 + width / 2
+    side = (number % 2 - 0.5) * ABREAST
     x = (lane + side)[None] + _between(shared[..., 0], -0.5, 0.5) / lanes
-    short = _between(shared[..., 1], 0.9, 1.5)
-    short = short.at[0].add(np.float32(1.8) * (pair // lanes).astype(np.float32))
-    far = (np.arange(legs) % 2 == 1)[:, None]
-    goal = jnp.stack([x, jnp.where(far, ROOM[1] - short, short)], -1)
-    pause = _between(shared[..., 2], 0.1, 1.0) + _between(chance[..., 3], 0.0, 0.2)
-    return Plan(goal + _between(chance[..., 4:6], -0.08, 0.08), pause, _pace(chance))
+
+    margin = _between(shared[..., 1], 0.9, 1.5)
+    rank = (pair // lanes).astype(np.float32)
+    margin = margin.at[0].add(np.float32(1.8) * rank)
+    is_far = (np.arange(legs) % 2 == 1)[:, None]
+    y = jnp.where(is_far, length - margin, margin)
+
+    goal = jnp.stack([x, y], -1)
+    goal = goal + _between(chance[..., 4:6], -0.08, 0.08)
+    pause = _between(shared[..., 2], 0.1, 1.0)
+    pause = pause + _between(chance[..., 3], 0.0, 0.2)
+    return Plan(goal, pause, _pace(chance))
 
 
 def _cross_path(chance: jax.Array) -> Plan:
     """Each person between two opposite places at the room's edge, so that all ways meet inside."""
     legs, people, _ = chance.shape
-    angle = np.pi * (np.arange(people) + 0.5) / people
+    number = np.arange(people)
+    angle = np.pi * (number + 0.5) / people
     way = np.stack([np.cos(angle), np.sin(angle)], -1)
     way /= np.abs(way).max(axis=-1, keepdims=True)
     # Neighbours in angle start from opposite ends, so that two people meet instead of
     # merging.
-    end = (-1.0) ** (np.arange(legs)[:, None] + np.arange(people) + 1)
+    end = (-1.0) ** (np.arange(legs)[:, None] + number + 1)
     middle = np.array(ROOM) / 2
     station = middle + end[..., None] * way * (middle - [1.0, 1.1])
     goal = station + _between(chance[..., 4:6], -0.4, 0.4)
-    return Plan(goal, _between(chance[..., 3], 0.1, 1.2), _pace(chance))
+    pause = _between(chance[..., 3], 0.1, 1.2)
+    return Plan(goal, pause, _pace(chance))
 
 
 _PLANS = {"all-forward": _all_forward, "cross-path": _cross_path}
@@ -134,7 +144,9 @@ _PLANS = {"all-forward": _all_forward, "cross-path": _cross_path}
 
 def _pace(chance: jax.Array) -> jax.Array:
     """[L, P] a person's speed, a little lower on some legs."""
-    return _between(chance[:1, :, 6], 1.2, 1.35) * _between(chance[..., 7], 0.92, 1.0)
+    usual = _between(chance[:1, :, 6], 1.2, 1.35)
+    share = _between(chance[..., 7], 0.92, 1.0)
+    return usual * share
 
 
 def _between(chance: jax.Array, low: float, high: float) -> jax.Array:
@@ -158,13 +170,15 @@ def _walk_frames(
     # need not be normal: the wobble is the sum of many.
     steps = frames * substeps + 1
     plans = legs * people * 8
-    chance = jax.random.uniform(key, (plans + steps * 2 * people,), jnp.float32)
-    kicks = float(np.sqrt(12)) * (chance[plans:].reshape(steps, 2, people) - 0.5)
+    count = plans + steps * 2 * people
+    chance = jax.random.uniform(key, (count,), jnp.float32)
+    kicks = chance[plans:].reshape(steps, 2, people) - 0.5
+    kicks = float(np.sqrt(12)) * kicks
     plan = _PLANS[scenario](chance[:plans].reshape(legs, people, 8))
     plan = Plan(*(values.astype(jnp.float32) for values in plan))
-    return walk(plan, kicks, 1 / (rate * substeps), ROOM, scenario == "all-forward")[
-        ::substeps
-    ]
+    abreast = scenario == "all-forward"
+    positions = walk(plan, kicks, 1 / (rate * substeps), ROOM, abreast)
+    return positions[::substeps]
 
 
 def _identities(
@@ -172,27 +186,35 @@ def _identities(
 ) -> tuple[np.ndarray, np.ndarray]:
     """[F, P] bool: who is lost; and [F, P] int64: the tracker's ids."""
     frames, people, _ = path.shape
+    person = np.arange(people)
     if faults.dropout == faults.id_swap == 0:
-        return np.zeros((frames, people), bool), np.tile(np.arange(people), (frames, 1))
-    drawn = jax.random.uniform(_key(seed, 1), (frames, people, 3 + people), jnp.float32)
-    chance = np.asarray(drawn, np.float64)
+        lost = np.zeros((frames, people), bool)
+        return lost, np.tile(person, (frames, 1))
+    shape = (frames, people, 3 + people)
+    chance = jax.random.uniform(_key(seed, 1), shape, jnp.float32)
+    chance = np.asarray(chance, np.float64)
+
     frame = np.arange(frames)[:, None]
     # Geometric length by inversion: P(more than n frames) = (1 - 1 / mean) ** n.
     mean = max(faults.dropout_seconds * rate, 1.0)
     tail = np.log1p(-1 / mean) if mean > 1 else -np.inf
     length = 1 + np.floor(np.log1p(-chance[..., 1]) / tail)
     begins = chance[..., 0] < faults.dropout
-    lost = np.maximum.accumulate(np.where(begins, frame + length, 0.0), axis=0) > frame
+    end = np.where(begins, frame + length, 0.0)
+    lost = np.maximum.accumulate(end, axis=0) > frame
 
+    was_seen = np.logical_or.accumulate(~lost, axis=0)
     back = np.zeros((frames, people), bool)
-    back[1:] = lost[:-1] & ~lost[1:] & np.logical_or.accumulate(~lost, axis=0)[:-1]
+    back[1:] = lost[:-1] & ~lost[1:] & was_seen[:-1]
     renamed = back & (chance[..., 2] < faults.id_switch)
-    fresh = people - 1 + np.cumsum(renamed).reshape(renamed.shape)
-    label = np.maximum.accumulate(np.where(renamed, fresh, np.arange(people)), axis=0)
+    new_id = people - 1 + np.cumsum(renamed).reshape(renamed.shape)
+    label = np.where(renamed, new_id, person)
+    label = np.maximum.accumulate(label, axis=0)
 
-    between = np.linalg.norm(path[:, :, None] - path[:, None], axis=-1)
-    close = (between < SWAP_DISTANCE) & ~lost[:, :, None] & ~lost[:, None]
-    swaps = np.triu(close & (chance[..., 3:] < faults.id_swap), 1)
-    for at, first, second in np.argwhere(swaps):
+    distance = np.linalg.norm(path[:, :, None] - path[:, None], axis=-1)
+    are_seen = ~lost[:, :, None] & ~lost[:, None]
+    close = (distance < SWAP_DISTANCE) & are_seen
+    swaps = close & (chance[..., 3:] < faults.id_swap)
+    for at, first, second in np.argwhere(np.triu(swaps, 1)):
         label[at:, [first, second]] = label[at:, [second, first]]
     return lost, label

@@ -80,9 +80,9 @@ def walk(
         pause=plan.pause[0],
         arrived=jnp.ones(people, bool),
     )
-    return jax.lax.scan(
-        functools.partial(_step, plan, abreast, dt, room), start, kicks[1:]
-    )[1]
+    step = functools.partial(_step, plan, abreast, dt, room)
+    _, positions = jax.lax.scan(step, start, kicks[1:])
+    return positions
 
 
 def _step(
@@ -94,73 +94,94 @@ def _step(
     kick: jax.Array,
 ) -> tuple[_State, jax.Array]:
     """One Euler step of all people: the next state, and the positions [P, 2] of this one."""
-    everyone = np.arange(len(state.leg))
-    partner = np.where((everyone ^ 1) < len(everyone), everyone ^ 1, everyone)
+    following = _on_legs(plan, dt, state)
+    people = np.arange(len(state.leg))
+    way = plan.goal[following.leg, people] - state.position
+    top = plan.pace[following.leg, people]
 
-    # Partners turn around together: stand until both have arrived, then pause.
-    goal = plan.goal[state.leg, everyone]
+    error = jnp.arctan2(way[:, 1], way[:, 0]) - state.heading
+    error = jnp.arctan2(jnp.sin(error), jnp.cos(error))
+    turn = jnp.clip(error, -TURN_RATE * dt, TURN_RATE * dt)
+    heading = state.heading + jnp.where(following.arrived, 0.0, turn)
+    keep = float(np.exp(-dt / WOBBLE_TIME))
+    wobble = keep * state.wobble + float(np.sqrt(1 - keep**2)) * kick
+    pace_wobble, heading_wobble = WOBBLE
+
+    braking = jnp.clip(_length(way) / BRAKING, 0.3, 1.0)
+    pace = top * (1 + pace_wobble * wobble[0]) * braking
+    turning = 0.25 + 0.75 * jnp.clip(jnp.cos(error), 0.0, 1.0)
+    pace = jnp.where(following.arrived, 0.0, pace * turning)
+    aim = heading + heading_wobble * wobble[1]
+    desired = pace[:, None] * jnp.stack([jnp.cos(aim), jnp.sin(aim)], -1)
+    force = (desired - state.velocity) / RELAXATION + _walls(state.position, room)
+    force = _with_others(force, state, heading, abreast)
+
+    velocity = state.velocity + dt * force
+    limit = TOP_SPEED * top
+    slower = limit / jnp.maximum(_length(velocity), limit)
+    velocity = velocity * slower[:, None]
+    position = state.position + dt * velocity
+    inside = jnp.clip(position, MARGIN, np.array([room], np.float32) - MARGIN)
+    velocity = jnp.where(position == inside, velocity, 0.0)
+    following = following._replace(
+        position=inside, velocity=velocity, heading=heading, wobble=wobble
+    )
+    return following, state.position
+
+
+def _on_legs(plan: Plan, dt: float, state: _State) -> _State:
+    """The state with people who have paused at their goals on their next legs.
+
+    Partners turn around together: they stand until both have arrived, then pause.
+    """
+    people = np.arange(len(state.leg))
+    partner = _partners(people)
+    goal = plan.goal[state.leg, people]
     at_goal = _length(goal - state.position) < ARRIVED
     arrived = state.arrived | at_goal | (state.since > PATIENCE)
     ready = arrived & (arrived[partner] | (state.leg[partner] > state.leg))
     pause = jnp.where(ready, state.pause - dt, state.pause)
     depart = ready & (pause <= 0)
     leg = jnp.minimum(state.leg + depart, len(plan.goal) - 1)
-    arrived = arrived & ~depart
-    goal = plan.goal[leg, everyone]
-    pause = jnp.where(depart, plan.pause[leg, everyone], pause)
-    since = jnp.where(depart, 0.0, state.since + dt)
+    return state._replace(
+        leg=leg,
+        since=jnp.where(depart, 0.0, state.since + dt),
+        pause=jnp.where(depart, plan.pause[leg, people], pause),
+        arrived=arrived & ~depart,
+    )
 
-    way = goal - state.position
-    error = jnp.arctan2(way[:, 1], way[:, 0]) - state.heading
-    error = jnp.arctan2(jnp.sin(error), jnp.cos(error))
-    heading = state.heading + jnp.where(
-        arrived, 0.0, jnp.clip(error, -TURN_RATE * dt, TURN_RATE * dt)
-    )
-    keep = float(np.exp(-dt / WOBBLE_TIME))
-    wobble = keep * state.wobble + float(np.sqrt(1 - keep**2)) * kick
-    top = plan.pace[leg, everyone]
-    pace = (
-        top * (1 + WOBBLE[0] * wobble[0]) * jnp.clip(_length(way) / BRAKING, 0.3, 1.0)
-    )
-    pace = jnp.where(
-        arrived, 0.0, pace * (0.25 + 0.75 * jnp.clip(jnp.cos(error), 0.0, 1.0))
-    )
-    aim = heading + WOBBLE[1] * wobble[1]
-    desired = pace[:, None] * jnp.stack([jnp.cos(aim), jnp.sin(aim)], -1)
 
-    force = (desired - state.velocity) / RELAXATION + _walls(state.position, room)
-    others = ~np.eye(len(everyone), dtype=bool)
+def _partners(people: np.ndarray) -> np.ndarray:
+    """[P] the other of each pair of 0 and 1, 2 and 3, ...; the last of an odd number has none."""
+    partner = people ^ 1
+    return np.where(partner < len(people), partner, people)
+
+
+def _with_others(
+    force: jax.Array, state: _State, heading: jax.Array, abreast: bool
+) -> jax.Array:
+    """`force [P, 2]` with the contact, the springs of pairs, and the repulsion by others."""
+    people = np.arange(len(state.leg))
+    others = ~np.eye(len(people), dtype=bool)
     offset = state.position[:, None] - state.position[None]
-    near = _length(offset)[..., None]
-    force = force + jnp.sum(
-        CONTACT * jnp.maximum(TOUCH - near, 0.0) * offset / near, axis=1
-    )
+    distance = _length(offset)[..., None]
+    contact = CONTACT * jnp.maximum(TOUCH - distance, 0.0) * offset / distance
+    force = force + jnp.sum(contact, axis=1)
     if abreast:
-        others[everyone, partner] = False
-        rank = ABREAST * np.stack([everyone - partner, 0 * everyone], -1).astype(
-            np.float32
-        )
-        gap, drift = (
-            motion - motion[partner] for motion in (state.position, state.velocity)
-        )
-        force = force + SPRING / 2 * (rank - gap) - DAMPING / 2 * drift
-    repulsions = jax.vmap(
-        jax.vmap(_repulsion, (None, 0, None, None, 0)), (0, None, 0, 0, None)
-    )
+        partner = _partners(people)
+        others[people, partner] = False
+        rank = ABREAST * np.stack([people - partner, 0 * people], -1)
+        gap = state.position - state.position[partner]
+        drift = state.velocity - state.velocity[partner]
+        spring = SPRING / 2 * (rank.astype(np.float32) - gap)
+        force = force + spring - DAMPING / 2 * drift
+    by_others = jax.vmap(_repulsion, (None, 0, None, None, 0))
+    repulsions = jax.vmap(by_others, (0, None, 0, 0, None))
     push = repulsions(
         state.position, state.position, heading, state.velocity, state.velocity
     )
-    force = force + jnp.sum(jnp.where(others[..., None], push, 0.0), axis=1)
-
-    velocity = state.velocity + dt * force
-    limit = TOP_SPEED * top
-    velocity = velocity * (limit / jnp.maximum(_length(velocity), limit))[:, None]
-    position = state.position + dt * velocity
-    inside = jnp.clip(position, MARGIN, np.array([room], np.float32) - MARGIN)
-    velocity = jnp.where(position == inside, velocity, 0.0)
-    return _State(
-        inside, velocity, heading, wobble, leg, since, pause, arrived
-    ), state.position
+    push = jnp.where(others[..., None], push, 0.0)
+    return force + jnp.sum(push, axis=1)
 
 
 def _repulsion(own, other, heading, own_velocity, velocity) -> jax.Array:
@@ -182,10 +203,11 @@ def _repulsion(own, other, heading, own_velocity, velocity) -> jax.Array:
 def _walls(position: jax.Array, room: tuple[float, float]) -> jax.Array:
     """Acceleration [P, 2] away from the four walls."""
 
-    distances = position, np.array([room], np.float32) - position
-    near, far = (
-        WALL / WALL_RANGE * jnp.exp(-distance / WALL_RANGE) for distance in distances
-    )
+    def push(distance: jax.Array | np.ndarray) -> jax.Array:
+        return WALL / WALL_RANGE * jnp.exp(-distance / WALL_RANGE)
+
+    near = push(position)
+    far = push(np.array([room], np.float32) - position)
     return near - far
 
 

@@ -46,46 +46,49 @@ class SceneStream:
         seed: int,
         max_agents: int | None = None,
     ):
-        self._windows, self._seed = windows, seed
-        sizes = (
-            windows.sizes
-            if max_agents is None
-            else np.minimum(windows.sizes, max_agents)
-        )
+        self._windows = windows
+        self._seed = seed
+        sizes = windows.sizes
+        if max_agents is not None:
+            sizes = np.minimum(sizes, max_agents)
         classes = size_classes(sizes, batch_scenes)
         class_of = np.searchsorted(classes, sizes)
         members = [np.flatnonzero(class_of == index) for index in range(len(classes))]
-        quotas = quota(np.array([*map(len, members)]), len(sizes), batch_scenes)
+        counts = np.array([len(scenes) for scenes in members])
+        quotas = quota(counts, len(sizes), batch_scenes)
         self._classes = list(zip(classes.tolist(), members, quotas.tolist()))
 
     def steps(self, first: int, count: int) -> Groups:
         """`count` batches from step `first`: a Scene `[count, quota, slots, ...]` of each class."""
-        return tuple(
-            self._of_class(index, first, count) for index in range(len(self._classes))
-        )
+        classes = range(len(self._classes))
+        return tuple(self._of_class(index, first, count) for index in classes)
 
     def batch(self, step: int) -> Groups:
         """The batch of one step: a Scene `[quota, slots, ...]` of each class."""
         return jax.tree.map(lambda leaf: leaf[0], self.steps(step, 1))
 
     def _of_class(self, index: int, first: int, count: int) -> Scene:
-        (slots, members, quota), seed = self._classes[index], self._seed
+        slots, members, quota = self._classes[index]
         place = np.arange(first * quota, (first + count) * quota)
         epoch, within = np.divmod(place, len(members))
         chosen = np.empty(len(place), int)
         for number in np.unique(epoch):
-            order = np.random.default_rng([seed, index, number]).permutation(members)
-            chosen[epoch == number] = order[within[epoch == number]]
+            random = np.random.default_rng([self._seed, index, number])
+            order = random.permutation(members)
+            now = epoch == number
+            chosen[now] = order[within[now]]
         # Drawn step by step: the result does not depend on how many steps a call asks
         # for.
-        focus = [
-            np.random.default_rng([seed, index, step, 1]).random(quota)
-            for step in range(first, first + count)
-        ]
-        scenes = gather_cropped(self._windows, chosen, slots, np.concatenate(focus))
-        return jax.tree.map(
-            lambda array: array.reshape(count, quota, *array.shape[1:]), scenes
-        )
+        focus = np.empty((count, quota))
+        for row in range(count):
+            random = np.random.default_rng([self._seed, index, first + row, 1])
+            focus[row] = random.random(quota)
+        scenes = gather_cropped(self._windows, chosen, slots, focus.ravel())
+
+        def by_step(array: AnyArray) -> AnyArray:
+            return array.reshape(count, quota, *array.shape[1:])
+
+        return jax.tree.map(by_step, scenes)
 
 
 def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
@@ -102,7 +105,8 @@ def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
         # One class from each possible beginning to `end`, after the best classes before
         # it.
         members = below[end] - below[:end]
-        pairs = quota(members, len(sizes), batch_scenes) * float(values[end - 1]) ** 2
+        scenes = quota(members, len(sizes), batch_scenes)
+        pairs = scenes * float(values[end - 1]) ** 2
         costs = best[:end] + pairs + COST_OF_A_CLASS
         cut[end] = costs.argmin()
         best[end] = costs[cut[end]]
@@ -116,7 +120,8 @@ def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
 
 def quota(members: np.ndarray, scenes: int, batch_scenes: int) -> np.ndarray:
     """[C] scenes of each class in a batch, in proportion to `members` [C], and at least one."""
-    return np.maximum(1, np.rint(members * batch_scenes / scenes)).astype(int)
+    share = members * batch_scenes / scenes
+    return np.maximum(1, np.rint(share)).astype(int)
 
 
 def gather_cropped(
@@ -144,17 +149,18 @@ def _cropped(
             position = windows.position[member, windows.obs_len - 1]
             focal = int(share * len(member))
             distance = np.linalg.norm(position - position[focal], axis=1)
-            distance[
-                focal
-            ] = -1.0  # Nearest of all, even where others stand on the same spot.
-            member = member[np.sort(np.argpartition(distance, agents - 1)[:agents])]
+            # Nearest of all, even where others stand on the same spot.
+            distance[focal] = -1.0
+            nearest = np.argpartition(distance, agents - 1)[:agents]
+            member = member[np.sort(nearest)]
         rows.append(member)
     member_rows = np.concatenate(rows)
+    sizes = [len(member) for member in rows]
     return dataclasses.replace(
         windows,
         position=windows.position[member_rows],
         agent=windows.agent[member_rows],
-        bounds=np.concatenate([[0], np.cumsum([len(member) for member in rows])]),
+        bounds=np.append(0, np.cumsum(sizes)),
         identity=windows.identity[chosen],
         extras={},
     )
@@ -169,11 +175,14 @@ def split(
     merged: Array, shapes: Sequence[tuple[int, ...]], axis: int = 0
 ) -> list[Array]:
     """Cut an axis of `whole [...]` into parts, each of its own shape."""
-    ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))[:-1]
+    sizes = [math.prod(shape) for shape in shapes]
+    ends = list(itertools.accumulate(sizes))[:-1]
     before = merged.shape[:axis]
     after = merged.shape[axis + 1 :]
-    parts = jnp.split(merged, ends, axis)
-    return [part.reshape(*before, *shape, *after) for part, shape in zip(parts, shapes)]
+    parts = []
+    for part, shape in zip(jnp.split(merged, ends, axis), shapes):
+        parts.append(part.reshape(*before, *shape, *after))
+    return parts
 
 
 def _move(groups: Groups, key: Array, recipe: Recipe) -> Groups:
@@ -182,35 +191,39 @@ def _move(groups: Groups, key: Array, recipe: Recipe) -> Groups:
         return groups
     scenes = _counts(groups)
     choose, turn, flip, stretch = jax.random.split(key, 4)
-    total = (sum(count for (count,) in scenes),)
-    turned = jax.random.uniform(choose, total) < recipe.rotate
-    if recipe.stretch > 1:
-        bound = math.log(recipe.stretch)
-        factor = jnp.exp(
-            jax.random.uniform(stretch, total, minval=-bound, maxval=bound)
-        )
-    else:
-        scale = recipe.scale
-        factor = jax.random.uniform(stretch, total, minval=1 - scale, maxval=1 + scale)
-    angle = jnp.where(turned, jax.random.uniform(turn, total, maxval=2 * jnp.pi), 0.0)
-    sign = jnp.where(turned, jax.random.rademacher(flip, total, angle.dtype), 1.0)
+    total = _total(groups)
+    turned = jax.random.uniform(choose, (total,)) < recipe.rotate
+    factor = _factors(stretch, total, recipe)
+    angle = jax.random.uniform(turn, (total,), maxval=2 * jnp.pi)
+    angle = jnp.where(turned, angle, 0.0)
+    sign = jax.random.rademacher(flip, (total,), angle.dtype)
+    sign = jnp.where(turned, sign, 1.0)
     cos = factor * jnp.cos(angle)
     sin = factor * jnp.sin(angle)
-    matrix = jnp.stack([cos, -sin * sign, sin, cos * sign], axis=-1).reshape(
-        *total, 2, 2
-    )
+    matrix = jnp.stack([cos, -sin * sign, sin, cos * sign], axis=-1)
+    matrix = matrix.reshape(total, 2, 2)
 
-    def moved(vectors: AnyArray, matrix: Array) -> Array:
-        return jnp.einsum("sab,sntb->snta", matrix, vectors)
+    def move(scene: Scene, matrix: Array) -> Scene:
+        def moved(vectors: AnyArray) -> Array:
+            return jnp.einsum("sab,sntb->snta", matrix, vectors)
 
-    return tuple(
-        scene.replace(
-            observed=moved(scene.observed, part),
-            displacement=moved(scene.displacement, part),
-            future=moved(scene.known_future, part),
+        return scene.replace(
+            observed=moved(scene.observed),
+            displacement=moved(scene.displacement),
+            future=moved(scene.known_future),
         )
-        for scene, part in zip(groups, split(matrix, scenes))
-    )
+
+    return tuple(map(move, groups, split(matrix, scenes)))
+
+
+def _factors(key: Array, total: int, recipe: Recipe) -> Array:
+    """[total] factors of the lengths in each scene; consumes `key`."""
+    if recipe.stretch == 1:
+        low, high = 1 - recipe.scale, 1 + recipe.scale
+        return jax.random.uniform(key, (total,), minval=low, maxval=high)
+    bound = math.log(recipe.stretch)
+    power = jax.random.uniform(key, (total,), minval=-bound, maxval=bound)
+    return jnp.exp(power)
 
 
 def _jitter(groups: Groups, key: Array, recipe: Recipe) -> Groups:
@@ -222,7 +235,7 @@ def _jitter(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     shapes = [scene.observed.shape for scene in groups]
     # One draw for all groups: each draw adds a second of compiling to the step.
     errors = jax.random.normal(error, (sum(map(math.prod, shapes)),))
-    per_scene = (sum(count for (count,) in scenes), 1, 1, 1)
+    per_scene = (_total(groups), 1, 1, 1)
     clean = recipe.clean_share
     if clean:
         level = jax.random.uniform(size, per_scene, minval=-clean / (1 - clean))
@@ -236,9 +249,9 @@ def _jitter(groups: Groups, key: Array, recipe: Recipe) -> Groups:
         displacement = jnp.concatenate([first, jnp.diff(observed, axis=-2)], axis=-2)
         return scene.replace(observed=observed, displacement=displacement)
 
-    return tuple(
-        map(jittered, groups, split(errors, shapes), split(deviations, scenes))
-    )
+    errors_of = split(errors, shapes)
+    deviation_of = split(deviations, scenes)
+    return tuple(map(jittered, groups, errors_of, deviation_of))
 
 
 def _single_agents(groups: Groups, key: Array, recipe: Recipe) -> Groups:
@@ -248,21 +261,27 @@ def _single_agents(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     choose, who = jax.random.split(key)
     scenes = _counts(groups)
     shapes = [scene.valid.shape for scene in groups]
-    total = (sum(count for (count,) in scenes),)
-    alone = jax.random.uniform(choose, total) < recipe.single_agent_share
+    alone = jax.random.uniform(choose, (_total(groups),)) < recipe.single_agent_share
     lots = jax.random.uniform(who, (sum(map(math.prod, shapes)),))
 
-    def left(scene: Scene, alone: Array, lots: Array) -> Scene:
+    def reduce(scene: Scene, alone: Array, lots: Array) -> Scene:
         valid = jnp.asarray(scene.valid)
         lot = jnp.where(valid, lots, -1)
-        drawn = jnp.arange(valid.shape[1])[None] == lot.argmax(axis=1)[:, None]
-        return scene.replace(valid=valid & (drawn | ~alone[:, None]))
+        first = lot.argmax(axis=1)
+        is_drawn = jnp.arange(valid.shape[1])[None] == first[:, None]
+        return scene.replace(valid=valid & (is_drawn | ~alone[:, None]))
 
-    return tuple(map(left, groups, split(alone, scenes), split(lots, shapes)))
+    return tuple(map(reduce, groups, split(alone, scenes), split(lots, shapes)))
 
 
 def _counts(groups: Groups) -> list[tuple[int]]:
+    """The number of scenes of each group, as a shape."""
     return [(scene.valid.shape[0],) for scene in groups]
+
+
+def _total(groups: Groups) -> int:
+    """The number of scenes of all groups."""
+    return sum(scene.valid.shape[0] for scene in groups)
 
 
 AUGMENTATIONS = (_move, _jitter, _single_agents)
@@ -273,8 +292,7 @@ def augment(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     """Apply all augmentations that the recipe asks for to a batch; consumes `key`."""
     # The first keys do not depend on how many there are: a new augmentation changes no
     # old recipe.
-    for augmentation, part in zip(
-        AUGMENTATIONS, jax.random.split(key, len(AUGMENTATIONS))
-    ):
+    keys = jax.random.split(key, len(AUGMENTATIONS))
+    for augmentation, part in zip(AUGMENTATIONS, keys):
         groups = augmentation(groups, part, recipe)
     return groups

@@ -47,8 +47,12 @@ def draw_samples(
     place = (jnp.arange(count) + jax.random.uniform(key)) / count
     if not even:
         place = jax.random.uniform(key, (count,))
-    chosen = jnp.searchsorted(jnp.cumsum(probability), place)
-    return samples[jnp.minimum(chosen, len(samples) - 1)]
+    ends = jnp.cumsum(probability)
+    chosen = jnp.searchsorted(ends, place)
+    chosen = jnp.minimum(
+        chosen, len(samples) - 1
+    )  # Rounding may leave the last end below 1.
+    return samples[chosen]
 
 
 def draw_apart(samples: Array, key: Array, count: int, even: bool = True) -> Array:
@@ -59,7 +63,12 @@ def draw_apart(samples: Array, key: Array, count: int, even: bool = True) -> Arr
     """
     lots = _lots(key, samples.shape[1], count, even).T
     chosen = (lots * len(samples)).astype(int)
-    return jnp.take_along_axis(samples, chosen[..., None, None], axis=0)
+    return _take(samples, chosen)
+
+
+def _take(points: Array, chosen: Array) -> Array:
+    """[count, N, T, 2] of `points [P, N, T, 2]`, those that are `chosen [count, N]`."""
+    return jnp.take_along_axis(points, chosen[..., None, None], axis=0)
 
 
 def draw_scenes(
@@ -83,13 +92,14 @@ def draw_scenes(
         chosen = (lots * len(points)).astype(int)
     else:
         ends = jnp.cumsum(weight, axis=1)
-        chosen = (ends[:, :-1] <= lots[..., None] * ends[:, -1:]).sum(axis=2)
+        place = lots[..., None] * ends[:, -1:]
+        chosen = (ends[:, :-1] <= place).sum(axis=2)
     if points.shape[1] > 1:
         near, present = nearest(points, jnp.asarray(scene.valid), weight)
         overlap, parting = pair_terms(points, scene, near, present, period)
         table = REPULSION * overlap + COHESION * parting
         chosen = couple(chosen, near, table, coupled, weight, even)
-    return jnp.take_along_axis(points, chosen[..., None, None], axis=0)
+    return _take(points, chosen)
 
 
 def couple(
@@ -109,25 +119,27 @@ def couple(
     count, agents = chosen.shape
     slots = jnp.arange(near.shape[1])
     up_to = jnp.triu(jnp.ones(table.shape[-2:]))
-    # Whoever depends on nobody has no turn.
-    bound = table.any(axis=(1, 2, 3))
-    turns = jnp.argsort(~bound)
-    number = bound.sum()
+    # A person whom no neighbour influences is not drawn again.
+    is_bound = table.any(axis=(1, 2, 3))
+    turns = jnp.argsort(~is_bound)
+    number = is_bound.sum()
 
     def sweep(round: Array, chosen: Array) -> Array:
         lots = _lots(jax.random.fold_in(key, round), agents, count, even)
 
         def choose(turn: Array, chosen: Array) -> Array:
             agent = turns[turn]
-            cost = table[agent, slots, chosen[:, near[agent]]].sum(1)  # [n, P]
-            if weight is None:
-                share = jnp.exp(cost.min(1, keepdims=True) - cost) @ up_to
-            else:
+            others = chosen[:, near[agent]]
+            cost = table[agent, slots, others].sum(1)  # [n, P]
+            if weight is not None:
                 cost = jnp.where(weight[agent] > 0, cost, jnp.inf)
-                share = jnp.exp(cost.min(1, keepdims=True) - cost)
-                share = (weight[agent] * share) @ up_to
-            place = lots[agent, :, None] * share[:, -1:]
-            return chosen.at[:, agent].set((share[:, :-1] <= place).sum(1))
+            share = jnp.exp(cost.min(1, keepdims=True) - cost)
+            if weight is not None:
+                share = weight[agent] * share
+            ends = share @ up_to
+            place = lots[agent, :, None] * ends[:, -1:]
+            point = (ends[:, :-1] <= place).sum(1)
+            return chosen.at[:, agent].set(point)
 
         return jax.lax.fori_loop(0, number, choose, chosen)
 
@@ -142,15 +154,16 @@ def _lots(key: Array, agents: int, count: int, even: bool) -> Array:
     Those of an agent depend on its slot alone, so that padding changes nothing.
     """
 
-    def of(agent: Array) -> Array:
-        order, within = jax.random.split(jax.random.fold_in(key, agent))
+    def draw(agent: Array) -> Array:
+        agent_key = jax.random.fold_in(key, agent)
+        order, within = jax.random.split(agent_key)
         if not even:
             return jax.random.uniform(within, (count,))
         part = jax.random.uniform(order, (count,)).argsort()
         lots = (part + jax.random.uniform(within, (count,))) / count
         return jnp.minimum(lots, 1 - 1e-6)  # Rounding may reach 1.
 
-    return jax.vmap(of)(jnp.arange(agents))
+    return jax.vmap(draw)(jnp.arange(agents))
 
 
 def pair_terms(
@@ -166,10 +179,10 @@ def pair_terms(
     total = jnp.maximum(companionship.sum(1), 1)
     # Of a stream of people, all hold a person as one companion does.
     share = companionship / jnp.maximum(total[:, None], total[near])
-    parted = jnp.minimum(
-        _partings(points - offset[:, None], observed[:, -1], near) / FAR, 1
-    )
-    overlap = jnp.where(present[..., None, None], _overlaps(points, near), 0)
+    parting = _partings(points - offset[:, None], observed[:, -1], near)
+    parted = jnp.minimum(parting / FAR, 1)
+    overlap = _overlaps(points, near)
+    overlap = jnp.where(present[..., None, None], overlap, 0)
     return overlap, share[..., None, None] * parted
 
 
@@ -190,20 +203,19 @@ def nearest(
     gaps = [jnp.square(mean[:, None] - mean).sum(-1) for mean in means]
     clearance = functools.reduce(jnp.minimum, gaps)
     others = valid & ~jnp.eye(agents, dtype=bool)
-    score, near = jax.lax.top_k(
-        jnp.where(others, -clearance, -jnp.inf), min(agents - 1, NEAREST)
-    )
+    score = jnp.where(others, -clearance, -jnp.inf)
+    score, near = jax.lax.top_k(score, min(agents - 1, NEAREST))
     return near, jnp.isfinite(score) & valid[:, None]
 
 
 def _companionship(observed: Array, near: Array, period: float) -> Array:
     """[N, M] how much each person walks together with `near [N, M]`, 0 to 1."""
-    velocity = (observed[:, -1] - observed[:, -4]) / (3 * period)
-    squares = [
-        jnp.square((value[:, None] - value[near]) / scale).sum(-1)
-        for value, scale in zip((observed[:, -1], velocity), COMPANY)
-    ]
-    companionship = jnp.exp(-sum(squares))
+    last = observed[:, -1]
+    velocity = (last - observed[:, -4]) / (3 * period)
+    distance, difference = COMPANY
+    apart = jnp.square((last[:, None] - last[near]) / distance).sum(-1)
+    unlike = jnp.square((velocity[:, None] - velocity[near]) / difference).sum(-1)
+    companionship = jnp.exp(-(apart + unlike))
     return jnp.where(companionship > 0.02, companionship, 0)
 
 
@@ -213,7 +225,8 @@ def _partings(points: Array, last: Array, near: Array) -> Array:
     Of each point of `near [N, M]`, third axis, and of the person itself.
     """
     count, agents, steps, _ = points.shape
-    moved = (points - last[:, None]).swapaxes(0, 1).reshape(agents, count, -1)
+    moved = (points - last[:, None]).swapaxes(0, 1)
+    moved = moved.reshape(agents, count, -1)
     square = jnp.square(moved).sum(-1)
     product = jnp.einsum("nmqd,npd->nmqp", moved[near], moved)
     gap = square[near][..., None] + square[:, None, None] - 2 * product
@@ -233,13 +246,12 @@ def _overlaps(points: Array, near: Array) -> Array:
             place[:, None, None, :] - place[near][..., None]
             for place in (step[0], step[1])
         )
-        then_x, then_y = before or (x, y)
-        dx = then_x - x
-        dy = then_y - y
+        before_x, before_y = before or (x, y)
+        dx = before_x - x
+        dy = before_y - y
         back = -(x * dx + y * dy) / (dx * dx + dy * dy + 1e-12)
         back = jnp.clip(back, 0, 1)
-        least = jnp.minimum(
-            least, jnp.square(x + back * dx) + jnp.square(y + back * dy)
-        )
+        square = jnp.square(x + back * dx) + jnp.square(y + back * dy)
+        least = jnp.minimum(least, square)
         before = x, y
     return jnp.maximum(1 - jnp.sqrt(least) / DISTANCE, 0)

@@ -57,9 +57,11 @@ def closest_approach(
     time; `slack` is added to the square of the motion, so that a pair at rest has the
     time 0.
     """
-    soon = -(bearing * motion).sum(axis=-1) / (jnp.square(motion).sum(axis=-1) + slack)
+    square = jnp.square(motion).sum(axis=-1) + slack
+    soon = -(bearing * motion).sum(axis=-1) / square
     soon = jnp.clip(soon, 0, longest)
-    return soon, length(bearing + motion * soon[..., None], smooth)
+    offset = bearing + motion * soon[..., None]
+    return soon, length(offset, smooth)
 
 
 def pair_features(
@@ -78,68 +80,80 @@ def pair_features(
     """
     position = observed[:, -1]
     number = jnp.arange(valid.shape[0])
-
-    def seen(values: Array) -> Array:
-        return values[near]  # None adds an axis.
-
-    offset = seen(position) - position[:, None]
+    offset = position[near] - position[:, None]  # `near` of None adds an axis.
     distance = length(offset)
     features = []
     if config.geometry:
         pace = velocity / config.period
-        bearing = turned(offset, heading[:, None], -1)
-        relative = seen(pace) - pace[:, None]
-        motion = turned(relative, heading[:, None], -1)
-        soon, miss = closest_approach(bearing, motion, 0.05, LONGEST)
-        close = 1 / jnp.maximum(distance, 1)
-        speed = length(pace)
-        other_speed = jnp.broadcast_to(seen(speed), distance.shape)
-        # Equal without `near`, but a copy of the rows would change the last bits of a
-        # training.
-        own = (
-            other_speed.T
-            if near is None
-            else jnp.broadcast_to(speed[:, None], distance.shape)
-        )
-        features += [
-            *(
-                bearing[..., 0] * close,
-                bearing[..., 1] * close,
-                motion[..., 0],
-                motion[..., 1],
-            ),
-            *(
-                length(relative),
-                jnp.exp(-distance),
-                distance / config.radius,
-                1 / (distance + 0.3),
-            ),
-            *(soon, jnp.exp(-2 * miss - soon), own, other_speed),
-        ]
+        features += _geometry(config.radius, offset, distance, pace, heading, near)
     if config.symbols:
-        factor = SLOW * config.period
-        thresholds: Any = {
-            "quantisation_factor": factor,
-            "side_quantisation_factor": factor,
-        }
-        for end in (observed.shape[1], max(observed.shape[1] - 3, 2)):
-            own_track, other_track = (
-                track[..., end - 2 : end, :]
-                for track in (observed[:, None], seen(observed))
-            )
-            state = observe(own_track, other_track, **thresholds)[..., 0, :].astype(
-                observed.dtype
-            )
-            features += [
-                *jnp.moveaxis(state, -1, 0),
-                *jnp.moveaxis(jnp.abs(state), -1, 0),
-            ]
-    others = seen(valid) & valid[:, None] & (seen(number) != number[:, None])
+        features += _symbols(observed, near, SLOW * config.period)
+    others = valid[near] & valid[:, None] & (number[near] != number[:, None])
     stacked = jnp.where(others[..., None], jnp.stack(features, -1), 0)
     gate = jnp.where(others, _within(distance, config.radius), 0)
     if near is None:
-        return stacked, gate, jnp.where(others, _within(distance, WIDE), 0).sum(1)
+        around = jnp.where(others, _within(distance, WIDE), 0)
+        return stacked, gate, around.sum(1)
     return stacked, gate, _around(position, valid)
+
+
+def _geometry(
+    radius: float,
+    offset: Array,
+    distance: Array,
+    pace: Array,
+    heading: Array,
+    near: Array | None,
+) -> list[Array]:
+    """Features `[N, N]` of where others are, how they move, and how near they will come.
+
+    `offset [N, N, 2]` and `distance [N, N]` are to the others, `pace [N, 2]` is in m/s.
+    """
+    bearing = turned(offset, heading[:, None], -1)
+    relative = pace[near] - pace[:, None]
+    motion = turned(relative, heading[:, None], -1)
+    soon, miss = closest_approach(bearing, motion, 0.05, LONGEST)
+    close = 1 / jnp.maximum(distance, 1)
+    speed = length(pace)
+    other_speed = jnp.broadcast_to(speed[near], distance.shape)
+    if near is None:
+        # Equal to the other, which would change the last bits of a training.
+        own_speed = other_speed.T
+    else:
+        own_speed = jnp.broadcast_to(speed[:, None], distance.shape)
+    return [
+        bearing[..., 0] * close,
+        bearing[..., 1] * close,
+        motion[..., 0],
+        motion[..., 1],
+        length(relative),
+        jnp.exp(-distance),
+        distance / radius,
+        1 / (distance + 0.3),
+        soon,
+        jnp.exp(-2 * miss - soon),
+        own_speed,
+        other_speed,
+    ]
+
+
+def _symbols(observed: Array, near: Array | None, factor: float) -> list[Array]:
+    """Features `[N, N]`: the QTC_C1 symbols of pairs at two steps, and their absolute values."""
+    steps = observed.shape[1]
+    features = []
+    for end in (steps, max(steps - 3, 2)):
+        own_track = observed[:, None, end - 2 : end]
+        other_track = observed[near][..., end - 2 : end, :]
+        states = observe(
+            own_track,
+            other_track,
+            quantisation_factor=factor,
+            side_quantisation_factor=factor,
+        )
+        state = states[..., 0, :].astype(observed.dtype)
+        features.extend(jnp.moveaxis(state, -1, 0))
+        features.extend(jnp.moveaxis(jnp.abs(state), -1, 0))
+    return features
 
 
 def attend(score: Array, value: Array, gate: Array) -> Array:
@@ -152,7 +166,8 @@ def attend(score: Array, value: Array, gate: Array) -> Array:
     weight = gate[..., None] * jnp.exp(jnp.clip(score, -8, 8))
     share = weight / (1 + weight.sum(1, keepdims=True))
     value = value.reshape(*share.shape, -1)
-    return (share[..., None] * value).sum(1).reshape(gate.shape[0], -1)
+    sums = (share[..., None] * value).sum(1)
+    return sums.reshape(gate.shape[0], -1)
 
 
 def _around(position: Array, valid: Array) -> Array:
@@ -163,12 +178,13 @@ def _around(position: Array, valid: Array) -> Array:
         apart = jnp.hypot(x - x[other], y - y[other])
         return total + valid[other] * _within(apart, WIDE), None
 
+    numbers = jnp.arange(valid.shape[0])
     start = jnp.full(valid.shape[0], -1, position.dtype)  # Nobody is around themselves.
-    return jnp.maximum(
-        jax.lax.scan(count, start, jnp.arange(valid.shape[0]), unroll=8)[0], 0
-    )
+    total, _ = jax.lax.scan(count, start, numbers, unroll=8)
+    return jnp.maximum(total, 0)
 
 
 def _within(distance: Array, radius: float) -> Array:
     """1 at distance 0, falling smoothly to 0 at `radius`."""
-    return jnp.square(jnp.maximum(1 - jnp.square(distance / radius), 0))
+    share = jnp.square(distance / radius)
+    return jnp.square(jnp.maximum(1 - share, 0))

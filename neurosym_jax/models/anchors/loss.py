@@ -33,22 +33,26 @@ class AnchorStream:
     """Batches of `windows` of one size class each, by the recipe's seed and the step only."""
 
     def __init__(self, windows: Windows, recipe: AnchorRecipe):
-        self._windows, self._recipe = windows, recipe
+        self._windows = windows
+        self._recipe = recipe
         sizes = np.minimum(windows.sizes, CLASSES[-1])
         class_of = np.searchsorted(CLASSES, sizes)
-        self._classes = [
-            (slots, np.flatnonzero(class_of == i)) for i, slots in enumerate(CLASSES)
-        ]
-        self._classes = [members for members in self._classes if len(members[1])]
+        self._classes = list[tuple[int, np.ndarray]]()
+        people = []
+        for number, slots in enumerate(CLASSES):
+            scenes = np.flatnonzero(class_of == number)
+            if len(scenes):
+                self._classes.append((slots, scenes))
+                people.append(len(scenes) * sizes[scenes].mean())
         # A class is drawn as often as it has people.
-        shares = [len(scenes) * sizes[scenes].mean() for _, scenes in self._classes]
-        self._shares = np.array(shares) / sum(shares)
+        self._shares = np.array(people) / sum(people)
 
     def batch(self, step: int) -> tuple[Scene, np.ndarray]:
         """Scenes `[B, slots, ...]`, and the index [B] of the crowd that each is merged into."""
         recipe = self._recipe
-        rng = np.random.default_rng([self._recipe.seed, step])
-        slots, members = self._classes[rng.choice(len(self._classes), p=self._shares)]
+        rng = np.random.default_rng([recipe.seed, step])
+        number = rng.choice(len(self._classes), p=self._shares)
+        slots, members = self._classes[number]
         count = max(1, min(recipe.batch_scenes, recipe.batch_people // slots))
         chosen = rng.choice(members, count)
         focus = np.zeros(count)
@@ -57,7 +61,8 @@ class AnchorStream:
             focus = rng.random(count)
         merged = 1
         if rng.random() < recipe.crowd_share:
-            most = np.log(max(1, recipe.crowd_people / np.minimum(sizes, slots).mean()))
+            scene_people = np.minimum(sizes, slots).mean()
+            most = np.log(max(1, recipe.crowd_people / scene_people))
             merged = round(np.exp(rng.uniform(0, most)))
         scenes = gather_cropped(self._windows, chosen, slots, focus)
         return scenes, np.arange(count) // merged
@@ -66,9 +71,9 @@ class AnchorStream:
 def company(valid: Array, crowd: Array) -> Array:
     """[B] people of `valid` [B, N] in the other scenes of each scene's `crowd` [B], below B."""
     own = valid.sum(1)
-    return (jax.ops.segment_sum(own, crowd, len(valid))[crowd] - own).astype(
-        jnp.float32
-    )
+    people = jax.ops.segment_sum(own, crowd, len(valid))
+    others = people[crowd] - own
+    return others.astype(jnp.float32)
 
 
 def anchor_loss(
@@ -88,34 +93,35 @@ def anchor_loss(
         recipe: weights of the terms.
     """
 
-    def of_crowds(values: Array) -> Array:
+    def crowd_sum(values: Array) -> Array:
         return jax.ops.segment_sum(values, crowd, len(valid))
 
     samples, log_probability, points = forecast
     sizes = valid.sum(1, dtype=samples.dtype)
-    people = of_crowds(sizes)
+    people = crowd_sum(sizes)
     n = jnp.maximum(people, 1)
     square = jnp.square(samples - future[:, None]).sum(-1)
     # Smooth at 0, where a sample meets the truth.
-    distance = jnp.where(valid[:, None, :, None], jnp.sqrt(square + 1e-9), 0)
+    distance = jnp.sqrt(square + 1e-9)
+    distance = jnp.where(valid[:, None, :, None], distance, 0)
     ade = distance.mean(-1)
     error = ade + recipe.fde_weight * distance[..., -1]  # [B, k, N]
-    joint = of_crowds(error.sum(2))  # [crowds, k]
+    joint = crowd_sum(error.sum(2))  # [crowds, k]
     total = recipe.joint_weight * joint.min(1).sum()
     total += recipe.marginal_weight * error.min(1).sum()
     total += recipe.mean_weight * ade.mean(1).sum()
 
-    log_probability = of_crowds(log_probability * sizes[:, None]) / n[:, None]
-    target = jax.lax.stop_gradient(
-        jax.nn.softmax(-joint / n[:, None] / recipe.temperature)
-    )
-    total -= (
-        recipe.probability_weight * ((target * log_probability).sum(1) * people).sum()
-    )
+    log_probability = crowd_sum(log_probability * sizes[:, None]) / n[:, None]
+    target = jax.nn.softmax(-joint / n[:, None] / recipe.temperature)
+    target = jax.lax.stop_gradient(target)
+    agreement = (target * log_probability).sum(1)
+    total -= recipe.probability_weight * (agreement * people).sum()
     likely = log_probability.argmax(1)[:, None]
-    total += recipe.likely_weight * jnp.take_along_axis(joint, likely, 1).sum()
+    likely_error = jnp.take_along_axis(joint, likely, 1)
+    total += recipe.likely_weight * likely_error.sum()
     if recipe.collision_weight:
-        total += recipe.collision_weight * overlap(samples, valid).mean(1).sum()
+        near = overlap(samples, valid).mean(1)
+        total += recipe.collision_weight * near.sum()
     if points.shape[1]:
         total += points_loss(points, future, valid, recipe)
     return total / sizes.sum()
@@ -128,8 +134,9 @@ def points_loss(
 
     `future` is [B, N, T, 2] metres, `valid` [B, N].
     """
-    energy = recipe.energy_weight * jax.vmap(personal_energy)(points, future)
-    energy += recipe.step_weight * jax.vmap(step_energy)(points, future)
+    whole = jax.vmap(personal_energy)(points, future)
+    single = jax.vmap(step_energy)(points, future)
+    energy = recipe.energy_weight * whole + recipe.step_weight * single
     return jnp.where(valid, energy, 0).sum()
 
 
@@ -140,9 +147,8 @@ def personal_energy(points: Array, future: Array) -> Array:
     no draws, of a scene with nobody else. `future` is [N, T, 2].
     """
     steps = points.shape[2]
-    offset = (
-        (points - future[None]).swapaxes(0, 1).reshape(len(future), len(points), -1)
-    )
+    offset = (points - future[None]).swapaxes(0, 1)
+    offset = offset.reshape(len(future), len(points), -1)
     product = jnp.einsum("npd,nqd->npq", offset, offset)
     square = jnp.diagonal(product, axis1=1, axis2=2)
     square_gap = square[:, :, None] + square[:, None] - 2 * product
@@ -157,21 +163,22 @@ def step_energy(points: Array, future: Array) -> Array:
 
     That of a whole trajectory hardly depends on how its steps are spread by themselves.
     """
-    offset = jnp.moveaxis(
-        points[:, :, ::-3] - future[:, ::-3], 0, -1
-    )  # [N, steps, 2, P]
+    offset = points[:, :, ::-3] - future[:, ::-3]
+    offset = jnp.moveaxis(offset, 0, -1)  # [N, steps, 2, P]
     gap = offset[..., None] - offset[..., None, :]
-    error, spread = (jnp.sqrt(jnp.square(each).sum(2) + 1e-6) for each in (offset, gap))
-    return (error.mean(-1) - spread.mean((-1, -2)) / 2).mean(1)
+    error = jnp.sqrt(jnp.square(offset).sum(2) + 1e-6)
+    spread = jnp.sqrt(jnp.square(gap).sum(2) + 1e-6)
+    energy = error.mean(-1) - spread.mean((-1, -2)) / 2
+    return energy.mean(1)
 
 
 def overlap(forecast: Array, valid: Array) -> Array:
     """[B, k, N] how far within `PERSONAL` metres others of the scene are, 0 to 1, summed over them
     and the mean over time; `forecast [B, k, N, T, 2]` metres, `valid [B, N]`."""
-    square_distance = jnp.square(forecast[:, :, :, None] - forecast[:, :, None]).sum(-1)
-    others = (
-        valid[:, :, None] & valid[:, None] & ~jnp.eye(valid.shape[1], dtype=bool)[None]
-    )
+    offset = forecast[:, :, :, None] - forecast[:, :, None]
+    square_distance = jnp.square(offset).sum(-1)
+    itself = jnp.eye(valid.shape[1], dtype=bool)
+    others = valid[:, :, None] & valid[:, None] & ~itself[None]
     near = jnp.maximum(1 - square_distance / PERSONAL**2, 0)
     near = jnp.where(others[:, None, ..., None], near, 0)
     return near.mean(-1).sum(-1)

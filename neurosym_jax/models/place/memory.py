@@ -70,15 +70,21 @@ class Kernel:
     def distance(self, moment: Array, others: Array) -> Array:
         """[...] distances of `moment [..., 6]` from `others [..., 6]`."""
         gap = moment - others
-        place, velocity, earlier = (
-            jnp.sqrt(jnp.square(gap[..., at : at + 2]).sum(-1)) for at in (0, 2, 4)
-        )
+        place = _length(gap[..., 0:2])
+        velocity = _length(gap[..., 2:4])
+        earlier = _length(gap[..., 4:6])
         return place / self.place + (velocity + earlier / 2) / self.speed
 
     def scaled(self, moment: Array) -> Array:
         """[..., 4] position and velocity of `moment [..., 6]`, in widths."""
         place = moment[..., :2] / self.place
-        return jnp.concatenate([place, moment[..., 2:4] / self.speed], -1)
+        velocity = moment[..., 2:4] / self.speed
+        return jnp.concatenate([place, velocity], -1)
+
+
+def _length(vector: Array) -> Array:
+    """[...] of `vector [..., 2]`."""
+    return jnp.sqrt(jnp.square(vector).sum(-1))
 
 
 KERNELS = (
@@ -120,7 +126,8 @@ class Recall(NamedTuple):
 
 def empty_memory(moments: int, steps: int, kernels: int = len(KERNELS)) -> Memory:
     """A memory for so many `moments` with `steps` that follow."""
-    slots = 1 << max(int(np.ceil(np.log2(max(moments, CELL) / 12))), 4)
+    exponent = np.ceil(np.log2(max(moments, CELL) / 12))
+    slots = 1 << max(int(exponent), 4)
     return Memory(
         moment=jnp.full((moments, FEATURES), jnp.inf, jnp.float32),
         onward=jnp.zeros((moments, steps, 2), jnp.float32),
@@ -169,25 +176,30 @@ def remember(
 
     def add(number: Array, memory: Memory) -> Memory:
         seen = moment[number]
-        homes = [_home(memory, kernel, seen, person[number]) for kernel in kernels]
+        owner = person[number]
+        homes = [_home(memory, kernel, seen, owner) for kernel in kernels]
         slots = jnp.stack(homes)
         entries = memory.table[index, slots]  # [K, CELL]
         known = memory.person.at[entries].get(mode="fill", fill_value=-2)
-        mine = known == person[number]
+        mine = known == owner
         again = mine.any(axis=1)
-        row = jnp.where(again[0], entries[0, mine[0].argmax()], memory.next)
-        row = jnp.where(person[number] < 0, rows, row)
-        place = jnp.where(again, mine.argmax(axis=1), memory.turn[index, slots] % CELL)
-        slots = jnp.where(person[number] < 0, memory.turn.shape[1], slots)
-        is_new = (row == memory.next) & (person[number] >= 0)
+        own_row = entries[0, mine[0].argmax()]
+        row = jnp.where(again[0], own_row, memory.next)
+        row = jnp.where(owner < 0, rows, row)
+        own_place = mine.argmax(axis=1)
+        next_place = memory.turn[index, slots] % CELL
+        place = jnp.where(again, own_place, next_place)
+        slots = jnp.where(owner < 0, memory.turn.shape[1], slots)
+        is_new = (row == memory.next) & (owner >= 0)
+        following = (memory.next + 1) % rows
         return memory._replace(
             moment=memory.moment.at[row].set(seen, mode="drop"),
             onward=memory.onward.at[row].set(onward[number], mode="drop"),
-            person=memory.person.at[row].set(person[number], mode="drop"),
+            person=memory.person.at[row].set(owner, mode="drop"),
             time=memory.time.at[row].set(time[number], mode="drop"),
             table=memory.table.at[index, slots, place].set(row, mode="drop"),
             turn=memory.turn.at[index, slots].add(~again, mode="drop"),
-            next=jnp.where(is_new, (memory.next + 1) % rows, memory.next),
+            next=jnp.where(is_new, following, memory.next),
         )
 
     return jax.lax.fori_loop(0, len(person), add, memory)
@@ -196,20 +208,22 @@ def remember(
 @functools.partial(jax.jit, static_argnums=0)
 def recall(kernels: tuple[Kernel, ...], memory: Memory, moment: Array) -> Recall:
     """What people did from moments like `moment [N, 6]`, by each of K kernels."""
-    return jax.vmap(functools.partial(_recall_one, kernels, memory))(moment)
+    recall_one = functools.partial(_recall_one, kernels, memory)
+    return jax.vmap(recall_one)(moment)
 
 
 def _recall_one(kernels: tuple[Kernel, ...], memory: Memory, moment: Array) -> Recall:
-    found = []
+    rows = []
     for number, kernel in enumerate(kernels):
         slots = _around(memory, kernel, moment)
-        found.append(memory.table[number, slots].reshape(-1))
-    row = jnp.concatenate(found)
+        rows.append(memory.table[number, slots].reshape(-1))
+    row = jnp.concatenate(rows)
     others = memory.moment.at[row].get(mode="fill", fill_value=jnp.inf)
 
     weight = jnp.stack([_likeness(kernel, moment, others) for kernel in kernels])
     total = jnp.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
-    likeness, best = jax.lax.top_k((weight / total).sum(axis=0), FOUND)
+    likeness = (weight / total).sum(axis=0)
+    likeness, best = jax.lax.top_k(likeness, FOUND)
 
     # The most similar moment of each person.
     person = memory.person.at[row[best]].get(mode="fill", fill_value=-1)
@@ -220,7 +234,8 @@ def _recall_one(kernels: tuple[Kernel, ...], memory: Memory, moment: Array) -> R
     best = best[order]
 
     weight = jnp.where(likeness > 0, weight[:, best], 0)
-    share = jnp.minimum((weight > 0).sum(axis=1, keepdims=True) / ENOUGH, 1)
+    people = (weight > 0).sum(axis=1, keepdims=True)
+    share = jnp.minimum(people / ENOUGH, 1)
     total = jnp.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
     onward = memory.onward.at[row[best]].get(mode="fill", fill_value=0)
     return Recall(onward, share * weight / total)
@@ -247,13 +262,15 @@ def _home(memory: Memory, kernel: Kernel, moment: Array, person: Array) -> Array
     cell = jnp.floor(kernel.scaled(moment)).astype(jnp.int32)
     if np.isinf(kernel.place):
         # Four cells in place of one, for different people.
-        cell = cell.at[:2].set(jnp.stack([person % 2, person // 2 % 2]))
+        corner = jnp.stack([person % 2, person // 2 % 2])
+        cell = cell.at[:2].set(corner)
     return _slot(memory, cell)
 
 
 def _around(memory: Memory, kernel: Kernel, moment: Array) -> Array:
     """[16] places in a table of the cells nearest to `moment [6]`."""
-    cell = jnp.floor(kernel.scaled(moment) - 0.5).astype(jnp.int32) + CORNERS
+    lowest = jnp.floor(kernel.scaled(moment) - 0.5)
+    cell = lowest.astype(jnp.int32) + CORNERS
     if np.isinf(kernel.place):
         cell = cell.at[:, :2].set(CORNERS[:, :2])
     return _slot(memory, cell)

@@ -35,16 +35,18 @@ class Remembered(NamedTuple):
         A distribution that is drawn in `parts` takes each point of the memory in one of
         them, so that a part has P + U / `parts` points.
         """
-        future = self.future.reshape(-1, parts, *self.future.shape[1:])[:, part]
-        share = self.share.reshape(-1, parts, self.share.shape[1])[:, part]
+        future = self.future.reshape(-1, parts, *self.future.shape[1:])
+        share = self.share.reshape(-1, parts, self.share.shape[1])
+        future = future[:, part]
+        share = share[:, part]
         # Each part has the whole share, where it has a point of the memory.
         whole = self.share.sum(axis=0)
         total = share.sum(axis=0)
         share = share * whole / jnp.maximum(total, 1e-9)
         rest = (1 - share.sum(axis=0)) / len(points)
         own = jnp.broadcast_to(rest, (len(points), len(rest)))
-        weight = jnp.concatenate([own, share]).T
-        return jnp.concatenate([points, future]), weight
+        weight = jnp.concatenate([own, share])
+        return jnp.concatenate([points, future]), weight.T
 
     def among(self, draws: Array, scene: Scene, key: Array, count: int) -> Array:
         """[count, N, T, 2] `draws [n, N, T, 2]`, some replaced by the memory's points.
@@ -55,15 +57,18 @@ class Remembered(NamedTuple):
         for part in scene.identity:
             key = jax.random.fold_in(key, part)
         shift, order = jax.random.split(key)
-        draws = jnp.repeat(draws, -(-count // len(draws)), axis=0)[:count]
+        times = -(-count // len(draws))  # rounded up
+        draws = jnp.repeat(draws, times, axis=0)[:count]
         people = draws.shape[1]
         lot = jnp.arange(count)[:, None] + jax.random.uniform(shift, (people,))
         lot = jax.random.permutation(order, lot / count, axis=0, independent=True)
 
         ends = jnp.cumsum(self.share, axis=0)
         point = (ends[:, None] <= lot).sum(axis=0)  # [count, N]
-        future = self.future[jnp.minimum(point, len(ends) - 1), jnp.arange(people)]
-        return jnp.where((point < len(ends))[..., None, None], future, draws)
+        last = len(ends) - 1
+        future = self.future[jnp.minimum(point, last), jnp.arange(people)]
+        is_memory = point <= last
+        return jnp.where(is_memory[..., None, None], future, draws)
 
 
 @jax.jit
@@ -105,9 +110,11 @@ def errors(offsets: Array, recall: Recall, future: Array) -> Array:
     `future` holds offsets from the last position, as `offsets [P, N, T, 2]` do.
     """
     truth = future.reshape(len(future), 1, -1)
-    gap = jnp.square(_points(offsets, recall) - truth).sum(axis=-1)
+    points = _points(offsets, recall)
+    gap = jnp.square(points - truth).sum(axis=-1)
     distance = jnp.sqrt(gap / offsets.shape[2])
-    return jnp.einsum("nci,ni->nc", _weights(len(offsets), recall), distance)
+    weight = _weights(len(offsets), recall)
+    return jnp.einsum("nci,ni->nc", weight, distance)
 
 
 def energy(shares: np.ndarray, error: np.ndarray, apart: np.ndarray) -> np.ndarray:
@@ -124,7 +131,8 @@ def energy(shares: np.ndarray, error: np.ndarray, apart: np.ndarray) -> np.ndarr
 
 def _points(offsets: Array, recall: Recall) -> Array:
     """[N, P + U, T * 2] points of all components."""
-    points = jnp.concatenate([offsets.swapaxes(0, 1), recall.onward], axis=1)
+    own = offsets.swapaxes(0, 1)
+    points = jnp.concatenate([own, recall.onward], axis=1)
     return points.reshape(*points.shape[:2], -1)
 
 
@@ -132,7 +140,8 @@ def _weights(count: int, recall: Recall) -> Array:
     """[N, 1 + K, P + U] probability of each point in each component, of P = `count`."""
     people, _kernels, points = recall.weight.shape
     rest = 1 - recall.weight.sum(axis=2)
-    alone = jnp.concatenate([jnp.ones((people, 1)), rest], axis=1)
-    own = jnp.repeat(alone[..., None] / count, count, axis=2)
-    none = jnp.zeros((people, 1, points))
-    return jnp.concatenate([own, jnp.concatenate([none, recall.weight], axis=1)], -1)
+    network = jnp.concatenate([jnp.ones((people, 1)), rest], axis=1)
+    own = jnp.repeat(network[..., None] / count, count, axis=2)
+    nothing = jnp.zeros((people, 1, points))
+    others = jnp.concatenate([nothing, recall.weight], axis=1)
+    return jnp.concatenate([own, others], -1)
