@@ -169,19 +169,7 @@ def make_plan(
     Raises:
         InputError: for a model that does not match, or an unknown dataset or baseline.
     """
-    if dataset is not None and test_on:
-        names = f"{option('dataset')} and {option('test_on')}"
-        raise InputError(f"{names} name two test sets: give one of them")
-    if dataset is not None and dataset not in source.scenes:
-        raise InputError(
-            f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}"
-        )
-    everywhere = source.scenes
-    if test_on:
-        everywhere = ("+".join(test_on),)
-    elif dataset:
-        everywhere = (dataset,)
-
+    everywhere = _datasets(source, dataset, test_on)
     tested: dict[TestSet, Entries] = {}
     for path, model in models:
         reason = _contradiction(model, source, dataset, test_on, obs_len, pred_len)
@@ -200,6 +188,24 @@ def make_plan(
             tested[TestSet(name, obs_len or LENGTH, pred_len or LENGTH)] = []
 
     return _ordered(tested, [*everywhere, *source.scenes], baselines, samples)
+
+
+def _datasets(
+    source: Source, dataset: str | None, test_on: Sequence[str]
+) -> tuple[str, ...]:
+    """The names of the test sets that are chosen, by default those of all data sets."""
+    if dataset is not None and test_on:
+        names = f"{option('dataset')} and {option('test_on')}"
+        raise InputError(f"{names} name two test sets: give one of them")
+    if dataset is not None and dataset not in source.scenes:
+        raise InputError(
+            f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}"
+        )
+    if test_on:
+        return ("+".join(test_on),)
+    if dataset:
+        return (dataset,)
+    return source.scenes
 
 
 def _ordered(
@@ -832,11 +838,13 @@ OF_WINDOWS = ("obs_len", "pred_len", "period", "min_agents", "test_on", "cluster
 """Options, beside those of reading, without effect where a file of forecasts has the windows."""
 
 
+Models = (
+    Model | Predictor | Sequence[Model | Predictor] | Mapping[str, Model | Predictor]
+)
+
+
 def evaluate(
-    models: Model
-    | Predictor
-    | Sequence[Model | Predictor]
-    | Mapping[str, Model | Predictor] = (),
+    models: Models = (),
     recordings: Any = None,
     *,
     forecasts: Path | str | Sequence[Path | str] | Mapping[str, Path | str] = (),
@@ -882,40 +890,50 @@ def evaluate(
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     loaded, functions = _apart(models)
-    files = read_named(forecasts) if forecasts else {}
-    lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
-    _refuse_other_lengths(loaded, lengths)
+    files = read_named(forecasts)
     if partial and not files:
         raise InputError("partial: there are no files of forecasts")
-    options = ReadOptions(**read)
-    if recordings is None:
-        if loaded or not files:
-            raise InputError("recordings: there are none to test on")
-        chosen = {**lengths, "min_agents": min_agents != 2, **read}
-        name, file = next(iter(files.items()))
-        tests = [test_of_file(name, file, baselines, samples, chosen)]
-    else:
-        named = isinstance(models, Mapping)
-        entries = [(name if named else None, model) for name, model in loaded.items()]
-        steps = [pred_len, *(file.steps for file in files.values()), LENGTH]
-        default = (obs_len or LENGTH, next(filter(None, steps)), period or PERIOD)
-        tests = _tests_on(
-            recordings_in(recordings, options),
-            entries,
-            default,
-            options.max_gap,
-            baselines=baselines,
-            samples=samples,
-            min_agents=min_agents,
-        )
-    if files or functions:
-        tests = add_forecasts(tests, files, functions, partial=partial)
+    lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
+    _refuse_other_lengths(loaded, lengths)
+    options = {"baselines": baselines, "samples": samples, "min_agents": min_agents}
+    entries: Entries = list(loaded.items())
+    if not isinstance(models, Mapping):
+        entries = [(None, model) for model in loaded.values()]
+    tests = _tests_of(recordings, files, entries, lengths, read, options)
+    tests = add_forecasts(tests, files, functions, partial=partial)
+    chosen = None if metrics is None else tuple(metrics)
     labels = {name: name for name in loaded}
     labels |= {str(file.path): name for name, file in files.items()}
-    settings = Settings(
-        samples, seed, None if metrics is None else tuple(metrics), labels=labels
-    )
+    settings = Settings(samples, seed, chosen, labels=labels)
     return rows_frame(with_tests(list(evaluate_tests(tests, settings))))
+
+
+def _tests_of(
+    recordings: Any,
+    files: Mapping[str, ForecastFile],
+    entries: Entries,
+    lengths: Mapping[str, Any],
+    read: Mapping[str, Any],
+    options: Mapping[str, Any],
+) -> list[Test]:
+    """Tests on recordings or, without any, on the windows of the first file of forecasts."""
+    if recordings is not None:
+        steps = [file.steps for file in files.values()]
+        default = (
+            lengths["obs_len"] or LENGTH,
+            next(filter(None, [lengths["pred_len"], *steps, LENGTH])),
+            lengths["period"] or PERIOD,
+        )
+        reading = ReadOptions(**read)
+        tracks = recordings_in(recordings, reading)
+        return _tests_on(tracks, entries, default, reading.max_gap, **options)
+    if entries or not files:
+        raise InputError("recordings: there are none to test on")
+    of_windows = {**lengths, "min_agents": options["min_agents"] != 2, **read}
+    name, file = next(iter(files.items()))
+    return [
+        test_of_file(name, file, options["baselines"], options["samples"], of_windows)
+    ]
 
 
 def _refuse_other_lengths(
@@ -964,17 +982,21 @@ def _apart(models: Any) -> tuple[dict[str, Model], dict[str, Predictor]]:
     if isinstance(models, Model) or callable(models):
         models = [models]
     if not isinstance(models, Mapping):
-        named = {}
-        for number, model in enumerate(models):
-            name = getattr(model, "__name__", "").strip("<>")
-            parts = [name, str(number) if number or not name else ""]
-            named[" ".join(filter(None, parts))] = model
-        models = named
+        models = dict(map(_numbered, itertools.count(), models))
     for name, model in models.items():
         if not (isinstance(model, Model) or callable(model)):
             raise InputError(f"{name}: is no model or function: {type(model).__name__}")
     loaded = {name: model for name, model in models.items() if isinstance(model, Model)}
-    return loaded, {name: model for name, model in models.items() if name not in loaded}
+    functions = {name: model for name, model in models.items() if name not in loaded}
+    return loaded, functions
+
+
+def _numbered(number: int, model: Any) -> tuple[str, Any]:
+    """A model by its name, and its number where that is not 0."""
+    name = getattr(model, "__name__", "").strip("<>")
+    if not name:
+        return str(number), model
+    return f"{name} {number}" if number else name, model
 
 
 def test_of_file(

@@ -322,12 +322,12 @@ def _required(arguments: Mapping[str, Any], names: Collection[str]) -> dict[str,
 
 def _widths(state: Mapping[str, Any]) -> dict[str, int]:
     """Our fields that are widths, where a weight has them."""
-    return {
-        field: array.shape[axis]
-        for field, (pattern, axis) in WIDTHS.items()
-        for name, array in state.items()
-        if re.fullmatch(pattern, name) and array.ndim == 2
-    }
+    widths = {}
+    for field, (pattern, axis) in WIDTHS.items():
+        for name, array in state.items():
+            if re.fullmatch(pattern, name) and array.ndim == 2:
+                widths[field] = array.shape[axis]
+    return widths
 
 
 def _fields_of(config: type, values: Mapping[str, Any]) -> dict[str, Any]:

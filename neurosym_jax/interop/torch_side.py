@@ -50,7 +50,11 @@ def main(path, given, out, name, seed):
     network_class = getattr(importlib.import_module(file), name)
     title, arguments, state = read(torch, given)
     names = inspect.signature(network_class).parameters
-    row = {n: arguments[k] for n in names for k in (n, n + "_g") if k in arguments}
+    row = {}
+    for argument in names:
+        for key in (argument, argument + "_g"):
+            if key in arguments:
+                row[argument] = arguments[key]
     network = network_class(**row)
     network.load_state_dict(state)
     walks = random_walks(arguments["obs_len"] + arguments["pred_len"], int(seed))

@@ -299,15 +299,19 @@ def forecast_rows(
                 else None
             )
             happens[name] = {"probability": round(float(share), 4), "seconds": seconds}
-        likely = [
-            {
-                "state": texts[share.argmax()] if share.any() else None,
-                "probability": round(float(share.max()), 4),
-            }
-            for share in states[k, l]
-        ]
-        pair = {"k": people[k].item(), "l": people[l].item(), "period": settings.period}
-        rows.append(pair | {"events": happens, "states": likely})
+        likely = []
+        for share in states[k, l]:
+            state = texts[share.argmax()] if share.any() else None
+            probability = round(float(share.max()), 4)
+            likely.append({"state": state, "probability": probability})
+        row = {
+            "k": people[k].item(),
+            "l": people[l].item(),
+            "period": settings.period,
+            "events": happens,
+            "states": likely,
+        }
+        rows.append(row)
     return rows
 
 
@@ -317,19 +321,18 @@ def format_forecast(rows: list[dict[str, Any]], at_least: float = 0.3) -> str:
     A time is the median of the first happening, with its quartiles.
     """
     lines = ["event                                    probability  in s (quartiles)"]
-    events = [
-        (
-            event["probability"],
-            printable(EVENTS[name].in_short(name).format(**row)),
-            event["seconds"],
-        )
-        for row in rows
-        for name, event in row["events"].items()
-        if event["probability"] >= at_least
-    ]
-    for share, words, seconds in sorted(events, key=lambda event: -event[0]):
-        times = "{1:.1f} ({0:.1f} to {2:.1f})".format(*seconds) if seconds else "-"
-        lines.append(f"{words:40} {share:11.2f}  {times}")
+    events = []
+    for row in rows:
+        for name, event in row["events"].items():
+            if event["probability"] >= at_least:
+                words = printable(EVENTS[name].in_short(name).format(**row))
+                events.append((event["probability"], words, event["seconds"]))
+    for probability, words, seconds in sorted(events, key=lambda event: -event[0]):
+        times = "-"
+        if seconds:
+            early, median, late = seconds
+            times = f"{median:.1f} ({early:.1f} to {late:.1f})"
+        lines.append(f"{words:40} {probability:11.2f}  {times}")
     return "\n".join(
         lines if events else [*lines, f"none is as probable as {at_least:g}"]
     )

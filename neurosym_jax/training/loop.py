@@ -17,7 +17,6 @@ from neurosym_jax.data.windows import make_batches
 from neurosym_jax.errors import InputError, TrainingError, option
 from neurosym_jax.models.disk import load_model
 from neurosym_jax.models.forecast import Model
-from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.training.custom import SceneLoss, make_custom
 from neurosym_jax.training.preparation import prepare
 from neurosym_jax.training.recipe import Recipe
@@ -30,9 +29,9 @@ from neurosym_jax.training.run import (
     best_row,
     is_over,
     make_config,
-    recipes_of,
     record_of,
     refuse_other_run,
+    usual_recipe,
     validate,
 )
 from neurosym_jax.training.state import (
@@ -56,8 +55,10 @@ class Progress:
 
     def __init__(self, steps: int, programs: tuple[str, ...], *, quiet: bool = False):
         """Compile `programs`, in words, each when it is first needed."""
-        self._quiet, self._programs, self._since = quiet, [*programs], time.monotonic()
+        self._quiet = quiet
+        self._programs = [*programs]
         self._count = len(programs)
+        self._since = time.monotonic()
         # tqdm's None shows the bar in a terminal only.
         self._bar = tqdm(total=steps, unit="step", disable=True if quiet else None)
 
@@ -76,14 +77,11 @@ class Progress:
             yield
             return
         self._programs.remove(program)
-        label = (
-            f"{program} (program {self._count - len(self._programs)} of {self._count})"
-        )
+        number = self._count - len(self._programs)
+        label = f"{program} (program {number} of {self._count})"
         self._say(f"compiling {label}: usually 5 to 60 s, once on this machine")
-        notice = (
-            f"still compiling {label}: XLA needs long for it here; nothing is wrong"
-        )
-        timer = threading.Timer(LONG, self._say, (notice,))
+        text = f"still compiling {label}: XLA needs long for it here; nothing is wrong"
+        timer = threading.Timer(LONG, self._say, (text,))
         timer.daemon = True
         timer.start()
         try:
@@ -181,9 +179,9 @@ def train(
     """
     if init is not None and not isinstance(init, Model):
         init = load_model(init)
-    config = config or (init.config if init else make_config("sgan"))
-    recipe = recipe or next(iter(recipes_of(type(forecaster_of(config))).values()))
     seen = init.seen if init else ""
+    config = config or (init.config if init else make_config("sgan"))
+    recipe = recipe or usual_recipe(config)
     parts = prepare(
         config, recipe, training, validation, tested, read=read, fold=fold, seen=seen
     )
@@ -212,43 +210,16 @@ def train_run(
     record = record_of(run)
     files = RunFiles(run, folder, record)
     with sole_writer(folder), Progress(recipe.steps, PROGRAMS, quiet=quiet) as progress:
-        batches = make_batches(run.validation)
-        advice = Advice(run)
+        rounds = _Rounds(run, folder, record, files, progress, on_row)
         session = _begin(run, folder, record if resume else None)
         files.begin(session.rows)
         if session.rows and not files.finished:
             # A run may end between a state and its model.
             files.keep(session.best, best_row(session.rows))
-
-        def validated(state: TrainState, row: Row) -> Row:
-            with progress.compiling(VALIDATION):
-                return row | validate(run, _kept(run, state), batches)
-
-        def with_row(session: _Session, state: TrainState, row: Row) -> _Session:
-            """The session after a row, told and, where it was validated, saved."""
-            rows, best = (*session.rows, row), session.best
-            is_best = best_row(rows) is row
-            if is_best:
-                best = _kept(run, state)
-            if "val_score" in row:
-                state = jax.tree.map(np.array, state)
-                saved = {**record, "rows": rows, "is_slower": session.is_slower}
-                # The state first: a run that ends here goes on from it. A model without
-                # a state could only be thrown away.
-                save_state(folder / "checkpoints", row["step"], (state, best), saved)
-            if is_best:
-                files.keep(best, row)
-            files.add(row)
-            on_row(row)
-            if "val_score" in row:
-                advice(rows)
-            progress.go_to(row["step"], row)
-            return _Session(state, best, rows, session.is_slower)
-
         if run.init is not None and not session.rows:
-            session = with_row(
-                session, session.state, validated(session.state, {"step": 0})
-            )
+            row = rounds.validated(session.state, {"step": 0})
+            session = rounds.with_row(session, session.state, row)
+
         good = session
         done = int(session.state.step)
         advance = (run.slower() if session.is_slower else run).rounds()
@@ -257,36 +228,97 @@ def train_run(
         while not is_over(run, session.rows, done):
             to_validation = recipe.validate_every - done % recipe.validate_every
             count = min(ROUND, to_validation, recipe.steps - done)
-            with progress.compiling(STEP):
-                state, metrics = advance(session.state, done, count)
-                row: Row = {"step": done + count}
-                row |= {name: float(np.mean(value)) for name, value in metrics.items()}
+            state, row = rounds.advanced(advance, session.state, done, count)
             validates = count == to_validation or row["step"] == recipe.steps
-            if validates and np.isfinite([*row.values()]).all():
-                row = validated(state, row)
-            bad = [
-                f"{name} {value}"
-                for name, value in row.items()
-                if not np.isfinite(value)
-            ]
+            if validates and not _not_finite(row):
+                row = rounds.validated(state, row)
+            bad = _not_finite(row)
             if bad:
-                session = good = _slower(good, run, folder, done, ", ".join(bad))
+                session = good = _slower(good, run, folder, done, bad)
                 done = int(session.state.step)
                 advance = run.slower().rounds()
                 files.begin(session.rows)
                 continue
-            session = with_row(session, state, row)
+            session = rounds.with_row(session, state, row)
             done += count
             if validates:
                 good = session
         return files.finish(session.best, session.rows)
 
 
+class _Rounds:
+    """The steps and validations of a run, and what each of them writes and tells."""
+
+    def __init__(
+        self,
+        run: Run,
+        folder: Path,
+        record: dict[str, Any],
+        files: RunFiles,
+        progress: Progress,
+        on_row: Callable[[Row], object],
+    ):
+        self._run = run
+        self._folder = folder
+        self._files = files
+        self._progress = progress
+        self._on_row = on_row
+        self._record = record
+        self._batches = make_batches(run.validation)
+        self._advice = Advice(run)
+
+    def advanced(
+        self, advance: Callable[..., Any], state: TrainState, done: int, count: int
+    ) -> tuple[TrainState, Row]:
+        """The state after `count` further steps, and their row."""
+        with self._progress.compiling(STEP):
+            state, metrics = advance(state, done, count)
+            row: Row = {"step": done + count}
+            for name, value in metrics.items():
+                row[name] = float(np.mean(value))
+        return state, row
+
+    def validated(self, state: TrainState, row: Row) -> Row:
+        """A row with the errors on the validation set."""
+        with self._progress.compiling(VALIDATION):
+            return row | validate(self._run, _kept(self._run, state), self._batches)
+
+    def with_row(self, session: _Session, state: TrainState, row: Row) -> _Session:
+        """The session after a row, told and, where it was validated, saved."""
+        rows = (*session.rows, row)
+        best = session.best
+        is_best = best_row(rows) is row
+        is_validated = "val_score" in row
+        if is_best:
+            best = _kept(self._run, state)
+        if is_validated:
+            state = jax.tree.map(np.array, state)
+            record = {**self._record, "rows": rows, "is_slower": session.is_slower}
+            # The state first: a run that ends here goes on from it. A model without a
+            # state could only be thrown away.
+            states = self._folder / "checkpoints"
+            save_state(states, row["step"], (state, best), record)
+        if is_best:
+            self._files.keep(best, row)
+        self._files.add(row)
+        self._on_row(row)
+        if is_validated:
+            self._advice(rows)
+        self._progress.go_to(row["step"], row)
+        return _Session(state, best, rows, session.is_slower)
+
+
+def _not_finite(row: Row) -> str:
+    """The numbers of a row that are not finite, as text."""
+    return ", ".join(
+        f"{name} {value}" for name, value in row.items() if not np.isfinite(value)
+    )
+
+
 def _begin(run: Run, folder: Path, record: dict[str, Any] | None) -> _Session:
     """How far the run is; `record` of a run to be resumed."""
-    state = jax.tree.map(
-        np.array, run.init_state()
-    )  # A step takes over buffers on the device.
+    # A step takes over buffers on the device.
+    state = jax.tree.map(np.array, run.init_state())
     best = _kept(run, state)
     steps = [path.name[5:] for path in (folder / "checkpoints").glob("step_*")]
     if record is None and steps:
@@ -324,13 +356,11 @@ def _slower(good: _Session, run: Run, folder: Path, done: int, bad: str) -> _Ses
     if run.custom.optimizer is not None:
         raise TrainingError(f"{text}; give your optimizer a smaller learning rate")
     if good.is_slower:
-        step = best_row(good.rows).get("step")
-        model = (
-            ""
-            if step is None
-            else f"; its model is that of step {step}, a run can start there"
-        )
-        raise TrainingError(f"{text}, again, with smaller steps{model}")
+        text += ", again, with smaller steps"
+        best_step = best_row(good.rows).get("step")
+        if best_step is not None:
+            text += f"; its model is that of step {best_step}, a run can start there"
+        raise TrainingError(text)
     rate = run.slower().recipe.learning_rate
     print(
         f"warning: {text}; it goes on from step {step} at learning_rate {rate:g}",

@@ -7,7 +7,7 @@ from what is learned.
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -191,18 +191,17 @@ def _divided(
         windows = _windows_if_any([tracks], config, least)
         if windows is not None and windows.stamp is not None:
             begin = np.sort(windows.stamp - (config.obs_len - 1) * config.period)
-            length = config.obs_len + config.pred_len - 1
-            used.append(
-                _Recording(tracks, begin, config.period, length * config.period)
-            )
+            length = (config.obs_len + config.pred_len - 1) * config.period
+            used.append(_Recording(tracks, begin, config.period, length))
     if not used:
         return [*recordings], []  # Which has no windows, as is said where they are cut.
     parts = _last_parts(used) if fold is None else _fold(used, fold)
-    training, validation = (
-        [part for part in column if part is not None and len(part.id)]
-        for column in zip(*parts)
-    )
-    return training, validation
+    training, validation = zip(*parts)
+    return _not_empty(training), _not_empty(validation)
+
+
+def _not_empty(parts: Iterable[Tracks | None]) -> list[Tracks]:
+    return [part for part in parts if part is not None and len(part.id)]
 
 
 _Parts = list[tuple[Tracks | None, Tracks | None]]
@@ -225,10 +224,10 @@ def _last_parts(recordings: Sequence[_Recording]) -> _Parts:
         return [_halves(short[0])]
     stride = min(round(1 / SHARE), len(short))
     for number, recording in enumerate(short, 1):
-        validates = len(short) > 1 and number % stride == 0
-        parts.append(
-            (None, recording.tracks) if validates else (recording.tracks, None)
-        )
+        if len(short) > 1 and number % stride == 0:
+            parts.append((None, recording.tracks))
+        else:
+            parts.append((recording.tracks, None))
     return parts
 
 
@@ -243,7 +242,9 @@ def _halves(recording: _Recording) -> tuple[Tracks, Tracks]:
             f"{2 * length:.1f} s are needed to keep a part for validation; give recordings to "
             "validate on"
         )
-    return recording.parted(max(later[0], begin[_last(len(begin))]), np.inf, 0.0)[:2]
+    first = max(later[0], begin[_last(len(begin))])
+    training, validation, _ = recording.parted(first, np.inf, 0.0)
+    return training, validation
 
 
 def _last(windows: int) -> int:
@@ -253,31 +254,33 @@ def _last(windows: int) -> int:
 
 def _fold(recordings: Sequence[_Recording], fold: str) -> _Parts:
     """One of N parts is kept: of the recordings where there are N, or else of the time of each."""
-    number, _, count = fold.partition("/")
-    if not (
-        number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count) > 1
-    ):
-        raise InputError(f"fold: K/N, such as 1/5 for the first of five, not {fold!r}")
-    at = int(number) - 1
-    total = int(count)
-    if len(recordings) >= total:
-        return [
-            (None, recording.tracks)
-            if order % total == at
-            else (recording.tracks, None)
-            for order, recording in enumerate(recordings)
-        ]
+    number, total = _fold_numbers(fold)
     parts = _Parts()
-    for recording in recordings:
-        begin = np.array_split(recording.begin, total)[at]
+    for order, recording in enumerate(recordings):
+        if len(recordings) >= total:
+            is_kept = order % total == number - 1
+            tracks = recording.tracks
+            parts.append((None, tracks) if is_kept else (tracks, None))
+            continue
+        begin = np.array_split(recording.begin, total)[number - 1]
         if not len(begin):
             raise InputError(
                 f"fold {fold}: {recording.tracks.recording} has too few windows"
             )
         last = begin[-1] + recording.window
         gap = recording.window + recording.step
-        parts.append(recording.parted(begin[0], last, gap)[:2])
+        training, validation, _ = recording.parted(begin[0], last, gap)
+        parts.append((training, validation))
     return parts
+
+
+def _fold_numbers(fold: str) -> tuple[int, int]:
+    """K and N of K/N."""
+    number, _, count = fold.partition("/")
+    are_numbers = number.isdecimal() and count.isdecimal()
+    if are_numbers and 1 <= int(number) <= int(count) > 1:
+        return int(number), int(count)
+    raise InputError(f"fold: K/N, such as 1/5 for the first of five, not {fold!r}")
 
 
 def _refuse_seen(use: str, windows: Windows, training: Windows, seen: str) -> None:
@@ -285,12 +288,9 @@ def _refuse_seen(use: str, windows: Windows, training: Windows, seen: str) -> No
     shared, total = shared_shapes(windows, training)
     expected = total * chance_shapes(training)
     before, looked = seen_before(seen, windows) if seen else (0, 0)
-    names = ", ".join(
-        dict.fromkeys(printable(reading.recording) for reading in windows.reading)
-    )
-    where = (
-        f"windows in {names or 'these windows'}, and that is what the model is {use} on"
-    )
+    recordings = [printable(reading.recording) for reading in windows.reading]
+    names = ", ".join(dict.fromkeys(recordings)) or "these windows"
+    where = f"windows in {names}, and that is what the model is {use} on"
     waived = f"({option('allow', ('seen',))} waives this)"
     # Of shapes that are alike by chance, not more than four deviations beyond what is
     # expected.

@@ -8,7 +8,7 @@ import hashlib
 import json
 import sys
 import types
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -56,6 +56,7 @@ __all__ = [
     "record_of",
     "refuse_other_recipe",
     "refuse_other_run",
+    "usual_recipe",
     "validate",
 ]
 
@@ -119,13 +120,18 @@ def recipes_of(family: type[Forecaster]) -> dict[str, Recipe]:
     return {**family.recipes} or {FORECASTERS.name_of(family): Recipe()}
 
 
+def usual_recipe(config: Any) -> Recipe:
+    """The usual recipe of what a configuration makes."""
+    recipes = recipes_of(type(forecaster_of(config)))
+    return next(iter(recipes.values()))
+
+
 def known_recipes() -> dict[str, Recipe]:
     """The recipes of all families that learn, by name."""
-    return {
-        name: recipe
-        for family in _learners()
-        for name, recipe in recipes_of(family).items()
-    }
+    recipes = {}
+    for family in _learners():
+        recipes |= recipes_of(family)
+    return recipes
 
 
 def known_configs() -> dict[str, Any]:
@@ -221,18 +227,17 @@ class Run:
         if self.init is None and not self.recipe.steps:
             raise InputError("steps must be at least 1 without an initial model")
         if self.init is not None and self.init.config != self.config:
-            before, now = (
-                to_json(config) for config in (self.init.config, self.config)
-            )
-            changes = "; ".join(differences_between(before, now))
+            before = to_json(self.init.config)
+            changes = "; ".join(differences_between(before, to_json(self.config)))
             raise InputError(f"the initial model has another configuration: {changes}")
         modules = self.forecaster.shapes()
-        paths = (path for path, _ in jax.tree.leaves_with_path(modules))
-        known = {getattr(entry, "key", None) for path in paths for entry in path}
-        unknown = [name for name in self.recipe.freeze if name not in known]
-        if unknown:
-            there = ", ".join(modules.get("params", modules))
-            raise InputError(f"freeze: no module {unknown[0]!r} in {there}")
+        known = set()
+        for path, _ in jax.tree.leaves_with_path(modules):
+            known.update(getattr(entry, "key", None) for entry in path)
+        for name in self.recipe.freeze:
+            if name not in known:
+                names = ", ".join(modules.get("params", modules))
+                raise InputError(f"freeze: no module {name!r} in {names}")
 
     @property
     def forecaster(self) -> Forecaster:
@@ -383,36 +388,10 @@ def model_card(
         title += f", trained on {', '.join(licences)}"
     if facts["scene"] not in (None, GENERAL) and Synthetic.name not in licences:
         title += f" without {facts['scene']}"
-    settings = {
-        f"{name} windows": f"{count['scenes']} scenes, {count['agents']} agents, "
-        f"SHA-256 {facts['data'][name][:16]}"
-        for name, count in facts["counts"].items()
-    }
-    settings["learned from"] = ", ".join(
-        f"{name} ({licence})" for name, licence in licences.items()
-    )
-    settings |= {name: facts[name] for name in ("parameters", "code")}
-    settings["plugins"] = ", ".join(facts["plugins"])
-    share = facts["validation"].get("val_neighbour_share")
-    if share is not None:
-        settings["people whom their neighbours change"] = (
-            f"{100 * share:.1f} %, in validation"
-        )
-    settings |= facts.get("custom", {})
-    for section, prefix in (
-        ("training", ""),
-        ("config", "config: "),
-        ("environment", ""),
-    ):
-        settings |= {f"{prefix}{name}": value for name, value in facts[section].items()}
-    settings["warmup_steps"] = str(
-        warmup_of(types.SimpleNamespace(**facts["training"]))
-    )
-    lines = [
-        [name, markdown_text(str(value))]
-        for name, value in settings.items()
-        if value not in (None, "", [])
-    ]
+    lines = []
+    for name, value in _settings_of(facts).items():
+        if value not in (None, "", []):
+            lines.append([name, markdown_text(str(value))])
     return CARD.format(
         title=title,
         obs_len=config.obs_len,
@@ -437,6 +416,34 @@ EFFECT = ("neighbour_share", "neighbour_near", "neighbour_move")
 """The metrics of a validation by which a pooling is judged."""
 LEAST = 0.5
 """Least share of people with somebody within 2 m whom a living pooling changes."""
+
+
+def _settings_of(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """What a card lists of a training, by name."""
+    settings = {}
+    for name, count in facts["counts"].items():
+        digest = facts["data"][name][:16]
+        people = f"{count['scenes']} scenes, {count['agents']} agents"
+        settings[f"{name} windows"] = f"{people}, SHA-256 {digest}"
+    licences = [f"{name} ({licence})" for name, licence in facts["licences"].items()]
+    settings["learned from"] = ", ".join(licences)
+    settings["parameters"] = facts["parameters"]
+    settings["code"] = facts["code"]
+    settings["plugins"] = ", ".join(facts["plugins"])
+    share = facts["validation"].get("val_neighbour_share")
+    if share is not None:
+        text = f"{100 * share:.1f} %, in validation"
+        settings["people whom their neighbours change"] = text
+    settings |= facts.get("custom", {})
+    settings |= facts["training"]
+    for name, value in facts["config"].items():
+        settings[f"config: {name}"] = value
+    settings |= facts["environment"]
+    recipe = types.SimpleNamespace(**facts["training"])
+    settings["warmup_steps"] = str(warmup_of(recipe))
+    return settings
+
+
 FEW = 100
 """Fewer people than these make a validation error that says little."""
 STALLED = 5
@@ -449,21 +456,26 @@ def validate(run: Run, params: Any, batches: Sequence[Batch]) -> Row:
     `val_score` chooses the best state, see `Recipe.select_by`.
     """
     forecaster = run.forecaster
-    metrics = (*ERRORS, *(EFFECT if forecaster.sees_neighbours else ()))
-    samples, seed = run.samples, run.recipe.seed
+    metrics = ERRORS
+    if forecaster.sees_neighbours:
+        metrics = (*ERRORS, *EFFECT)
     result = score_forecaster(
-        forecaster, params, batches, samples=samples, seed=seed, metrics=metrics
+        forecaster,
+        params,
+        batches,
+        samples=run.samples,
+        seed=run.recipe.seed,
+        metrics=metrics,
     )
     means = {name.removeprefix("joint_"): result.mean(name) for name in result.scores}
     usual = "energy" if forecaster.calibrated else "ade_fde"
-    by = {"ade": ("ade",), "ade_fde": ("ade", "fde"), "energy": ("energy_score",)}
-    score = sum(means[name] for name in by[run.recipe.select_by or usual])
-    needed = ("ade", "fde")
-    finite = {name: x for name, x in means.items() if name in needed or np.isfinite(x)}
-    return {
-        "val_score": score,
-        **{f"val_{name}": value for name, value in finite.items()},
-    }
+    parts = {"ade": ("ade",), "ade_fde": ("ade", "fde"), "energy": ("energy_score",)}
+    chosen = parts[run.recipe.select_by or usual]
+    row: Row = {"val_score": sum(means[name] for name in chosen)}
+    for name, value in means.items():
+        if name in ("ade", "fde") or np.isfinite(value):
+            row[f"val_{name}"] = value
+    return row
 
 
 def best_row(rows: Sequence[Row]) -> Row:
@@ -568,26 +580,17 @@ class RunFiles:
         """Write what a finished run leaves; returns the model."""
         from neurosym_jax.plotting import plot_training, save_figure
 
-        model = self.model(params, best_row(rows))
+        best = best_row(rows)
+        model = self.model(params, best)
         if self.finished:
             return model
-        self.keep(params, best_row(rows))
-
-        def curves(*metrics: str) -> dict[str, Any]:
-            pairs = {
-                name: [(r["step"], r[name]) for r in rows if name in r]
-                for name in metrics
-            }
-            return {
-                name: tuple(zip(*points)) for name, points in pairs.items() if points
-            }
-
-        losses = curves("loss", "g_loss", "g_adversarial", "d_loss")
-        errors = curves("val_ade", "val_fde", "val_energy_score")
-        figure = plot_training(losses, errors, "training", best=best_row(rows)["step"])
+        self.keep(params, best)
+        losses = _curves(rows, ("loss", "g_loss", "g_adversarial", "d_loss"))
+        errors = _curves(rows, ("val_ade", "val_fde", "val_energy_score"))
+        figure = plot_training(losses, errors, "training", best=best["step"])
         save_figure(figure, self._folder / "curves.png")
         # Last: it says that the run is finished, whatever kills the process.
-        write_json(self._folder / "run.json", self._facts(model, best_row(rows)))
+        write_json(self._folder / "run.json", self._facts(model, best))
         return model
 
     def model(self, params: Any, best: Row) -> Model:
@@ -615,9 +618,11 @@ class RunFiles:
     def _recipe(self) -> str:
         """`Model.recipe`: with the parameters that the training began with, if it had some."""
         recipe = to_json(dataclasses.replace(self._run.recipe, seed=0))
-        init = () if self._run.init is None else jax.tree.leaves(self._run.init.params)
         text = json.dumps(recipe, sort_keys=True)
-        return _digest_of(np.frombuffer(text.encode(), np.uint8), *init)[:16]
+        arrays = [np.frombuffer(text.encode(), np.uint8)]
+        if self._run.init is not None:
+            arrays += jax.tree.leaves(self._run.init.params)
+        return _digest_of(*arrays)[:16]
 
     @functools.cached_property
     def _seen(self) -> str:
@@ -631,23 +636,31 @@ class RunFiles:
     def _facts(self, model: Model, best: Row) -> dict[str, Any]:
         """The content of `run.json`."""
         parts = {"training": self._run.training, "validation": self._run.validation}
+        counts, recordings = {}, {}
+        for name, windows in parts.items():
+            counts[name] = {"scenes": windows.scenes, "agents": windows.agents}
+            recordings[name] = list(map(dataclasses.asdict, windows.reading))
         return {
             **self._record,
             "samples": self._run.samples,
             "licences": model.data,
-            "counts": {
-                name: {"scenes": w.scenes, "agents": w.agents}
-                for name, w in parts.items()
-            },
-            "recordings": {
-                name: [dataclasses.asdict(reading) for reading in w.reading]
-                for name, w in parts.items()
-            },
+            "counts": counts,
+            "recordings": recordings,
             "parameters": sum(leaf.size for leaf in jax.tree.leaves(model.params)),
             "code": self._code,
             "plugins": list(model.plugins),
             "validation": best,
         }
+
+
+def _curves(rows: Sequence[Row], metrics: Iterable[str]) -> dict[str, Any]:
+    """The steps and values of each metric that a row has."""
+    curves = {}
+    for name in metrics:
+        points = [(row["step"], row[name]) for row in rows if name in row]
+        if points:
+            curves[name] = tuple(zip(*points))
+    return curves
 
 
 def _line(row: Row) -> str:

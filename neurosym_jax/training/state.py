@@ -235,7 +235,10 @@ def gradient_rounds(
                 forecaster, recipe, key, state, batches(step)
             )
             rows.append(metrics)
-        return state, {name: jnp.stack([row[name] for row in rows]) for name in rows[0]}
+        stacks = {}
+        for name in rows[0]:
+            stacks[name] = jnp.stack([row[name] for row in rows])
+        return state, stacks
 
     return advance
 

@@ -1,5 +1,6 @@
 """Trainings of several seeds and data sets, and the report of their tests."""
 
+import itertools
 import os
 import subprocess
 import sys
@@ -64,10 +65,8 @@ def write_errors(folder: Path, errors: Sequence[ErrorsByScene]) -> None:
     """Write the errors of all rows of a sweep, scene by scene."""
     arrays: dict[str, Any] = {}
     for at, row_errors in enumerate(errors):
-        arrays |= {
-            f"{at}/{name}": np.array([*score])
-            for name, score in row_errors.scores.items()
-        }
+        for name, score in row_errors.scores.items():
+            arrays[f"{at}/{name}"] = np.array([*score])
         arrays[f"{at}/"] = row_errors.identity
     with new_file(folder / ERRORS) as beside:
         np.savez_compressed(beside, **arrays)
@@ -106,31 +105,38 @@ def compare_sweep(
     runs = _read(sweep, rows, pred_len)
     models = list(dict.fromkeys(model for model, _ in runs))
     reference = _reference(against, models)
-    others = [model for model in models if model != reference]
-    compared = pl.DataFrame(
-        row for model in others for row in _compare(runs, model, reference)
-    )
-    last_rows = compared.filter(test_set=compared["test_set"][-1])
-    metrics = compared["metric"].unique(maintain_order=True)
-    name = markdown_text(reference)
-    head = [f"minus {name}", *(known_metric(metric).label for metric in metrics)]
-    lines = [
-        [markdown_text(model), *map(_cell, frame.iter_rows(named=True))]
-        for (model,), frame in last_rows.group_by("model", maintain_order=True)
-    ]
-    seeds = {seed for errors in runs.values() for seed in errors}
+    differences = []
+    for model in models:
+        if model != reference:
+            differences += _compare(runs, model, reference)
+    compared = pl.DataFrame(differences)
     table = target.with_suffix(".csv")
-    parts = [
-        f"# Models compared\n\nRuns: {sum(map(len, runs.values()))}. Seeds: {len(seeds)}.",
-        *([TOO_FEW] if len(seeds) < ENOUGH else []),
-        f"Difference to {name}, {markdown_text(last_rows['test_set'][0])}:",
-        markdown_table(head, lines),
-        f"{INTERVALS} Differences on each test set are in `{table.name}`.",
-    ]
-    text = "\n\n".join(parts) + "\n"
+    text = _report(runs, compared, markdown_text(reference), table.name)
     write_text(target, text)
     write_text(table, csv_text(compared))
     return f"{text}\n{format_table(rows, 'markdown')}\n\n{target}, {table}"
+
+
+def _report(runs: Runs, compared: pl.DataFrame, reference: str, table: str) -> str:
+    """The Markdown of the differences to `reference` on the last test set, or in the mean."""
+    last_rows = compared.filter(test_set=compared["test_set"][-1])
+    metrics = compared["metric"].unique(maintain_order=True)
+    head = [f"minus {reference}", *(known_metric(metric).label for metric in metrics)]
+    lines = []
+    for (model,), frame in last_rows.group_by("model", maintain_order=True):
+        cells = map(_cell, frame.iter_rows(named=True))
+        lines.append([markdown_text(str(model)), *cells])
+    seeds = set(itertools.chain.from_iterable(runs.values()))
+    count = sum(map(len, runs.values()))
+    parts = [f"# Models compared\n\nRuns: {count}. Seeds: {len(seeds)}."]
+    if len(seeds) < ENOUGH:
+        parts.append(TOO_FEW)
+    parts += [
+        f"Difference to {reference}, {markdown_text(last_rows['test_set'][0])}:",
+        markdown_table(head, lines),
+        f"{INTERVALS} Differences on each test set are in `{table}`.",
+    ]
+    return "\n\n".join(parts) + "\n"
 
 
 def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
@@ -151,14 +157,12 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
         with reading(folder / ERRORS, "the errors of a sweep"):
             arrays = read_arrays(folder / ERRORS)
             for at, model, dataset, seed in columns.iter_rows():
-                row = f"{at}/"
-                names = [
-                    name for name in arrays if name.startswith(row) and name != row
-                ]
-                scores = {
-                    name.removeprefix(row): Score(*arrays[name]) for name in names
-                }
-                errors = ErrorsByScene(scores, arrays[row], steps=sum(chosen[0]))
+                scores = {}
+                for key, values in arrays.items():
+                    row, _, name = key.partition("/")
+                    if name and row == str(at):
+                        scores[name] = Score(*values)
+                errors = ErrorsByScene(scores, arrays[f"{at}/"], steps=sum(chosen[0]))
                 runs.setdefault((model, dataset), {})[seed] = errors
     except InputError as error:
         raise InputError(
@@ -195,9 +199,8 @@ def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]
             raise InputError(
                 f"{model} and {reference} have no seed in common on {dataset}"
             )
-        first, second = (
-            [errors[seed] for seed in seeds] for errors in (model_runs, reference_runs)
-        )
+        first = [model_runs[seed] for seed in seeds]
+        second = [reference_runs[seed] for seed in seeds]
         mean = np.mean([errors.mean for errors in second], axis=0)
         parts[dataset] = paired_difference(first, second, numbers=seeds), mean
     if len(parts) > 1:
@@ -206,16 +209,25 @@ def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]
     for dataset, (difference, mean) in parts.items():
         for metric, error, value in zip(difference.metrics, mean, difference.mean):
             low, high = difference.intervals(metric)["both"]
-            row = {"reference": reference, "model": model, "test_set": dataset}
-            row |= {"metric": metric, "error_of_reference": error, "difference": value}
-            yield row | {"low_95": low, "high_95": high, "seeds": len(difference.seeds)}
+            yield {
+                "reference": reference,
+                "model": model,
+                "test_set": dataset,
+                "metric": metric,
+                "error_of_reference": error,
+                "difference": value,
+                "low_95": low,
+                "high_95": high,
+                "seeds": len(difference.seeds),
+            }
 
 
 def _cell(row: dict[str, Any]) -> str:
     low, high = row["low_95"], row["high_95"]
+    text = f"{row['difference']:+.3f}"
     if not np.isfinite(low):
-        return f"{row['difference']:+.3f} (too few blocks of scenes)".replace("-", "−")
-    text = f"{row['difference']:+.3f} ({low:+.3f} to {high:+.3f})".replace("-", "−")
+        return f"{text} (too few blocks of scenes)".replace("-", "−")
+    text = f"{text} ({low:+.3f} to {high:+.3f})".replace("-", "−")
     if row["seeds"] >= ENOUGH and (low > 0 or high < 0):
         return f"**{text}**"
     return text
@@ -256,14 +268,8 @@ class SweepRun(NamedTuple):
         if finished or (self.folder / "checkpoints").exists():
             recipe = self.folder / RECIPE
             text = recipe.read_text() if recipe.exists() else ""
-            before, now = (
-                {
-                    name: value
-                    for name, value in (yaml.safe_load(x) or {}).items()
-                    if name not in FREE
-                }
-                for x in (text, self.options)
-            )
+            before = _results_options(text)
+            now = _results_options(self.options)
             changes = "; ".join(differences_between(before, now))
             if changes:
                 raise InputError(
@@ -271,6 +277,12 @@ class SweepRun(NamedTuple):
                     f"{option('out')}"
                 )
         return finished
+
+
+def _results_options(text: str) -> dict[str, Any]:
+    """The options in a `recipe.yaml` on which results depend."""
+    options = yaml.safe_load(text) or {}
+    return {name: value for name, value in options.items() if name not in FREE}
 
 
 def unfinished(runs: Sequence[SweepRun]) -> list[SweepRun]:
@@ -336,8 +348,11 @@ def _train(run: SweepRun) -> str:
         )
         with training, when_ended(training.terminate):
             status = training.wait()
-    last = ["no output", *filter(str.strip, log.read_text().splitlines())][-1]
-    return f"status {status}: {last}" if status else ""
+    if not status:
+        return ""
+    lines = [line for line in log.read_text().splitlines() if line.strip()]
+    last = lines[-1] if lines else "no output"
+    return f"status {status}: {last}"
 
 
 def _test(
@@ -347,10 +362,10 @@ def _test(
 
     `labels` has the folder of each run, and what its model is called beside its title.
     """
-    facts = {
-        str(folder / "model"): read_json(folder / "run.json", "the facts of a run")
-        for folder in labels
-    }
+    facts = {}
+    for folder in labels:
+        facts_of_run = read_json(folder / "run.json", "the facts of a run")
+        facts[str(folder / "model")] = facts_of_run
     models = [(path, load_model(path)) for path in facts]
     tests = compare.load_tests(source, compare.make_plan(source, models))
     tested = list(compare.evaluate_tests(tests, compare.Settings()))
@@ -358,16 +373,13 @@ def _test(
     for row in rows:
         path = row["checkpoint"]
         label = path and labels[Path(path).parent]
-        row["model"] += f", {label}" if label else ""
-    files = [
-        reading.file
-        for test in tests
-        for reading in test.windows.reading
-        if reading.file
-    ]
-    compare.write_report(
-        out / "sweep.json", rows, {"provenance": provenance(files, facts)}
-    )
+        if label:
+            row["model"] += f", {label}"
+    files = []
+    for test in tests:
+        files += [reading.file for reading in test.windows.reading if reading.file]
+    origin = {"provenance": provenance(files, facts)}
+    compare.write_report(out / "sweep.json", rows, origin)
     write_errors(out, [result.errors for result in tested])
     for path, run_facts in facts.items():
         sets = [
