@@ -60,22 +60,12 @@ def run(
     files = files_in(path, "**/*") if folder else [path]
     recordings: list[Tracks] = []
     for file in files:
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", InputWarning
-            )  # They stand in the recordings, too.
-            try:
-                content = read_any(file, read)
-            except InputError as error:
-                if not folder:
-                    raise
-                print(f"{printable(str(error))}\n")
-                continue
-        names = {tracks.reading.format for tracks in content if tracks.reading}
-        kinds = ", ".join(FORMATS[name].title for name in names if name)
-        texts = [describe(tracks, read.max_gap) for tracks in content]
-        print("\n".join([printable(f"{file}: {kinds}"), *texts, ""]))
-        recordings += content
+        try:
+            recordings += _described(file, read)
+        except InputError as error:
+            if not folder:
+                raise
+            print(f"{printable(str(error))}\n")
     if len(recordings) > 1:
         print(f"altogether {len(recordings)} recordings of {len(files)} files")
     if not recordings:
@@ -88,6 +78,19 @@ def run(
     else:
         print("no forecast: nobody is seen for 6.4 s")
     return 0
+
+
+def _described(file: Path, read: ReadOptions) -> list[Tracks]:
+    """The recordings in a file, which are described on the standard output."""
+    with warnings.catch_warnings():
+        # They stand in the recordings, too.
+        warnings.simplefilter("ignore", InputWarning)
+        recordings = read_any(file, read)
+    names = {tracks.reading.format for tracks in recordings if tracks.reading}
+    kinds = ", ".join(FORMATS[name].title for name in names if name)
+    texts = [describe(tracks, read.max_gap) for tracks in recordings]
+    print("\n".join([printable(f"{file}: {kinds}"), *texts, ""]))
+    return recordings
 
 
 def _draw(

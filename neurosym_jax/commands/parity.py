@@ -52,38 +52,24 @@ def run(
             together.
     """
     refuse(Seed, {"--seed": seed})
-    if out is not None:
-        if out.suffix != ".json":
-            raise InputError(f"{option('out', str(out))}: must end in .json")
-        refuse_unwritable(out)
+    _refuse_out(out)
     if directory is not None:
-        module = {
-            "torch_module": torch_module,
-            "checkpoint": checkpoint,
-            "python": python,
-        }
-        refuse_given("on stored cases", **module, seed=seed, keep=keep)
+        refuse_given(
+            "on stored cases",
+            torch_module=torch_module,
+            checkpoint=checkpoint,
+            python=python,
+            seed=seed,
+            keep=keep,
+        )
         parity = run_parity(directory, tolerance)
     elif torch_module and checkpoint:
-        contents = read_torch_file(checkpoint)
-        with reading(checkpoint):
-            model = model_from_torch(contents, ignored=None)
-        with (
-            tempfile.TemporaryDirectory()
-            if keep is None
-            else new_folder(keep) as folder
-        ):
-            python = python or sys.executable
-            run_torch(
-                torch_module,
-                contents,
-                Path(folder),
-                title=checkpoint.stem,
-                python=python,
-                seed=seed,
-            )
-            parity = run_parity(Path(folder), tolerance)
-        parity = dataclasses.replace(parity, assumed=model.assumed)
+        python = python or sys.executable
+        with tempfile.TemporaryDirectory() if keep is None else new_folder(keep) as new:
+            folder = Path(new)
+            assumed = _run_module(torch_module, checkpoint, folder, python, seed)
+            parity = run_parity(folder, tolerance)
+        parity = dataclasses.replace(parity, assumed=assumed)
     else:
         raise InputError(
             "give either a folder of stored cases, or --torch-module and --checkpoint"
@@ -92,3 +78,22 @@ def run(
     if out is not None:
         write_json(out, parity.to_json())
     return 0 if parity.ok else 1
+
+
+def _refuse_out(path: Path | None) -> None:
+    if path is None:
+        return
+    if path.suffix != ".json":
+        raise InputError(f"{option('out', str(path))}: must end in .json")
+    refuse_unwritable(path)
+
+
+def _run_module(
+    module: str, checkpoint: Path, folder: Path, python: str, seed: int
+) -> tuple[str, ...]:
+    """Store what a torch module makes in a new folder; what was assumed of its checkpoint."""
+    contents = read_torch_file(checkpoint)
+    with reading(checkpoint):
+        model = model_from_torch(contents, ignored=None)
+    run_torch(module, contents, folder, title=checkpoint.stem, python=python, seed=seed)
+    return model.assumed

@@ -490,13 +490,6 @@ def schema_of(
         if role in places:
             columns.add(places[role])
         flags |= {(role, at) for at in columns}
-    units = {}
-    for role in ("time", "x", "y", "left", "vx"):
-        unit = ""
-        if role in places:
-            _, unit = plain_name(table.names[places[role]])
-        if unit:
-            units[role] = unit
     labels = named.get("label", [])
     recordings = [
         at for at in named.get("recording", []) if at not in declared.values()
@@ -504,7 +497,7 @@ def schema_of(
     is_named = not {"x", "y"} & stated.keys()
     return Schema(
         places,
-        units,
+        _units(table, places),
         flags=tuple(sorted(flags)),
         labels=() if "label" in stated else tuple(labels),
         sizes=sizes if is_named and len(sizes) == 2 else (),
@@ -512,6 +505,18 @@ def schema_of(
         recordings=tuple(recordings),
         declared=frozenset(stated),
     )
+
+
+def _units(table: Table, places: Mapping[str, int]) -> dict[str, str]:
+    """The units that names of columns say, by role."""
+    units = {}
+    for role in ("time", "x", "y", "left", "vx"):
+        unit = ""
+        if role in places:
+            _, unit = plain_name(table.names[places[role]])
+        if unit:
+            units[role] = unit
+    return units
 
 
 def _named(

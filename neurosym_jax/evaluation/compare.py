@@ -891,10 +891,7 @@ def evaluate(
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     loaded, functions = _apart(models)
     files = read_named(forecasts)
-    if partial and not files:
-        raise InputError("partial: there are no files of forecasts")
     lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
-    _refuse_other_lengths(loaded, lengths)
     options = {"baselines": baselines, "samples": samples, "min_agents": min_agents}
     entries: Entries = list(loaded.items())
     if not isinstance(models, Mapping):
@@ -902,8 +899,8 @@ def evaluate(
     tests = _tests_of(recordings, files, entries, lengths, read, options)
     tests = add_forecasts(tests, files, functions, partial=partial)
     chosen = None if metrics is None else tuple(metrics)
-    labels = {name: name for name in loaded}
-    labels |= {str(file.path): name for name, file in files.items()}
+    labels = {str(file.path): name for name, file in files.items()}
+    labels |= {name: name for name in loaded}
     settings = Settings(samples, seed, chosen, labels=labels)
     return rows_frame(with_tests(list(evaluate_tests(tests, settings))))
 
@@ -917,6 +914,7 @@ def _tests_of(
     options: Mapping[str, Any],
 ) -> list[Test]:
     """Tests on recordings or, without any, on the windows of the first file of forecasts."""
+    _refuse_other_lengths([model for _, model in entries], lengths)
     if recordings is not None:
         steps = [file.steps for file in files.values()]
         default = (
@@ -936,11 +934,9 @@ def _tests_of(
     ]
 
 
-def _refuse_other_lengths(
-    models: Mapping[str, Model], lengths: Mapping[str, Any]
-) -> None:
+def _refuse_other_lengths(models: Sequence[Model], lengths: Mapping[str, Any]) -> None:
     for name, value in lengths.items():
-        for model in models.values():
+        for model in models:
             own = getattr(model.config, name)
             if value not in (None, own):
                 raise InputError(f"{name} {value}: {model.name} has {own}")
@@ -1043,8 +1039,11 @@ def add_forecasts(
             match.
 
     Raises:
-        InputError: for a file that is of no test set, or that could be of several.
+        InputError: for a file that is of no test set, or that could be of several, and
+            for `partial` without a file.
     """
+    if partial and not files:
+        raise InputError(f"{option('partial', True)}: there are no files of forecasts")
     chosen: list[dict[str, ForecastFile]] = [{} for _ in tests]
     for name, file in files.items():
         own = set(map(str, [] if file.recordings is None else file.recordings))
@@ -1061,10 +1060,11 @@ def add_forecasts(
             raise InputError(_no_test_set(file, foreign, tests))
         for number in numbers:
             chosen[number][name] = file
-    return [
-        _with_forecasts(test, own_files, predictors, partial)
-        for test, own_files in zip(tests, chosen)
-    ]
+    tests_with_forecasts = []
+    for test, own_files in zip(tests, chosen):
+        test = _with_forecasts(test, own_files, predictors, partial)
+        tests_with_forecasts.append(test)
+    return tests_with_forecasts
 
 
 def _no_test_set(file: ForecastFile, foreign: set[str], tests: Sequence[Test]) -> str:
@@ -1091,7 +1091,8 @@ def _with_forecasts(
     predictors: Mapping[str, Predictor],
     partial: bool,
 ) -> Test:
-    windows, rows = test.windows, {}
+    windows = test.windows
+    rows = {}
     complete = np.ones(windows.scenes, bool)
     for name, file in files.items():
         covered, rows[name] = match(file, windows, partial=partial)
@@ -1100,14 +1101,12 @@ def _with_forecasts(
         raise InputError(f"{', '.join(files)}: no window is in all of these files")
     people = np.repeat(complete, windows.sizes)
     windows = windows.take(complete)
-    forecasts = [
-        (str(file.path), matched(file, name, windows, rows[name][people]))
-        for name, file in files.items()
-    ]
-    forecasts += [
-        (None, predict_windows(function, name, windows))
-        for name, function in predictors.items()
-    ]
+    forecasts = []
+    for name, file in files.items():
+        own = matched(file, name, windows, rows[name][people])
+        forecasts.append((str(file.path), own))
+    for name, function in predictors.items():
+        forecasts.append((None, predict_windows(function, name, windows)))
     return dataclasses.replace(test, windows=windows, forecasts=forecasts)
 
 

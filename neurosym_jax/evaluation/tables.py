@@ -92,7 +92,7 @@ def aligned_table(rows: Sequence[Sequence[str]]) -> str:
 
     Characters that steer a terminal are escaped.
     """
-    rows = [[printable(cell) for cell in row] for row in rows]
+    rows = [list(map(printable, row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows)]
     lines = []
     for row in rows:

@@ -149,8 +149,7 @@ def train(
 
     Args:
         training: `Windows` (see `windows_from`), or recordings, which are resampled to
-            the steps of `config`: `Tracks`, files, folders, dataframes, or several of
-            these.
+            the steps of `config`: `Tracks`, files, folders, dataframes, or several.
         validation: the same; the state with the least error on these is kept. None
             keeps a part of the recordings for it.
         folder: of the run.
@@ -158,11 +157,10 @@ def train(
             of `init`, or else SGAN's.
         recipe: how it is trained; default: the usual one of its family.
         init: the model whose parameters it starts from, or what `load_model` takes.
-        tested: recordings to be tested on, which are refused where `training` has them.
+        tested: recordings to be tested on; refused where `training` has them.
         fold: K/N, see `training.preparation.prepare`.
         read: how files are read, and the guards that are waived.
-        dataset: the data set that was left out, to be tested on; recorded with the
-            model.
+        dataset: the data set that was left out to be tested on; the model records it.
         data: names of the data sets learned from, for the card and licences.
         loss: `(forecast [k, N, pred_len, 2], scene) -> []`, in place of the family's;
             its mean over scenes is trained.
@@ -177,8 +175,7 @@ def train(
     Raises:
         InputError: see `training.preparation.prepare` and `train_run`.
     """
-    if init is not None and not isinstance(init, Model):
-        init = load_model(init)
+    init = _initial_model(init)
     seen = init.seen if init else ""
     config = config or (init.config if init else make_config("sgan"))
     recipe = recipe or usual_recipe(config)
@@ -188,6 +185,12 @@ def train(
     custom = make_custom(loss, optimizer, schedule)
     run = Run(config, recipe, *parts, dataset, tuple(data), init=init, custom=custom)
     return train_run(run, Path(folder), resume=resume, quiet=quiet, on_row=on_row)
+
+
+def _initial_model(init: Model | Path | str | None) -> Model | None:
+    if init is None or isinstance(init, Model):
+        return init
+    return load_model(init)
 
 
 def train_run(
