@@ -1,5 +1,7 @@
 """Online evaluation: scenes in the order of time, and nothing of what comes later."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -103,7 +105,7 @@ def test_a_file_of_the_place_is_where_it_begins(model, tmp_path):
     assert taught[0].share.sum() > 4 * fresh[0].share.sum()
 
 
-def test_rows_with_and_without_the_memory(model):
+def test_rows_with_and_without_the_memory(model, tmp_path):
     tracks = corner(people=20)
     test_set = TestSet("corner", OBSERVED, AHEAD)
     test = Test(test_set, [("mine", model)], cut(tracks), recordings=[tracks])
@@ -114,6 +116,12 @@ def test_rows_with_and_without_the_memory(model):
     assert online["joint_ade"] == alone["joint_ade"]
     for name in names[1:]:
         assert online[name] < 0.9 * alone[name]
+    place = nj.Place(model)
+    place.watch_tracks(corner(people=20))
+    place.save(tmp_path / "corner.npz")
+    settings = dataclasses.replace(settings, place=tmp_path / "corner.npz")
+    _, taught = (result.row for result in evaluate_tests([test], settings))
+    assert taught["energy_score"] < online["energy_score"]
 
 
 def test_it_is_refused_where_time_is_unknown(model):

@@ -83,6 +83,25 @@ def test_models_are_compared_with_the_best_of_their_test_set(simulated):
     assert p_values == [pytest.approx(difference.over_both.p_value(0))] * 2 + [None]
 
 
+def test_the_scene_that_is_shown_is_harder_than_nine_of_ten(simulated):
+    """Of constant velocity, whose errors are computed here."""
+    straight = dataclasses.replace(simulated[0], entries=simulated[0].entries[-1:])
+    (result,) = evaluate_tests([straight], Settings())
+    example = result.example
+    present = int(example.valid.sum())
+    truth = example.future[:present] + example.origin
+    shown = np.linalg.norm(result.forecast[0, :present] - truth, axis=-1).mean()
+
+    windows = straight.windows
+    past, future = np.split(windows.position, [windows.obs_len], axis=1)
+    steps = np.arange(1, future.shape[1] + 1)[:, None]
+    guess = past[:, -1:] + steps * (past[:, -1:] - past[:, -2:-1])
+    errors = np.linalg.norm(guess - future, axis=-1).mean(axis=1)
+    means = np.add.reduceat(errors, windows.bounds[:-1]) / windows.sizes
+    means = means[windows.sizes <= 8]
+    assert np.mean(means < shown - 1e-5) == pytest.approx(0.9, abs=2 / len(means))
+
+
 def test_the_seed_is_0_by_default():
     model, tracks = (
         nj.load_model("sgan_simulations_8"),

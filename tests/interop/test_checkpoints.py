@@ -324,6 +324,10 @@ def test_what_wrappers_and_newer_torch_add_is_read(tmp_path):
         {"args": argparse.Namespace(**contents["args"])},
         {"best_ade": np.float64(0.31), "seed": np.int64(3)},
     )
+    unknown = {"args": contents["args"] | {"attention": True}}
+    torch.save(contents | unknown, tmp_path / "unknown.pt")
+    with pytest.raises(InputError, match="unknown argument 'attention'"):
+        load_model(tmp_path / "unknown.pt")
     past = np.cumsum(np.full((3, 8, 2), 0.3), axis=1) + np.arange(3)[:, None, None]
     expected = predict(model, past, samples=1)
     for variant in variants:

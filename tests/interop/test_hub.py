@@ -53,7 +53,9 @@ class Hub(BaseHTTPRequestHandler):
 
     def do_GET(self):
         name = self.path.split("/")[-1]
-        if not self.path.startswith(("/api/models/me/walkers", "/me/walkers")):
+        elsewhere = "/revision/" in self.path and name not in ("main", COMMIT)
+        is_ours = self.path.startswith(("/api/models/me/walkers", "/me/walkers"))
+        if elsewhere or not is_ours:
             self.reply({"error": "Repository not found"}, 404)
         elif "/resolve/" in self.path:
             headers = {"ETag": f'"{name}"', "X-Repo-Commit": COMMIT}
@@ -154,9 +156,13 @@ def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
     assert sorted(files) == ["README.md", "config.json", "params.safetensors"]
     for name, content in files.items():
         assert (tmp_path / "back" / name).read_bytes() == content
-    assert "me/nobody: " in run(
-        "nj.interop.from_pretrained('me/nobody')", tmp_path, endpoint
+    code = (
+        "for name, revision in (('me/nobody', None), ('me/walkers', 'v0')):\n"
+        "    try: nj.interop.from_pretrained(name, revision=revision)\n"
+        "    except nj.errors.InputError as error: print(error)\n"
     )
+    missing = run(code, tmp_path / "missing", endpoint)
+    assert re.findall(r"(?m)^me/\w+: ", missing) == ["me/nobody: ", "me/walkers: "]
     files["README.md"] += b"edited in the browser"
     again = run(
         "nj.interop.from_pretrained('me/walkers')", tmp_path / "again", endpoint

@@ -36,7 +36,7 @@ def test_a_cell_is_as_full_as_the_draws_say():
 def test_a_layer_is_of_one_moment():
     """After 0.4 s they have left where they stand now."""
     futures = ways([[(0, 0), (2, 0), (4, 0)]] * 2)
-    for ahead, place in ((0.0, 0), (0.4, 2), (0.8, 4), (9.0, 4)):
+    for ahead, place in ((0.0, 0), (0.4, 2), (0.7, 4), (0.8, 4), (9.0, 4)):
         at = reader(*Costmap(ahead).update(futures, EVENLY, 0.4))
         assert [at(x, 0) for x in (0, 2, 4)] == [100 * (x == place) for x in (0, 2, 4)]
 

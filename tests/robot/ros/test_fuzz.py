@@ -189,6 +189,8 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(
         assert_array_equal(same.futures, message.futures)
     assert (idle.status.skipped, loaded.status.skipped) == (0, 32)
     assert "skipped 32" in loaded.status.line()
+    # The stamps are long past.
+    assert loaded.status.now()["age"] > 0
     # More than may wait are counted, too; the newest are kept, and no gap is long.
     clock = SimpleNamespace(monotonic=lambda: n / 30)
     monkeypatch.setattr(forecasting, "time", clock)
@@ -200,6 +202,21 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(
         assert waiting[-1] == n
         assert max(np.diff(waiting), default=0) <= 4
     assert waiting[0] < 1000 - 30 * 2
+
+
+def test_the_robot_is_where_it_is_at_the_newest_frame(forecast_node):
+    source = PeopleSource("map", print, "base")
+    node = forecast_node(name="driving", source=source)
+    events: list[Any] = []
+    node.views.append(SimpleNamespace(show=lambda event, now: events.append(event)))
+    for stamp in (1.0, 2.0):
+        node._move(False, transform(stamp, "map", "base", 3 * stamp))
+    walk = [
+        messages.make_people(node._new, FRAME._replace(stamp=stamp), "map")
+        for stamp in (1.0, 2.0)
+    ]
+    work(node, *(bytes(node._store.serialize_ros1(said, PEOPLE)) for said in walk))
+    assert [event.robot.tolist() for event in events] == [[6, 0, 0]]
 
 
 @pytest.mark.parametrize(("late", "count"), [(0.3, 1), (1.5, 0)])

@@ -165,6 +165,15 @@ def test_who_ends_a_node_does_not_steer_its_terminal(master, capsys):
     assert "asked to end by /who\\x9b2J: a\\nb\n" in capsys.readouterr().err
 
 
+def test_a_block_beyond_the_limit_is_not_waited_for():
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        theirs.settimeout(5)
+        ours.sendall(struct.pack("<I", 10_001))
+        with pytest.raises(ConnectionError, match="10001 bytes was announced"):
+            read_block(theirs, 10_000)
+
+
 def hostile_blocks(seed: int) -> bytes:
     """Something like the beginning of a connection."""
     rng = random.Random(seed)
