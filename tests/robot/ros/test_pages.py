@@ -48,6 +48,9 @@ def ours(line: str) -> list[str]:
     """A command of ours as words."""
     program, *words = shlex.split(line)
     assert program == "neurosym"
+    if "--dashboard" in words:
+        # Tests run at the same time, and of those some serve at the same port.
+        words += ["--port", "0"]
     return [sys.executable, "-m", "neurosym_jax", *words]
 
 
