@@ -1,11 +1,13 @@
 """The package as a wheel, installed in a place of its own and used in an empty folder."""
 
+import hashlib
 import itertools
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tarfile
 
 import pytest
 
@@ -65,6 +67,24 @@ def installed(tmp_path_factory):
     place = folder / "installed"
     subprocess.run([*PIP, "install", "--no-deps", "--target", place, wheel], check=True)
     return place
+
+
+@pytest.mark.slow
+def test_a_source_distribution_has_the_same_bytes_at_any_time(installed, tmp_path):
+    source = installed.parent / "source"
+    digests = []
+    for time in (1_000_000_000, 1_500_000_000):
+        for path in source.rglob("*.py"):
+            os.utime(path, (time, time))
+        command = [sys.executable, "setup.py", "-q", "sdist", "--dist-dir", tmp_path]
+        subprocess.run(command, cwd=source, check=True, capture_output=True)
+        (archive,) = tmp_path.glob("*.tar.gz")
+        digests.append(hashlib.sha256(archive.read_bytes()).hexdigest())
+    assert digests[0] == digests[1]
+    with tarfile.open(archive) as entries:
+        names = entries.getnames()
+    root = names[0]
+    assert {f"{root}/PKG-INFO", f"{root}/neurosym_jax/scene.py"} < set(names)
 
 
 @pytest.mark.slow
