@@ -143,6 +143,9 @@ def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):
     }
     expected = pl.DataFrame({"model": ["a", "b"], "crps": [None, 1.0]})
     assert read_report(path).equals(expected)
+    path.write_text('{"format": 1, "rows": []}')
+    with pytest.raises(InputError, match="is not a report of ours of format 2"):
+        read_report(path)
 
 
 @pytest.mark.parametrize(

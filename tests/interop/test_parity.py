@@ -8,7 +8,7 @@ import pytest
 
 from neurosym_jax.commands.parity import run
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.parity import TOLERANCE, run_parity
+from neurosym_jax.interop.parity import TOLERANCE, hand_over, run_parity
 from tests.repository import GOLDEN, exhaustive
 
 
@@ -203,6 +203,15 @@ def test_one_element_decides_tolerance_is_inclusive_and_nothing_compared_is_no_p
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
+def test_torch_gets_tuples_for_tuples(tmp_path):
+    """JSON has lists alone, and a constructor may take a tuple for a key."""
+    arguments = {"noise_dim": (8,), "sizes": [1, 2], "name": "eth"}
+    hand_over(tmp_path, "a", {"args": arguments, "g_state": {"w": [1.0]}})
+    contents = json.loads((tmp_path / "contents.json").read_text())
+    assert contents["tuples"] == ["noise_dim"]
+    assert contents["arguments"] == arguments | {"noise_dim": [8]}
+
+
 def test_a_forecast_that_is_not_finite_is_a_miss(tmp_path):
     broken = replaced(
         "g_state/decoder.hidden2pos.bias", lambda a: np.full_like(a, 3e38)

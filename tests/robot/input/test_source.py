@@ -87,6 +87,15 @@ def test_a_second_publisher_waits_until_the_first_is_silent(notices):
     assert "now, not from" in notices[1]
 
 
+def test_a_publisher_that_has_left_is_replaced_at_once(notices):
+    source = PeopleSource(report=notices.append)
+    source.take(PEOPLE, people(1.0), "/a", 0.0)
+    assert source.take(PEOPLE, people(1.1), "/b", 0.1) == []
+    source.is_there = {"/b"}.__contains__
+    assert len(source.take(PEOPLE, people(1.2), "/b", 0.2)) == 1
+    assert "people come from /b now, not from /a" in notices
+
+
 def test_coordinates_are_taken_to_the_fixed_frame_once_the_transform_brackets_them(
     notices,
 ):
