@@ -26,8 +26,11 @@ COMMANDS = "neurosym_jax.commands"
 def commands() -> dict[str, str]:
     """Module of each command, by name in alphabetical order."""
     names = [file.name.removesuffix(".py") for file in files(COMMANDS).iterdir()]
-    ours = {name: f"{COMMANDS}.{name}" for name in names if not name.startswith("_")}
-    return dict(sorted((entry_points("commands") | ours).items()))
+    modules = entry_points("commands")
+    for name in names:
+        if not name.startswith("_"):
+            modules[name] = f"{COMMANDS}.{name}"
+    return dict(sorted(modules.items()))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -50,8 +53,9 @@ def _run(arguments: list[str]) -> None:
     modules = commands()
     if name in ("-h", "--help"):
         print("usage: neurosym COMMAND [--help]\n       neurosym --version\n")
-        for each, module in modules.items():
-            print(f"  {each:{max(map(len, modules))}}  {_summary(module)}")
+        width = max(map(len, modules))
+        for command, module in modules.items():
+            print(f"  {command:{width}}  {_summary(module)}")
     elif name == "--version":
         from importlib.metadata import version
 

@@ -90,9 +90,9 @@ class Checked:
         for name, hint in _hints(type(self)).items():
             value = _built(getattr(self, name), hint, name)
             object.__setattr__(self, name, value)
-            wanted = _misfit(value, hint)
-            if wanted:
-                raise InputError(f"{name} must {wanted}, not {brief(value)}")
+            demand = _misfit(value, hint)
+            if demand:
+                raise InputError(f"{name} must {demand}, not {brief(value)}")
 
 
 def refuse(hint: Any, values: Mapping[str, Any], optional: bool = False) -> None:
@@ -105,9 +105,9 @@ def refuse(hint: Any, values: Mapping[str, Any], optional: bool = False) -> None
         plain = value.item() if hasattr(value, "item") else value
         if optional and plain is None:
             continue
-        wanted = _misfit(plain, hint)
-        if wanted:
-            raise InputError(f"{name} must {wanted}, not {brief(plain)}")
+        demand = _misfit(plain, hint)
+        if demand:
+            raise InputError(f"{name} must {demand}, not {brief(plain)}")
 
 
 def to_json(config: Any, table: Registry[Any] | None = None) -> dict[str, Any]:
@@ -194,14 +194,12 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
         node: Any = fields.get(outer) if dot else fields
         kind = key == "kind" and _table(_hints(type(config)).get(outer)) is not None
         if not equals or not isinstance(node, dict) or key not in node or kind:
-            own = (
-                [f"{outer}.{each}" for each in node]
-                if outer and isinstance(node, dict)
-                else []
-            )
-            known = ", ".join([*fields, *own])
+            names = [*fields]
+            if outer and isinstance(node, dict):
+                names += [f"{outer}.{name}" for name in node]
             raise InputError(
-                f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}"
+                f"{option} {change}: must be NAME=VALUE, where NAME is one of "
+                f"{', '.join(names)}"
             )
         value = _value(text)
         table = None if outer else _table(_hints(type(config))[key])
@@ -234,7 +232,7 @@ def component(form: str | Mapping[str, Any], table: Registry[Any], source: str) 
 
 def differences(config: Any) -> list[str]:
     """NAME=VALUE of each field that differs from its default; the inverse of `changed`."""
-    found = []
+    changes = []
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)
         table = _table(_hints(type(config))[field.name])
@@ -242,10 +240,9 @@ def differences(config: Any) -> list[str]:
             continue
         if table is not None and value is not None:
             value = ",".join([table.name_of(value), *differences(value)])
-        found.append(
-            f"{field.name}={value if isinstance(value, str) else json.dumps(value)}"
-        )
-    return found
+        text = value if isinstance(value, str) else json.dumps(value)
+        changes.append(f"{field.name}={text}")
+    return changes
 
 
 def _built(value: Any, hint: Any, source: str) -> Any:
@@ -281,36 +278,36 @@ def _hints(config: type) -> dict[str, Any]:
 def _misfit(value: Any, hint: Any) -> str:
     """What `value` would have to do to fit `hint`, in words; empty if it fits."""
     origin = typing.get_origin(hint)
-    of = typing.get_args(hint)
+    inner = typing.get_args(hint)
     if origin is Annotated:
-        broken = (
-            each.words
-            for each in of[1:]
-            if isinstance(each, Rule) and not each.holds(value)
-        )
-        return _misfit(value, of[0]) or next(broken, "")
+        kind, *rules = inner
+        demand = _misfit(value, kind)
+        for rule in rules:
+            if not demand and isinstance(rule, Rule) and not rule.holds(value):
+                demand = rule.words
+        return demand
     if origin is Literal:
-        if value in of:
+        if value in inner:
             return ""
-        return f"be one of {', '.join(map(str, of))}"
+        return f"be one of {', '.join(map(str, inner))}"
     if origin in (typing.Union, types.UnionType):
-        wanted = [_misfit(value, option) for option in of]
-        return " or ".join(wanted) if all(wanted) else ""
-    if origin is tuple and of[-1] is Ellipsis:
+        demands = [_misfit(value, kind) for kind in inner]
+        return " or ".join(demands) if all(demands) else ""
+    if origin is tuple and inner[-1] is Ellipsis:
         if not isinstance(value, tuple):
             return "be a list"
-        return next(filter(None, (_misfit(part, of[0]) for part in value)), "")
+        demands = [_misfit(part, inner[0]) for part in value]
+        return next(filter(None, demands), "")
     if origin is tuple:
-        fits = isinstance(value, tuple) and len(value) == len(of)
-        fits = fits and not any(_misfit(part, kind) for part, kind in zip(value, of))
-        return "" if fits else f"be {len(of)} finite numbers"
+        fits = isinstance(value, tuple) and len(value) == len(inner)
+        fits = fits and not any(map(_misfit, value, inner))
+        return "" if fits else f"be {len(inner)} finite numbers"
     if origin is dict:
-        fits = isinstance(value, dict) and not any(
-            _misfit(part, of[1]) for part in value.values()
-        )
+        fits = isinstance(value, dict)
+        fits = fits and not any(_misfit(part, inner[1]) for part in value.values())
         if fits:
             return ""
-        return f"be an object, each value of which must {_WORDS[of[1]]}"
+        return f"be an object, each value of which must {_WORDS[inner[1]]}"
     if hint in (int, float):
         number = isinstance(value, int | hint) and not isinstance(value, bool)
         # An integer of more bits has no float, and is no index.

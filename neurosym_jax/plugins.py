@@ -135,18 +135,16 @@ class Registry(dict[str, T]):
     def __missing__(self, name: str) -> T:
         near = difflib.get_close_matches(str(name)[:80], self, 1)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        known = f"there are {', '.join(self)} ({option('plugin', 'FILE')} adds one)"
-        raise InputError(f"unknown {self.kind} {brief(name)}: {hint}{known}")
+        names = f"there are {', '.join(self)} ({option('plugin', 'FILE')} adds one)"
+        raise InputError(f"unknown {self.kind} {brief(name)}: {hint}{names}")
 
 
 def entry_points(group: str) -> dict[str, str]:
     """Modules that installed packages declare as entry points of `neurosym_jax.GROUP`, by name."""
     from importlib import metadata  # 20 ms, not spent on `import neurosym_jax`.
 
-    return {
-        each.name: each.value
-        for each in metadata.entry_points(group=f"neurosym_jax.{group}")
-    }
+    points = metadata.entry_points(group=f"neurosym_jax.{group}")
+    return {point.name: point.value for point in points}
 
 
 @functools.cache
@@ -193,8 +191,11 @@ def additions() -> list[tuple[str, str, Any]]:
 
 def names(plugins: Iterable[str]) -> tuple[str, ...]:
     """Names of `plugins` on any machine, each once: modules, and files without their folder."""
-    named = (Path(each).name if each.endswith(".py") else each for each in plugins)
-    return tuple(dict.fromkeys(named))
+    unique = {}
+    for plugin in plugins:
+        name = Path(plugin).name if plugin.endswith(".py") else plugin
+        unique[name] = None
+    return tuple(unique)
 
 
 def _load_file(path: Path) -> None:

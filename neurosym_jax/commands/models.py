@@ -30,7 +30,7 @@ def run(all: bool = False) -> None:
 
     Args:
         all: List each model. The column neighbours has the share of people with
-            somebody within 2 m whose forecast they change.
+            a neighbour within 2 m whose forecast the neighbours change.
     """
     print(
         "recommended: take this one; it is the anchors model for your data set and horizon\n"

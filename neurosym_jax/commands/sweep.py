@@ -6,6 +6,7 @@
 import dataclasses
 import itertools
 import shlex
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -70,9 +71,9 @@ def run(options: Options) -> int:
     if not options.dry_run:
         return run_sweep(runs, source, options.out, options_text(options), options.jobs)
     left = unfinished(runs)
-    for one in runs:
-        state = "left    " if one in left else "finished"
-        print(f"{state}  {shlex.join(['neurosym', *one.command])}")
+    for sweep_run in runs:
+        state = "left    " if sweep_run in left else "finished"
+        print(f"{state}  {shlex.join(['neurosym', *sweep_run.command])}")
     return 0
 
 
@@ -87,55 +88,73 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         if not getattr(options, name):
             raise InputError(f"--{name}: at least one is needed")
     first = options.dataset[0] if options.dataset else None
-    data, read, also = options.data, options.read, options.train_also
-    period = train.configured(train.Options(period=options.period, init=options.init))[
-        0
-    ].period
-    source = open_data(data, read, first, also, period=period)
-    unknown = [name for name in options.dataset if name not in source.scenes]
-    if unknown:
-        raise InputError(
-            f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}"
-        )
-    common = {
-        of.name: getattr(options, of.name) for of in dataclasses.fields(train.Options)
-    }
-    datasets = options.dataset or source.scenes
+    config, *_ = train.configured(
+        train.Options(period=options.period, init=options.init)
+    )
+    source = open_data(
+        options.data, options.read, first, options.train_also, period=config.period
+    )
+    for name in options.dataset:
+        if name not in source.scenes:
+            raise InputError(
+                f"unknown dataset {name!r}: there are {', '.join(source.scenes)}"
+            )
     runs: dict[Path, SweepRun] = {}
-    # Seed by seed: an interrupted sweep has trained all models as often.
-    changes = [*itertools.product(*(_values(change) for change in options.set))]
-    networks = [*itertools.product(*(_values(change) for change in options.network))]
-    varied = [
-        change
-        for change in (*options.set, *options.network)
-        if len(_values(change)) > 1
-    ]
-    for seed, model, dataset, pred_len, fold, changed, network in itertools.product(
-        *(options.seed, _models(options), datasets, options.pred_len or (None,)),
-        *(options.fold or (None,), changes, networks),
-    ):
-        own = {"dataset": dataset, "pred_len": pred_len, "seed": seed, "fold": fold}
-        own |= {**model, "set": changed, "network": network}
-        asked = train.Options(**{**common, **own})
-        config, *_ = train.configured(asked)
-        names = [change.partition("=")[0] for change in varied]
-        label = [c for c in (*changed, *network) if c.partition("=")[0] in names]
-        label += [f"fold {fold}"] if fold else []
-        lengths = config.obs_len, config.pred_len
+    for run_options, label in _varied(options, options.dataset or source.scenes):
+        config, *_ = train.configured(run_options)
         parts = [
             forecaster_of(config).variant,
             *label,
-            dataset,
-            *lengths,
-            f"seed{seed}",
+            run_options.dataset,
+            config.obs_len,
+            config.pred_len,
+            f"seed{run_options.seed}",
         ]
         name = "_".join(map(str, parts)).replace("/", "of").replace(" ", "")
         folder = options.out / name
         if folder in runs:
             raise InputError(f"{name}: two runs of the sweep have this name")
-        text = options_text(dataclasses.replace(asked, out=folder))
+        text = options_text(dataclasses.replace(run_options, out=folder))
         runs[folder] = SweepRun(folder, text, ", ".join(label))
     return source, list(runs.values())
+
+
+def _varied(
+    options: Options, datasets: Sequence[str]
+) -> Iterator[tuple[train.Options, list[str]]]:
+    """The options of each run, and what tells its model apart from others of the sweep."""
+    names = [field.name for field in dataclasses.fields(train.Options)]
+    common = {name: getattr(options, name) for name in names}
+    varied = set()
+    for change in (*options.set, *options.network):
+        if len(_values(change)) > 1:
+            varied.add(change.partition("=")[0])
+    # Seed by seed: an interrupted sweep has trained all models as often.
+    for seed, model, dataset, pred_len, fold, changes, network in itertools.product(
+        options.seed,
+        _models(options),
+        datasets,
+        options.pred_len or (None,),
+        options.fold or (None,),
+        itertools.product(*map(_values, options.set)),
+        itertools.product(*map(_values, options.network)),
+    ):
+        own = {
+            **model,
+            "dataset": dataset,
+            "pred_len": pred_len,
+            "seed": seed,
+            "fold": fold,
+            "set": changes,
+            "network": network,
+        }
+        label = []
+        for change in (*changes, *network):
+            if change.partition("=")[0] in varied:
+                label.append(change)
+        if fold:
+            label.append(f"fold {fold}")
+        yield train.Options(**{**common, **own}), label
 
 
 def _values(change: str) -> list[str]:

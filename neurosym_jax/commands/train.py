@@ -26,7 +26,7 @@ from neurosym_jax.data.recordings import (
 )
 from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.tracks import PERIOD, describe_readings
-from neurosym_jax.data.windows import cut_windows, make_batches, shared_shapes
+from neurosym_jax.data.windows import Windows, cut_windows, make_batches, shared_shapes
 from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.evaluation.compare import baselines_of
 from neurosym_jax.evaluation.scores import score_forecaster
@@ -154,15 +154,19 @@ def closing_line(options: Options, run: Run, source: Source, folder: Path) -> st
     elif not {*datasets} <= {*source.scenes}:
         datasets = ()
     words = ["neurosym", "evaluate", "--checkpoint", str(folder)]
-    more = [] if run.config.period == PERIOD else ["--period", f"{run.config.period:g}"]
+    options_of_run = []
+    if run.config.period != PERIOD:
+        options_of_run += ["--period", f"{run.config.period:g}"]
     for plugin in loaded():
-        more += ["--plugin", plugin]
+        options_of_run += ["--plugin", plugin]
     if not datasets:
-        new = shlex.join([*words, "--data", "NEW_RECORDING", *more])
+        new = shlex.join([*words, "--data", "NEW_RECORDING", *options_of_run])
         return f"nothing is left to test on: test on a new recording: {new}"
-    words += ["--data", str(options.data)] if options.data else []
-    words += ["--test-on", *map(str, datasets)] if options.train_on else []
-    words += [*flags(given(options.read)), *more]
+    if options.data:
+        words += ["--data", str(options.data)]
+    if options.train_on:
+        words += ["--test-on", *map(str, datasets)]
+    words += [*flags(given(options.read)), *options_of_run]
     return f"test it: {shlex.join(words)}"
 
 
@@ -173,12 +177,15 @@ def _unseen(run: Run, source: Source) -> list[str]:
     for path in source.paths:
         with contextlib.suppress(InputError):  # It may be too short for a window.
             windows = cut_windows(source.files([str(path)]), *lengths)
-            used = (
-                shared_shapes(windows, part) for part in (run.training, run.validation)
-            )
-            if all(found <= 0.01 * total for found, total in used):
+            if _is_new(windows, run.training) and _is_new(windows, run.validation):
                 names.append(path.stem if isinstance(source, Files) else str(path))
     return names
+
+
+def _is_new(windows: Windows, used: Windows) -> bool:
+    """Whether hardly any shape in `windows` is in `used`."""
+    shared, total = shared_shapes(windows, used)
+    return shared <= 0.01 * total
 
 
 def _tensorboard(
@@ -208,18 +215,18 @@ def _print_errors(run: Run, model: Model) -> None:
     )
     lengths = run.config.obs_len, run.config.pred_len
     baselines = baselines_of(None, *lengths, run.dataset, run.samples)
-    for each in (model, *(baseline for _, baseline in baselines)):
-        found = score_forecaster(
-            each.forecaster,
-            each.params,
+    for _, scored in ((None, model), *baselines):
+        result = score_forecaster(
+            scored.forecaster,
+            scored.params,
             batches,
             samples=run.samples,
             seed=run.recipe.seed,
             metrics=("joint_ade", "joint_fde"),
         )
-        ade = found.mean("joint_ade")
-        fde = found.mean("joint_fde")
-        print(f"  {each.name:26}  ADE {ade:.3f}  FDE {fde:.3f}")
+        ade = result.mean("joint_ade")
+        fde = result.mean("joint_fde")
+        print(f"  {scored.name:26}  ADE {ade:.3f}  FDE {fde:.3f}")
 
 
 def configured(options: Options) -> tuple[Any, Any, Model | None]:

@@ -182,8 +182,9 @@ def _bends(
 ) -> dict[int, float]:
     """The roughness of each column along tracks.
 
-    One number at a moment, whoever is there, is another clock; one of a person may be a
-    height, and is taken for a coordinate only where nothing else is left.
+    A column with one number for all people at a moment is another clock. One with one
+    number for each person may be a height: it is a coordinate only where no other column
+    is left.
     """
     bends = {}
     rough = roughness(moment, ids, np.column_stack(list(numbers.values())))

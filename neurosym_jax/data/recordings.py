@@ -86,7 +86,7 @@ FORMATS: Registry[type[Format]] = Registry(
         "trajnet": trajnet.Trajnet,
     },
 )
-"""The last is asked first whether it knows a file, and `text` knows what nobody else does."""
+"""The last is asked first whether it knows a file; `text` takes what no other format knows."""
 
 register_format = FORMATS.register
 """Decorate a class of `Format` with its name."""

@@ -21,7 +21,6 @@ Satterthwaite's.
 
 import dataclasses
 import functools
-import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -185,25 +184,25 @@ class Difference:
 
 
 def paired_difference(
-    ours: Sequence[ErrorsByScene],
-    theirs: Sequence[ErrorsByScene],
+    model: Sequence[ErrorsByScene],
+    reference: Sequence[ErrorsByScene],
     numbers: Sequence[int] | None = None,
 ) -> Difference:
-    """`ours` less `theirs` on the same scenes: n runs each, of the training seeds `numbers`.
+    """`model` less `reference` on the same scenes: n runs each, of the training seeds `numbers`.
 
     The training seeds are 0 to n - 1 by default.
     """
-    pairs = list(zip(ours, theirs))
-    seeds = np.stack([first.mean - second.mean for first, second in pairs])
-    changes = np.mean(
-        [first.jackknife() - second.jackknife() for first, second in pairs], axis=0
+    differences, changes, effective = [], [], []
+    for first, second in zip(model, reference):
+        differences.append(first.mean - second.mean)
+        changes.append(first.jackknife() - second.jackknife())
+        effective += [first.effective_blocks(), second.effective_blocks()]
+    seeds = np.stack(differences)
+    over_scenes = _over_blocks(
+        seeds.mean(axis=0), np.mean(changes, axis=0), np.min(effective, axis=0)
     )
-    runs = itertools.chain.from_iterable(pairs)
-    effective = np.min([run.effective_blocks() for run in runs], axis=0)
-    over_scenes = _over_blocks(seeds.mean(axis=0), changes, effective)
-    return Difference(
-        tuple(ours[0].scores), tuple(numbers or range(len(pairs))), seeds, over_scenes
-    )
+    metrics = tuple(model[0].scores)
+    return Difference(metrics, tuple(numbers or range(len(seeds))), seeds, over_scenes)
 
 
 def mean_difference(parts: Sequence[Difference]) -> Difference:
@@ -217,17 +216,13 @@ def mean_difference(parts: Sequence[Difference]) -> Difference:
         raise InputError(
             "no training seed was tested on every test set, so there is no mean"
         )
-    of_common = []
+    common_seeds, shrunk = [], []
     for part in parts:
         rows = [part.numbers.index(number) for number in common]
-        of_common.append(part.seeds[rows])
-    seeds = np.mean(of_common, axis=0)
-    shrunk = [
-        dataclasses.replace(
-            part.over_scenes, variance=part.over_scenes.variance / len(parts) ** 2
-        )
-        for part in parts
-    ]
+        common_seeds.append(part.seeds[rows])
+        variance = part.over_scenes.variance / len(parts) ** 2
+        shrunk.append(dataclasses.replace(part.over_scenes, variance=variance))
+    seeds = np.mean(common_seeds, axis=0)
     return Difference(
         parts[0].metrics, tuple(common), seeds, _sum(seeds.mean(axis=0), shrunk)
     )

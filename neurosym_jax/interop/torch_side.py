@@ -34,10 +34,10 @@ SIZES = (3, 2, 1, 5)
 """People in each scene: of a scene of more than two the first one stands still."""
 
 
-def main(path, given, out, name, seed):
+def main(path, contents_folder, out, name, seed):
     """Write the case of a checkpoint in the class `name` of the file `path`, and its manifest.
 
-    The folder `given` holds what our reader read of the checkpoint (see
+    `contents_folder` holds what our reader read of the checkpoint (see
     `parity.hand_over`). The file itself is not opened here: a second parser might read
     another program in it than the one that was checked.
     """
@@ -48,7 +48,7 @@ def main(path, given, out, name, seed):
         file = package + "." + file
     sys.path.insert(0, folder)  # The file may import its neighbours.
     network_class = getattr(importlib.import_module(file), name)
-    title, arguments, state = read(torch, given)
+    title, arguments, state = read(torch, contents_folder)
     names = inspect.signature(network_class).parameters
     row = {}
     for argument in names:
@@ -72,14 +72,16 @@ def main(path, given, out, name, seed):
         json.dump([dict(row, layers=layers)], manifest, indent=1)
 
 
-def read(torch, given):
-    """The checkpoint's name, its arguments and its state dict, from the folder `given`."""
-    with open(os.path.join(given, "contents.json")) as file:
+def read(torch, contents_folder):
+    """The checkpoint's name, its arguments and its state dict, from a folder."""
+    with open(os.path.join(contents_folder, "contents.json")) as file:
         contents = json.load(file)
     arguments = contents["arguments"]
     for name in contents["tuples"]:
         arguments[name] = tuple(arguments[name])
-    with np.load(os.path.join(given, "state.npz"), allow_pickle=False) as arrays:
+    with np.load(
+        os.path.join(contents_folder, "state.npz"), allow_pickle=False
+    ) as arrays:
         values = [arrays[f"arr_{number}"] for number in range(len(arrays.files))]
     state = {
         name: torch.from_numpy(value) for name, value in zip(contents["names"], values)

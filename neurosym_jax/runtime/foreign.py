@@ -49,10 +49,10 @@ HEADERS = {
 
 
 @contextlib.contextmanager
-def reading(path: Path | str, what: str = "") -> Iterator[None]:
+def reading(path: Path | str, kind: str = "") -> Iterator[None]:
     """Turn whatever is raised in this context into an InputError that names `path`.
 
-    `what` says what the file should be, such as "a report". An InputError goes on, with
+    `kind` says what the file should be, such as "a report". An InputError goes on, with
     the name in front unless it begins with it. The error of a library is the cause of
     ours, so that Python shows both.
 
@@ -69,17 +69,19 @@ def reading(path: Path | str, what: str = "") -> Iterator[None]:
     except OSError as error:
         raise InputError(f"{name}: cannot be read: {_words(error)}") from None
     except Exception as error:
-        raise _damaged(name, what, error) from error
+        raise _damaged(name, kind, error) from error
     except BaseException as error:
         # A library in Rust that panics: no Exception, and no wish of the user's either.
         if type(error).__name__ != "PanicException":
             raise
-        raise _damaged(name, what, error) from error
+        raise _damaged(name, kind, error) from error
 
 
-def _damaged(name: str, what: str, error: BaseException) -> InputError:
-    kind = f"cannot be read as {what}" if what else "cannot be read"
-    return InputError(f"{name}: {kind}: damaged, or of another kind ({_words(error)})")
+def _damaged(name: str, kind: str, error: BaseException) -> InputError:
+    problem = f"cannot be read as {kind}" if kind else "cannot be read"
+    return InputError(
+        f"{name}: {problem}: damaged, or of another kind ({_words(error)})"
+    )
 
 
 def _words(error: BaseException) -> str:
@@ -109,17 +111,17 @@ def read_bytes(path: Path | str, limit: float = SMALL) -> bytes:
     return content
 
 
-def read_json(path: Path | str, what: str = "JSON", limit: float = SMALL) -> Any:
+def read_json(path: Path | str, kind: str = "JSON", limit: float = SMALL) -> Any:
     """The value of a file in JSON, without keys that stand twice.
 
     Raises:
         InputError: naming the file: as `read_bytes`, and for other text.
     """
-    with reading(path, what):
+    with reading(path, kind):
         return parse_json(read_bytes(path, limit), printable(str(path)))
 
 
-def read_yaml(path: Path | str, what: str = "YAML", loader: Any = None) -> Any:
+def read_yaml(path: Path | str, kind: str = "YAML", loader: Any = None) -> Any:
     """The value of a file in YAML, without aliases, of which a few lines make gigabytes.
 
     `loader` is one of PyYAML's that makes plain values; default: its safe one.
@@ -129,14 +131,14 @@ def read_yaml(path: Path | str, what: str = "YAML", loader: Any = None) -> Any:
     """
     import yaml
 
-    with reading(path, what):
+    with reading(path, kind):
         text = read_bytes(path, SETTINGS).decode("utf-8")
         if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
             raise InputError("has an alias (*name), which may stand for any amount")
         return yaml.load(text, loader or yaml.SafeLoader)
 
 
-def read_arrays(path: Path | str, what: str = "arrays of numpy") -> dict[str, Any]:
+def read_arrays(path: Path | str, kind: str = "arrays of numpy") -> dict[str, Any]:
     """All arrays of an `.npz` by name, read-only; none may hold objects.
 
     Sizes are compared with the archive's and with what is free before anything is
@@ -145,7 +147,7 @@ def read_arrays(path: Path | str, what: str = "arrays of numpy") -> dict[str, An
     Raises:
         InputError: naming the file, and the array where one is wrong.
     """
-    with reading(path, what), open(path, "rb") as file:
+    with reading(path, kind), open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size
         with zipfile.ZipFile(file) as archive:
             refuse_twins(archive)
@@ -165,13 +167,13 @@ def read_arrays(path: Path | str, what: str = "arrays of numpy") -> dict[str, An
     return arrays
 
 
-def read_array(path: Path | str, what: str = "an array of numpy") -> np.ndarray:
+def read_array(path: Path | str, kind: str = "an array of numpy") -> np.ndarray:
     """The array in an `.npy`, read-only, which may hold no objects.
 
     Raises:
         InputError: naming the file: as `read_bytes`, and for another content.
     """
-    with reading(path, what):
+    with reading(path, kind):
         return _array(read_bytes(path, UNPACKED))
 
 

@@ -336,7 +336,7 @@ def _qualified(value: Any) -> str:
     if not package.startswith(PACKAGES) or file is None or "<" in value.__qualname__:
         raise Unnamed
     if Path(file).resolve().parents[1] != ROOT:
-        raise Unnamed  # The package of somebody else, whose source is not in the key.
+        raise Unnamed  # Another package's function: its source is not in the key.
     return f"{value.__module__}.{value.__qualname__}"
 
 

@@ -97,9 +97,9 @@ class Weighting(Checked, abc.ABC):
         accepted = self.accepted()
         for name, value in parameters.items():
             if name not in accepted:
-                known = ", ".join(accepted) or "none"
+                names = ", ".join(accepted) or "none"
                 raise InputError(
-                    f"{self.name} has no parameter {brief(name)}; it has {known}"
+                    f"{self.name} has no parameter {brief(name)}; it has {names}"
                 )
             shape = list(jnp.shape(value))
             expected = list(np.shape(accepted[name]))

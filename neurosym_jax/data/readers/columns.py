@@ -373,7 +373,7 @@ def _named_by_comments(table: Table) -> Table:
 
 
 def _with_ids(table: Table, at: int) -> Table:
-    """The rows of somebody: an empty id is nobody's, nor is -1 if no other is negative."""
+    """The rows of a person: an empty id is no person, nor is -1 if no other id is negative."""
     texts = table.words(at)
     numbers = texts.cast(pl.Float64, strict=False)
     is_nobody = absent(texts)
@@ -515,8 +515,8 @@ def _kinds(
 
 # Layouts without a header: what each column is. Numbers alone say which file has one.
 
-# times, by which another reading of the columns gives the lie to the usual one
 SMOOTHER = 5
+"""How many times smoother another reading of the columns must be to replace the usual one."""
 
 
 class Text(Layout):

@@ -3,7 +3,7 @@
 A scene takes a point of each person. Its probability is that of independent people,
 times what each pair of people says (a Markov random field): scenes in which two overlap
 are improbable, and those in which two who walk together part. Draws are made from it by
-Gibbs sampling. So a person's points are equally probable only for somebody who is
+Gibbs sampling. So a person's points are equally probable only for a person who is
 alone. Nothing is learned here.
 """
 
@@ -114,7 +114,7 @@ def couple(
 
     `near [N, M]` are the people on whom a person depends, `table [N, M, P, P]` how many
     nats less probable each point of theirs (third axis) makes each of the person's
-    (fourth). `weight [N, P]` says how probable each point is for somebody alone.
+    (fourth). `weight [N, P]` says how probable each point is for a person alone.
     """
     count, agents = chosen.shape
     slots = jnp.arange(near.shape[1])

@@ -134,9 +134,9 @@ def points_loss(
 
     `future` is [B, N, T, 2] metres, `valid` [B, N].
     """
-    whole = jax.vmap(personal_energy)(points, future)
+    joint = jax.vmap(personal_energy)(points, future)
     single = jax.vmap(step_energy)(points, future)
-    energy = recipe.energy_weight * whole + recipe.step_weight * single
+    energy = recipe.energy_weight * joint + recipe.step_weight * single
     return jnp.where(valid, energy, 0).sum()
 
 
@@ -144,7 +144,7 @@ def personal_energy(points: Array, future: Array) -> Array:
     """[N] energy score of each person's equally probable `points [P, N, T, 2]`, metres.
 
     That of `evaluation.metrics.energy_score` given these probabilities, for points are
-    no draws, of a scene with nobody else. `future` is [N, T, 2].
+    no draws, of a scene of one person. `future` is [N, T, 2].
     """
     steps = points.shape[2]
     offset = (points - future[None]).swapaxes(0, 1)

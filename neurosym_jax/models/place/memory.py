@@ -180,8 +180,8 @@ def remember(
         homes = [_home(memory, kernel, seen, owner) for kernel in kernels]
         slots = jnp.stack(homes)
         entries = memory.table[index, slots]  # [K, CELL]
-        known = memory.person.at[entries].get(mode="fill", fill_value=-2)
-        mine = known == owner
+        owners = memory.person.at[entries].get(mode="fill", fill_value=-2)
+        mine = owners == owner
         again = mine.any(axis=1)
         own_row = entries[0, mine[0].argmax()]
         row = jnp.where(again[0], own_row, memory.next)

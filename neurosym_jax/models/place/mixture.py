@@ -117,15 +117,15 @@ def errors(offsets: Array, recall: Recall, future: Array) -> Array:
     return jnp.einsum("nci,ni->nc", weight, distance)
 
 
-def energy(shares: np.ndarray, error: np.ndarray, apart: np.ndarray) -> np.ndarray:
+def energy(shares: np.ndarray, error: np.ndarray, distances: np.ndarray) -> np.ndarray:
     """[N, E] energy scores of mixtures `shares [E, C]` of C components, metres.
 
     Args:
         shares: probabilities of the components.
         error: [N, C] see `errors`.
-        apart: [N, C, C] see `distances_apart`.
+        distances: [N, C, C] see `distances_apart`.
     """
-    within = np.einsum("ncd,ec,ed->ne", apart, shares, shares)
+    within = np.einsum("ncd,ec,ed->ne", distances, shares, shares)
     return error @ shares.T - within / 2
 
 

@@ -50,7 +50,7 @@ class _Awaited(NamedTuple):
     offsets: Any
     """[P, N', T, 2] the network's points, from the last positions."""
     recall: Recall
-    apart: np.ndarray
+    distances: np.ndarray
     """[N, 1 + K, 1 + K] see `distances_apart`."""
     commitment: Commitment
 
@@ -100,7 +100,7 @@ class Place:
     def shares(self) -> dict[str, float]:
         """Probability of each part of a forecast, `network` and the kernels by name.
 
-        A kernel's is that of somebody for whom it recalls enough people.
+        A kernel's is that of a person for whom it recalls enough people.
         """
         names = ["network", *(kernel.name for kernel in KERNELS)]
         return dict(zip(names, self._shares.tolist()))
@@ -292,8 +292,8 @@ class Place:
             return
         error = errors(awaited.offsets, awaited.recall, future)
         error = np.asarray(error, np.float64)[: len(seen)][seen]
-        apart = awaited.apart[seen]
-        self._ledger, scored = self._ledger.learn(awaited.commitment, error, apart)
+        distances = awaited.distances[seen]
+        self._ledger, scored = self._ledger.learn(awaited.commitment, error, distances)
         self.scored = Scored(*np.add(self.scored, scored).tolist())
 
     def _remember(self, number: int) -> None:
@@ -336,13 +336,13 @@ class Place:
         scene = self.model.forecaster.prepared(scene.bare())
         offsets = _offsets(self.model.forecaster, self._params, scene)
         recall = self._recall(observed, slots)
-        apart = distances_apart(offsets, recall)
-        apart = np.asarray(apart, np.float64)[: len(tracks)]
+        distances = distances_apart(offsets, recall)
+        distances = np.asarray(distances, np.float64)[: len(tracks)]
         filled = np.asarray(recall.weight, np.float64)[: len(tracks)].sum(axis=2)
-        self._ledger, commitment = self._ledger.commit(apart, filled)
+        self._ledger, commitment = self._ledger.commit(distances, filled)
         self._shares = commitment.shares
         self._awaited.append(
-            _Awaited(number, list(tracks), offsets, recall, apart, commitment)
+            _Awaited(number, list(tracks), offsets, recall, distances, commitment)
         )
 
     def _recall(self, observed: np.ndarray, slots: int) -> Recall:
@@ -355,15 +355,15 @@ class Place:
 
 
 def _consistent(tracks: Mapping[int, np.ndarray], period: float) -> list[int]:
-    """The people whose tracks [S, 2] have no tracking error: whoever jumps is two people.
+    """The people whose tracks [S, 2] have no tracking error: a track that jumps is of two people.
 
     Speed is no error, see `tracking_errors`: a runner's way on is remembered.
     """
     people: list[int] = []
     for length in sorted({len(track) for track in tracks.values()}):
-        alike = [person for person, track in tracks.items() if len(track) == length]
-        broken = was_repaired(np.array([tracks[person] for person in alike]), period)
-        people += np.array(alike)[~broken].tolist()
+        group = [person for person, track in tracks.items() if len(track) == length]
+        broken = was_repaired(np.array([tracks[person] for person in group]), period)
+        people += np.array(group)[~broken].tolist()
     return people
 
 

@@ -18,7 +18,7 @@ Where too little is left, the
 share of the memory is smaller. So the total never exceeds that of the network by more
 than `LOSS` times what the network expects of its own scores, summed over the forecasts
 whose truth was awaited at once, when that was most; and after any moment by no more
-than twice that. Whoever watches for hours loses at most one horizon's score.
+than twice that. A place that is watched for hours loses at most one horizon's score.
 """
 
 import dataclasses
@@ -101,20 +101,20 @@ class Ledger:
         return weight @ self.experts / weight.sum()
 
     def commit(
-        self, apart: np.ndarray, filled: np.ndarray
+        self, distances: np.ndarray, filled: np.ndarray
     ) -> tuple["Ledger", Commitment]:
         """Decide on the forecasts of a step, and take their risk.
 
-        `apart [N, 1 + K, 1 + K]` and `filled [N, K]` are those of `risk_of`.
+        `distances [N, 1 + K, 1 + K]` and `filled [N, K]` are those of `risk_of`.
         """
         # Half the distance between two draws is the score of a truth drawn likewise.
-        expected = float(apart[:, 0, 0].sum() / 2)
+        expected = float(distances[:, 0, 0].sum() / 2)
         awaited = self.awaited + expected
         ledger = dataclasses.replace(
             self, awaited=awaited, most=max(self.most, awaited)
         )
         shares = self.wanted
-        risk = risk_of(shares, apart, filled)
+        risk = risk_of(shares, distances, filled)
         left = max(ledger.limit + self.gain - self.reserved, 0.0)
         # The score is convex: part of the way to the mixture has part of its risk.
         part = min(left / max(risk.sum(), 1e-12), 1.0)
@@ -131,18 +131,18 @@ class Ledger:
         return dataclasses.replace(self, awaited=awaited, reserved=reserved)
 
     def learn(
-        self, commitment: Commitment, error: np.ndarray, apart: np.ndarray
+        self, commitment: Commitment, error: np.ndarray, distances: np.ndarray
     ) -> tuple["Ledger", Scored]:
         """Score the forecasts of a step whose truth has come.
 
         Args:
             commitment: as it was made, already released.
             error: [N, 1 + K] of the people whose truth has come, see `errors`.
-            apart: [N, 1 + K, 1 + K] of the same people.
+            distances: [N, 1 + K, 1 + K] of the same people.
         """
-        score = energy(self.experts, error, apart)
+        score = energy(self.experts, error, distances)
         log_weight = self.log_weight - self.rate * score.sum(axis=0)
-        used = energy(commitment.shares[None], error, apart)[:, 0].sum()
+        used = energy(commitment.shares[None], error, distances)[:, 0].sum()
         network = score[:, 0].sum()
         gain = min(self.gain + network - used, self.limit)
         ledger = dataclasses.replace(
@@ -159,7 +159,9 @@ def new_ledger(kernels: int, rate: float = RATE, loss: float = LOSS) -> Ledger:
     return Ledger(rows, np.log(weight), rate=rate, loss=loss)
 
 
-def risk_of(shares: np.ndarray, apart: np.ndarray, filled: np.ndarray) -> np.ndarray:
+def risk_of(
+    shares: np.ndarray, distances: np.ndarray, filled: np.ndarray
+) -> np.ndarray:
     """[N] by how much a mixture can score worse than the network, whatever happens.
 
     What a kernel recalls lies farther from the truth than the network by no more than
@@ -167,10 +169,10 @@ def risk_of(shares: np.ndarray, apart: np.ndarray, filled: np.ndarray) -> np.nda
 
     Args:
         shares: [1 + K] probability of each component.
-        apart: [N, 1 + K, 1 + K] see `distances_apart`.
+        distances: [N, 1 + K, 1 + K] see `distances_apart`.
         filled: [N, K] how much of each component is recalled; the rest is the network.
     """
-    recalled = apart[:, 0, 1:] - (1 - filled) * apart[:, :1, 0]
+    recalled = distances[:, 0, 1:] - (1 - filled) * distances[:, :1, 0]
     farther = recalled @ shares[1:]
-    within = np.einsum("ncd,c,d->n", apart, shares, shares)
-    return np.maximum(farther - (within - apart[:, 0, 0]) / 2, 0.0)
+    within = np.einsum("ncd,c,d->n", distances, shares, shares)
+    return np.maximum(farther - (within - distances[:, 0, 0]) / 2, 0.0)

@@ -57,7 +57,7 @@ class Steps:
 
 
 def _between(before: Step, after: Step, time: float) -> Step:
-    """Whoever is in two frames, at a time between them."""
+    """Positions at a time between two frames, of the people who are in both."""
     ids, old, new = np.intersect1d(before.ids, after.ids, return_indices=True)
     share = (time - before.time) / (after.time - before.time)
     position = (1 - share) * before.position[old] + share * after.position[new]
@@ -65,7 +65,7 @@ def _between(before: Step, after: Step, time: float) -> Step:
 
 
 class _Person:
-    """Somebody who is followed."""
+    """A person who is followed."""
 
     def __init__(self, number: int):
         """A person with a number that is never used twice."""
@@ -86,7 +86,7 @@ class Followed:
         self._people: dict[int, _Person] = {}
 
     def push(self, step: Step) -> None:
-        """Take in a step. Whoever was not in the one before begins a new track."""
+        """Take in a step. A person who was not in the step before begins a new track."""
         for id, position in zip(step.ids.tolist(), step.position):
             person = self._people.get(id)
             if person is None:
