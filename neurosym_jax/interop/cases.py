@@ -77,11 +77,13 @@ class Case:
         """The stored weights in our places: [S, N, N, T], or rows [S, N, T] of a release."""
         if "alpha" not in self.arrays:
             return None
-        alpha, valid = self.arrays["alpha"], self.valid
+        alpha = self.arrays["alpha"]
+        valid = self.valid
         if isinstance(self.config.pooling, NeurosymIjcnn):
             # Its agents read the first A rows, see `neurosym`.
             return placed(alpha[: self.bounds[-1]], valid)
-        return placed(alpha, valid[:, :, None] & valid[:, None])
+        pairs = valid[:, :, None] & valid[:, None]
+        return placed(alpha, pairs)
 
     def stages(self) -> dict[str, np.ndarray]:
         """Our forecast [A, pred_len, 2] and the vectors [A, ...] before it, by torch's names."""
@@ -97,32 +99,31 @@ def _stages(
 ) -> dict[str, Array]:
     """[S, N, ...] by torch's names; one scene after another, so memory is that of one."""
 
-    def of_scene(
+    def scene_stages(
         network: Generator, scene: Scene, noise: Array, alpha: Array | None
     ) -> Any:
         hidden = network.observe(jnp.asarray(scene.displacement))
         context = network.interact(hidden, scene, alpha)
         stages = {"encoder": hidden, "mlp_decoder_context": context}
         if config.pools:
-            name = (
-                "pool_net_g"
-                if config.pooling.inputs & {"alpha", "alpha_rows"}
-                else "pool_net"
-            )
+            is_weighted = not config.pooling.inputs.isdisjoint({"alpha", "alpha_rows"})
+            name = "pool_net_g" if is_weighted else "pool_net"
             stages[name] = network.pool(hidden, scene, alpha)
-        return {**stages, "pred_rel": network.decode(context, scene, noise)}
+        stages["pred_rel"] = network.decode(context, scene, noise)
+        return stages
 
-    apply = functools.partial(
-        Generator(config).apply, {"params": params}, method=of_scene
-    )
-    return jax.lax.map(lambda scene: apply(*scene), scene_arrays)
+    def apply(arrays: Any) -> Any:
+        return Generator(config).apply({"params": params}, *arrays, method=scene_stages)
+
+    return jax.lax.map(apply, scene_arrays)
 
 
 def read_case(
     row: Mapping[str, Any], arrays: Arrays, weights: str = "g_state/"
 ) -> Case:
     """The case of a manifest's row and of its arrays [...], among them the weights."""
-    return make_case(*generator(row, state_of(arrays, weights)), arrays)
+    config, params = generator(row, state_of(arrays, weights))
+    return make_case(config, params, arrays)
 
 
 def make_case(config: GeneratorConfig, params: dict[str, Any], arrays: Arrays) -> Case:
@@ -134,11 +135,11 @@ def make_case(config: GeneratorConfig, params: dict[str, Any], arrays: Arrays) -
 
 def state_of(arrays: Arrays, prefix: str) -> dict[str, np.ndarray]:
     """The state dict that is stored under `prefix`."""
-    return {
-        k.removeprefix(prefix): array
-        for k, array in arrays.items()
-        if k.startswith(prefix)
-    }
+    state = {}
+    for name, array in arrays.items():
+        if name.startswith(prefix):
+            state[name.removeprefix(prefix)] = array
+    return state
 
 
 def placed(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -153,10 +154,10 @@ def padded(
     agents = np.arange(len(positions))
     identity = np.zeros((len(bounds) - 1, 2), np.uint32)
     windows = Windows(positions.astype(np.float64), agents, bounds, identity, obs_len)
-    scenes = gather_scenes(windows, np.arange(windows.scenes), int(windows.sizes.max()))
-    steps = placed(
-        moves[:, :obs_len].astype(scenes.observed.dtype), np.asarray(scenes.valid)
-    )
+    slots = int(windows.sizes.max())
+    scenes = gather_scenes(windows, np.arange(windows.scenes), slots)
+    observed_moves = moves[:, :obs_len].astype(scenes.observed.dtype)
+    steps = placed(observed_moves, np.asarray(scenes.valid))
     return scenes.replace(displacement=steps, identity=None)
 
 
@@ -168,23 +169,22 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     """
     case = read_case(row, arrays)
     compared = forecasts(case)
-    if "d_type" in row:
-        config, params = discriminator(row, state_of(arrays, "d_state/"))
-        positions, moves = (
-            np.concatenate(
-                [arrays[seen][:, : case.config.obs_len], arrays[forecast]], axis=1
-            )
-            for seen, forecast in (("traj", "pred_abs"), ("traj_rel", "pred_rel"))
-        )
-        fakes = padded(positions, moves, case.bounds, positions.shape[1])
-        score = functools.partial(Discriminator(config).apply, {"params": params})
-        scores = jax.lax.map(
-            lambda s: score(s.observed, s.displacement, s.valid), fakes.bare()
-        )
-        compared["d_scores_fake"] = (
-            np.asarray(scores)[case.valid],
-            arrays["d_scores_fake"],
-        )
+    if "d_type" not in row:
+        return compared
+    config, params = discriminator(row, state_of(arrays, "d_state/"))
+    seen = slice(case.config.obs_len)
+    positions = [arrays["traj"][:, seen], arrays["pred_abs"]]
+    moves = [arrays["traj_rel"][:, seen], arrays["pred_rel"]]
+    positions = np.concatenate(positions, axis=1)
+    moves = np.concatenate(moves, axis=1)
+    fakes = padded(positions, moves, case.bounds, positions.shape[1])
+
+    def score(scene: Scene) -> Any:
+        inputs = scene.observed, scene.displacement, scene.valid
+        return Discriminator(config).apply({"params": params}, *inputs)
+
+    scores = np.asarray(jax.lax.map(score, fakes.bare()))
+    compared["d_scores_fake"] = scores[case.valid], arrays["d_scores_fake"]
     return compared
 
 
@@ -192,10 +192,13 @@ def forecasts(case: Case) -> Compared:
     """The generator's displacements, and positions in the frame of `traj`."""
     scenes = case.scenes
     moves = case.stages()["pred_rel"]
-    origin = np.repeat(np.asarray(scenes.origin), np.diff(case.bounds), axis=0)[:, None]
+    origin = np.repeat(np.asarray(scenes.origin), np.diff(case.bounds), axis=0)
     last = np.asarray(scenes.observed)[case.valid][:, -1:]
-    values = {"pred_rel": moves, "pred_abs": last + np.cumsum(moves, axis=1) + origin}
-    return {name: (array, case.arrays[name]) for name, array in values.items()}
+    positions = last + np.cumsum(moves, axis=1) + origin[:, None]
+    return {
+        "pred_rel": (moves, case.arrays["pred_rel"]),
+        "pred_abs": (positions, case.arrays["pred_abs"]),
+    }
 
 
 def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -212,16 +215,15 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     compared: Compared = {}
     if row.get("alpha") != "random":
         # Stored as float32, but the released code observed its symbols in float64.
-        seen = (
-            arrays["traj"][:, : case.config.obs_len].astype(np.float64).round(DECIMALS)
-        )
+        seen = arrays["traj"][:, : case.config.obs_len]
+        seen = seen.astype(np.float64).round(DECIMALS)
         weigh = jax.jit(make_weighting(RELEASED))
+        pairs = []
         with jax.enable_x64(True):
-            scenes = [
-                np.asarray(weigh(part)) for part in np.split(seen, case.bounds[1:-1])
-            ]
+            for scene in np.split(seen, case.bounds[1:-1]):
+                weights = np.asarray(weigh(scene))
+                pairs.append(weights.reshape(-1, weights.shape[-1]))
         # [sum of N*N, T]: a scene of one agent has one row, of zeros.
-        pairs = [weights.reshape(-1, weights.shape[-1]) for weights in scenes]
         compared["alpha"] = np.concatenate(pairs), alpha
     if "alpha_rows_used" in arrays:
         rows = alpha[: case.bounds[-1]]
@@ -247,10 +249,11 @@ def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
             "qtc_signed": compiled(k, l),
             "qtc_signed_q005": compiled(k, l, quantisation_factor=0.05),
         }
-    return {
-        n: (array, np.where(arrays[n] == 10, 0, arrays[n]))
-        for n, array in values.items()
-    }
+    compared: Compared = {}
+    for name, array in values.items():
+        stored = arrays[name]
+        compared[name] = array, np.where(stored == 10, 0, stored)
+    return compared
 
 
 def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -270,32 +273,33 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         discriminator=critic,
     )
     batch = (case.scenes.replace(origin=None),)  # One group, `[scenes, slots, ...]`.
-    state, metrics, (d_gradient, g_gradient) = jax.jit(learn, static_argnums=(0, 1))(
+    adversary = init_adversary(recipe, {"params": start})
+    before = new_state(recipe, {"params": case.params}, adversary)
+    step = jax.jit(learn, static_argnums=(0, 1))
+    state, metrics, (d_gradient, g_gradient) = step(
         case.config,
         recipe,
-        new_state(
-            recipe, {"params": case.params}, init_adversary(recipe, {"params": start})
-        ),
+        before,
         (batch, [arrays["noise_d"][None]]),
         (batch, [arrays["noise_g"]]),
         real=(row["label_real"], row["label_real"]),
         fake=row["label_fake"],
     )
     clipped, _ = clipping(recipe).update(g_gradient, optax.EmptyState())
-    trees = {"d_grad": d_gradient, "d1": state.extra.params}
-    trees |= {"g_grad_clipped": clipped, "g1": state.params}
-    compared: Compared = {
-        n: (metrics[metric], arrays[n]) for n, metric in LOSSES.items()
+    compared: Compared = {}
+    for name, metric in LOSSES.items():
+        compared[name] = metrics[metric], arrays[name]
+    trees = {
+        "d_grad": (critic, d_gradient),
+        "d1": (critic, state.extra.params),
+        "g_grad_clipped": (case.config, clipped),
+        "g1": (case.config, state.params),
     }
-    for name, tree in trees.items():
-        network = case.config if name.startswith("g") else critic
-        torch_params = {
-            "params": params_from_torch(state_of(arrays, f"{name}/"), network)
-        }
-        compared[name] = (
-            ravel_pytree(tree)[0],
-            np.asarray(ravel_pytree(torch_params)[0]),
-        )
+    for name, (network, tree) in trees.items():
+        torch_params = params_from_torch(state_of(arrays, f"{name}/"), network)
+        vector, _ = ravel_pytree(tree)
+        torch_vector, _ = ravel_pytree({"params": torch_params})
+        compared[name] = vector, np.asarray(torch_vector)
     return compared
 
 

@@ -88,12 +88,12 @@ def model_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     looks: dict[str, Any] = {}
     for name in dict.fromkeys(names):
         own = [look for kind, look in _LOOKS.items() if kind in name.lower()][:1]
-        free = (look for look in (*own, *_OTHERS) if look not in looks.values())
-        looks[name] = next(free, _OTHERS[len(looks) % len(_OTHERS)])
-    return {
-        name: {"color": colour, "linestyle": line}
-        for name, (colour, line) in looks.items()
-    }
+        free = [look for look in (*own, *_OTHERS) if look not in looks.values()]
+        looks[name] = free[0] if free else _OTHERS[len(looks) % len(_OTHERS)]
+    styles = {}
+    for name, (colour, line) in looks.items():
+        styles[name] = {"color": colour, "linestyle": line}
+    return styles
 
 
 def new_figure(
@@ -101,11 +101,10 @@ def new_figure(
 ) -> tuple[Figure, np.ndarray]:
     """An empty figure, `width` by `height` inches of a paper, and its [rows, columns] axes."""
     layout = ConstrainedLayoutEngine(w_pad=0.05, h_pad=0.05, compress=True)
+    size = _size.get()
     with _styled():
-        figure = Figure(
-            figsize=(_size.get() * width, _size.get() * height), layout=layout
-        )
-        figure.set_dpi(figure.get_dpi() / _size.get())
+        figure = Figure(figsize=(size * width, size * height), layout=layout)
+        figure.set_dpi(figure.get_dpi() / size)
         return figure, figure.subplots(rows, columns, squeeze=False, **grid)
 
 
@@ -141,8 +140,10 @@ def add_legend(figure: Figure, *panels: Axes) -> Figure:
     texts = [_wrapped(label, min(40, width - 8)) for label in handles]
     longest = max(map(len, "\n".join(texts).split("\n")))
     columns = max(1, min(len(texts), width // (longest + 8)))
-    rows = max(text.count("\n") + 1 for text in texts) * -(-len(texts) // columns)
-    figure.set_figheight(figure.get_figheight() + (1.4 * rows + 0.6) * SMALL / 72)
+    lines = max(text.count("\n") + 1 for text in texts)
+    rows = lines * -(-len(texts) // columns)  # rounded up
+    inches = (1.4 * rows + 0.6) * SMALL / 72
+    figure.set_figheight(figure.get_figheight() + inches)
     with _styled():
         figure.legend(handles.values(), texts, loc="outside lower left", ncols=columns)
     return figure
@@ -166,15 +167,16 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     ending = path.suffix.lower()
     if ending not in ENDINGS:
         raise InputError(f"{path}: a figure's name must end in .png, .pdf or .svg")
+    kind = ending.removeprefix(".")
+    metadata = _UNDATED.get(ending)
     with new_file(path) as beside, _styled():
-        figure.savefig(
-            beside, format=ending[1:], dpi=figure.dpi, metadata=_UNDATED.get(ending)
-        )
+        figure.savefig(beside, format=kind, dpi=figure.dpi, metadata=metadata)
     return path
 
 
 def _styled() -> AbstractContextManager[None]:
-    return mpl.rc_context(fname=str(Path(__file__).with_name("neurosym.mplstyle")))
+    path = Path(__file__).with_name("neurosym.mplstyle")
+    return mpl.rc_context(fname=str(path))
 
 
 def _wrapped(text: str, width: int) -> str:

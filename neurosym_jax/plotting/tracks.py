@@ -31,9 +31,8 @@ DOTS = 700
 """Pixels of a drawn underlay along each side."""
 PAIRS = 12
 """Pairs that fit a heat map with their states."""
-PALE = LinearSegmentedColormap.from_list(
-    "pale", colormaps["Blues"](np.linspace(0, 0.6, 64))
-)
+_BLUES = colormaps["Blues"](np.linspace(0, 0.6, 64))
+PALE = LinearSegmentedColormap.from_list("pale", _BLUES)
 """Pale enough for dark letters."""
 LETTERS: dict[str, Any] = {
     "family": "DejaVu Sans Mono",
@@ -60,33 +59,40 @@ def plot_tracks(
         moment: what one more panel shows: past, future and forecasts of a scene, as
             `plot_forecasts` takes them.
     """
-    drawn = recordings[: PANELS - (moment is not None)]
-    panels = len(drawn) + (moment is not None)
+    others = 0 if moment is None else 1
+    drawn = recordings[: PANELS - others]
+    panels = len(drawn) + others
     columns = min(4, int(np.ceil(np.sqrt(panels))))
-    rows = -(-panels // columns)
+    rows = -(-panels // columns)  # rounded up
     width = style.COLUMN if columns == 1 else style.WIDTH
     figure, grid = style.new_figure(width, rows * width / columns, rows, columns)
     for axes, tracks in zip(grid.ravel(), drawn):
-        paths = np.split(tracks.position, np.flatnonzero(np.diff(tracks.id)) + 1)
-        colours = [
-            style.PALETTE[person % len(style.PALETTE)] for person in range(len(paths))
-        ]
-        axes.add_collection(
-            LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7)
-        )
-        axes.scatter(*np.array([path[0] for path in paths]).T, s=3, c=colours, zorder=3)
-        axes.autoscale()
+        _draw_paths_of_people(axes, tracks)
         style.dress_floor(axes, tracks.recording[:60])
         if underlay is not None:
-            _draw_underlay(axes, *map(np.asarray, underlay))
+            pixels, homography = map(np.asarray, underlay)
+            _draw_underlay(axes, pixels, homography)
     for axes in grid.ravel()[panels:]:
         axes.set_visible(False)
     if moment is None:
         return figure
     axes = grid.ravel()[panels - 1]
     draw_scene(axes, *moment)
-    style.dress_floor(axes, f"the busiest moment, {len(moment[0])} people")
+    people = len(moment[0])
+    style.dress_floor(axes, f"the busiest moment, {people} people")
     return style.add_legend(figure, axes)
+
+
+def _draw_paths_of_people(axes: Axes, tracks: Tracks) -> None:
+    """Draw each path in a colour, with a dot at its beginning."""
+    begins = np.flatnonzero(np.diff(tracks.id)) + 1
+    paths = np.split(tracks.position, begins)
+    colours = list(itertools.islice(itertools.cycle(style.PALETTE), len(paths)))
+    lines = LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7)
+    axes.add_collection(lines)
+    x, y = np.array([path[0] for path in paths]).T
+    axes.scatter(x, y, s=3, c=colours, zorder=3)
+    axes.autoscale()
 
 
 def read_underlay(image: Path, homography: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -106,25 +112,31 @@ def _draw_underlay(axes: Axes, pixels: np.ndarray, homography: np.ndarray) -> No
     """Draw what the image shows of the floor within the limits of `axes`."""
     axes.apply_aspect()
     axes.autoscale(False)
-    limits = (*axes.get_xlim(), *axes.get_ylim())
-    x, y = np.meshgrid(np.linspace(*limits[:2], DOTS), np.linspace(*limits[2:], DOTS))
+    left, right = axes.get_xlim()
+    bottom, top = axes.get_ylim()
+    x = np.linspace(left, right, DOTS)
+    y = np.linspace(bottom, top, DOTS)
+    x, y = np.meshgrid(x, y)
     inverse = np.linalg.inv(homography)
     column, row, depth = np.einsum("ij,jhw->ihw", inverse, [x, y, np.ones_like(x)])
     height, width = pixels.shape[:2]
     # Points behind the camera have the other sign.
     seen = depth * (homography[2] @ [width / 2, height / 2, 1]) > 0
     depth[~seen] = 1
-    column, row = (np.round(axis / depth).astype(int) for axis in (column, row))
-    seen &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    column = np.round(column / depth).astype(int)
+    row = np.round(row / depth).astype(int)
+    seen &= (column >= 0) & (column < width)
+    seen &= (row >= 0) & (row < height)
     drawn = pixels[np.where(seen, row, 0), np.where(seen, column, 0)]
-    look = {
-        "extent": limits,
-        "origin": "lower",
-        "zorder": 0,
-        "cmap": "gray",
-        "aspect": "auto",
-    }
-    axes.imshow(drawn, alpha=np.where(seen, 0.6, 0.0), **look)
+    axes.imshow(
+        drawn,
+        alpha=np.where(seen, 0.6, 0.0),
+        extent=(left, right, bottom, top),
+        origin="lower",
+        zorder=0,
+        cmap="gray",
+        aspect="auto",
+    )
     axes.set_aspect("equal", adjustable="datalim")
 
 
@@ -143,8 +155,9 @@ def plot_pairs(
     count = len(people)
     steps = alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
-    pairing = itertools.permutations if both_ways else itertools.combinations
-    pairs = list(pairing(range(count), 2))
+    pairs = list(itertools.combinations(range(count), 2))
+    if both_ways:
+        pairs = list(itertools.permutations(range(count), 2))
     rows = pairs[:PAIRS]
     height = max(2.2, 0.8 + 0.19 * len(rows))
     figure, ((where, when),) = style.new_figure(
@@ -157,7 +170,7 @@ def plot_pairs(
     where.margins(0.15)
     style.dress_floor(where, "paths, a dot at the end")
     values = np.array([alpha[row] for row in rows])
-    highest = values.max() if values.size and values.max() > 0 else 1.0
+    highest = values.max(initial=0.0) or 1.0
     # Learned weights may be negative.
     lowest = min(0.0, values.min(initial=0.0))
     image = when.imshow(values, aspect="auto", cmap=PALE, vmin=lowest, vmax=highest)
@@ -167,15 +180,15 @@ def plot_pairs(
         for step, code in enumerate(codes[row], 1):
             when.text(step, place, texts[code], fontsize=size, va="center", **LETTERS)
     arrow = "→" if both_ways else "–"
-    when.set_yticks(
-        range(len(rows)), [f"{people[i]} {arrow} {people[j]}" for i, j in rows]
-    )
-    when.set_xticks(
-        range(0, steps, 2), [f"{scene.period * n:.1f}" for n in range(0, steps, 2)]
-    )
+    names = [f"{people[i]} {arrow} {people[j]}" for i, j in rows]
+    when.set_yticks(range(len(rows)), names)
+    ticks = range(0, steps, 2)
+    when.set_xticks(ticks, [f"{scene.period * step:.1f}" for step in ticks])
     when.grid(visible=False)
-    suffix = f", {PAIRS} of {len(pairs)} pairs" if len(pairs) > PAIRS else ""
-    style.dress(when, "time [s]", "", f"QTC and alpha: {title}{suffix}")
+    title = f"QTC and alpha: {title}"
+    if len(pairs) > PAIRS:
+        title += f", {PAIRS} of {len(pairs)} pairs"
+    style.dress(when, "time [s]", "", title)
     if is_constant(alpha):
         image.set_visible(False)  # One colour would show nothing: the title says so.
         return figure

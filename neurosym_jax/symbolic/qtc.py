@@ -3,7 +3,8 @@ of tracks.
 """
 
 import functools
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Literal
 
 import jax.numpy as jnp
@@ -61,13 +62,13 @@ DISTANCES = (0.45, 1.2, 3.6, 7.6)
 """Metres between people at which intimate, personal, social and public distance end (Hall, "The
 Hidden Dimension", 1966)."""
 
-Distances = Annotated[
-    tuple[float, ...],
-    Rule(
-        "be positive and increase",
-        lambda value: bool(value) and bool((np.diff((0, *value)) > 0).all()),
-    ),
-]
+
+def _increase(value: tuple[float, ...]) -> bool:
+    """Whether there are numbers, and each is larger than 0 and the one before."""
+    return bool(value) and bool((np.diff((0, *value)) > 0).all())
+
+
+Distances = Annotated[tuple[float, ...], Rule("be positive and increase", _increase)]
 Calculus = Literal["b1", "c1", "bc1", "argd", "mos"]
 NeighbourRule = Literal["dominance", "continuity"]
 
@@ -88,13 +89,21 @@ def all_states(
     if calculus == "argd":
         return _read_only(np.arange(-len(distances), 1, dtype=np.int8)[:, None])
     if calculus == "mos":
-        return _read_only(np.indices((2, 2)).astype(np.int8).reshape(2, 4).T)
-    states = np.indices([3] * (2 if calculus == "b1" else 4)).astype(np.int8) - 1
-    states = states.reshape(len(states), -1).T
+        return _read_only(_combinations((0, 1), 2))
+    if calculus == "b1":
+        return _read_only(_combinations((-1, 0, 1), 2))
+    states = _combinations((-1, 0, 1), 4)
     if calculus == "bc1":
-        far_states = np.pad(all_states("b1"), [(0, 0), (0, 2)], constant_values=ABSENT)
+        towards = all_states("b1")
+        no_sides = np.full_like(towards, ABSENT)
+        far_states = np.concatenate([towards, no_sides], axis=1)
         states = np.concatenate([far_states, states])
     return _read_only(states)
+
+
+def _combinations(values: Sequence[int], symbols: int) -> np.ndarray:
+    """[S, symbols] int8: all states of so many symbols, the last of which changes first."""
+    return np.array(list(itertools.product(values, repeat=symbols)), np.int8)
 
 
 def _read_only(table: np.ndarray) -> np.ndarray:
@@ -130,8 +139,9 @@ def state_index(
     elif calculus == "mos":
         row = 2 * first + states[..., 1]
     else:
+        far = encode_state(states[..., :2])
         near = encode_state(states) + 9
-        row = jnp.where(states[..., 2] == ABSENT, encode_state(states[..., :2]), near)
+        row = jnp.where(states[..., 2] == ABSENT, far, near)
     return jnp.where(first == ABSENT, len(all_states(calculus, distances)), row)
 
 
@@ -146,23 +156,19 @@ def state_texts(
 ) -> list[str]:
     """The S states of a calculus as text, such as `-+0+`, `<= 1.2 m` or `m s`, by their rows."""
     if calculus == "argd":
-        return [
-            *(f"<= {distance:g} m" for distance in distances),
-            f"> {distances[-1]:g} m",
-        ]
+        within = [f"<= {distance:g} m" for distance in distances]
+        return [*within, f"> {distances[-1]:g} m"]
     if calculus == "mos":
-        return [
-            " ".join("sm"[symbol] for symbol in state) for state in all_states("mos")
-        ]
+        return ["s s", "s m", "m s", "m m"]  # They stand, or move.
     return [format_state(state, "") for state in all_states(calculus)]
 
 
 def collapse(states: ArrayLike) -> np.ndarray:
     """The chain `states [T, m]` without repetitions of the state before; absence is a value."""
     states = np.asarray(states)
-    return states[
-        np.append(True, (states[1:] != states[:-1]).any(axis=1))[: len(states)]
-    ]
+    is_new = np.ones(len(states), bool)
+    is_new[1:] = (states[1:] != states[:-1]).any(axis=1)
+    return states[is_new]
 
 
 def validate(states: ArrayLike) -> np.ndarray:
@@ -179,9 +185,8 @@ def validate(states: ArrayLike) -> np.ndarray:
     c = np.where(shared, after, 0)
     middle = np.where(p * c == -1, 0, c)
     leaving = ((p != 0) & (middle == 0)).any(axis=1, keepdims=True)
-    middle = np.where(shared, np.where(leaving & (p == 0), 0, middle), after).astype(
-        states.dtype
-    )
+    middle = np.where(leaving & (p == 0), 0, middle)
+    middle = np.where(shared, middle, after).astype(states.dtype)
     at = np.flatnonzero((middle != after).any(axis=1))
     return np.insert(states, at + 1, middle[at], axis=0)
 
@@ -211,9 +216,13 @@ def adjacency(
     a, b = states[:, None], states[None]
     # A symbol that only one of them has is not compared; staying is no transition.
     same = (a == b) | (a == ABSENT) | (b == ABSENT)
-    table = ~(a == b).all(axis=-1) & (same | (a * b == 0)).all(axis=-1)
+    differ = (a != b).any(axis=-1)
+    is_continuous = (same | (a * b == 0)).all(axis=-1)
+    table = differ & is_continuous
     if rule == "dominance":
-        table &= (same | (b == 0)).all(axis=-1) | (same | (a == 0)).all(axis=-1)
+        all_to_zero = (same | (b == 0)).all(axis=-1)
+        all_from_zero = (same | (a == 0)).all(axis=-1)
+        table &= all_to_zero | all_from_zero
     return _read_only(table)
 
 
@@ -316,16 +325,19 @@ def observe(
     refuse(Distances, {"distances": distances})
     if isinstance(quantisation_factor, int | float):  # Others may be traced.
         refuse(NotNegative, {"quantisation_factor": quantisation_factor})
-    k, l = (np.asarray(way) if isinstance(way, list | tuple) else way for way in (k, l))
-    if np.shape(k)[-1:] != (2,) or np.shape(k)[-2:] != np.shape(l)[-2:]:
-        shapes = f"{list(np.shape(k))} and {list(np.shape(l))}"
+    if isinstance(k, list | tuple):
+        k = np.asarray(k)
+    if isinstance(l, list | tuple):
+        l = np.asarray(l)
+    k_shape, l_shape = np.shape(k), np.shape(l)
+    if k_shape[-1:] != (2,) or k_shape[-2:] != l_shape[-2:]:
+        shapes = f"{list(k_shape)} and {list(l_shape)}"
         raise InputError(f"positions must be [..., T, 2] of one length, not {shapes}")
     if calculus == "argd":
         symbols = [_distance_symbol(k, l, distances)]
     elif calculus == "mos":
-        symbols = [
-            moves.astype(jnp.int8) for moves in _moving(k, l, quantisation_factor)
-        ]
+        moving = _moving(k, l, quantisation_factor)
+        symbols = [moves.astype(jnp.int8) for moves in moving]
     else:
         factors = quantisation_factor, side_quantisation_factor
         symbols = _qtc_symbols(k, l, calculus, convention, factors, near)
@@ -344,51 +356,59 @@ def _qtc_symbols(
     """Each symbol of a QTC calculus [T-1, ...]; `factors` are the two quantisation factors."""
     quantisation_factor, side_quantisation_factor = factors
     side = side_factor(quantisation_factor, convention, side_quantisation_factor)
-    compared = comparisons(k, l, convention, _length)
-    towards = [
-        _compare(*comparison, quantisation_factor) for comparison in compared[:2]
-    ]
-    compared = compared[2:] if calculus != "b1" else []
-    sides = [_compare(*comparison, side) for comparison in compared]
+    q1, q2, q3, q4 = comparisons(k, l, convention, _length)
+    towards = [_compare(*pair, quantisation_factor) for pair in (q1, q2)]
+    if calculus == "b1":
+        return towards
+    sides = [_compare(*pair, side) for pair in (q3, q4)]
     if convention == "as_published":
         sides = [abs(side) for side in sides]
     if calculus == "bc1":
-        (_, (x, y), _), (_, (other_x, other_y), _) = _ways(k, l)
-        far = _length(x - other_x, y - other_y) > near
+        far = _distance_after(k, l) > near
         sides = [jnp.where(far, ABSENT, side) for side in sides]
     return towards + sides
 
 
+def _distance_after(k: ArrayLike, l: ArrayLike) -> Array:
+    """[T-1, ...] metres between the pair after each step."""
+    (_, (x, y), _), (_, (other_x, other_y), _) = _ways(k, l)
+    return _length(x - other_x, y - other_y)
+
+
 def _distance_symbol(k: ArrayLike, l: ArrayLike, distances: tuple[float, ...]) -> Array:
     """[T-1, ...] int8: minus the number of distances that the pair is within after each step."""
-    (_, (x, y), _), (_, (other_x, other_y), _) = _ways(k, l)
-    length = _length(x - other_x, y - other_y)
-    return -sum(
-        ((length <= distance).astype(jnp.int8) for distance in distances), jnp.int8(0)
-    )
+    length = _distance_after(k, l)
+    count: Any = jnp.int8(0)
+    for distance in distances:
+        count = count + (length <= distance).astype(jnp.int8)
+    return -count
 
 
 def _moving(
     k: ArrayLike, l: ArrayLike, quantisation_factor: ArrayLike
 ) -> tuple[Array, ...]:
     """[T-1, ...] bool of k and of l: whether it moves farther than the factor, metres per step."""
-    lengths = (_length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1), _ in _ways(k, l))
-    return tuple(
-        jnp.broadcast_arrays(*(length > quantisation_factor for length in lengths))
-    )
+    moving = []
+    for (x0, y0), (x1, y1), _ in _ways(k, l):
+        length = _length(x1 - x0, y1 - y0)
+        moving.append(length > quantisation_factor)
+    return tuple(jnp.broadcast_arrays(*moving))
 
 
 def absent_steps(k: ArrayLike, l: ArrayLike) -> Array:
     """[..., T-1] bool: a point of the pair is not there before or after a step."""
-    missing = [jnp.isnan(point).any(axis=-1) for point in _same_rank(k, l)]
-    before_or_after = [point[..., :-1] | point[..., 1:] for point in missing]
-    return before_or_after[0] | before_or_after[1]
+    steps = []
+    for point in _same_rank(k, l):
+        missing = jnp.isnan(point).any(axis=-1)
+        steps.append(missing[..., :-1] | missing[..., 1:])
+    return steps[0] | steps[1]
 
 
 def other_pairs(valid: ArrayLike) -> Array:
     """[N, N] bool: pairs of two different agents, both `valid` [N]."""
     valid = jnp.asarray(valid)
-    return ~jnp.eye(valid.shape[0], dtype=bool) & valid[:, None] & valid[None]
+    different = ~jnp.eye(valid.shape[0], dtype=bool)
+    return different & valid[:, None] & valid[None]
 
 
 def side_factor(
@@ -415,16 +435,19 @@ def comparisons(
     Without a scale a and b are metres. Positions are those of `observe`, and `length`
     is of (x, y).
     """
-    pairs = []
+    towards, sides = [], []
     for (x0, y0), (x1, y1), (x, y) in _ways(k, l):
-        line = x - x0, y - y0
+        line_x = x - x0
+        line_y = y - y0
+        scale = length(line_x, line_y)
         if convention == "line":
-            towards = -(x1 - x0) * line[0], (y1 - y0) * line[1], length(*line)
+            towards.append((-(x1 - x0) * line_x, (y1 - y0) * line_y, scale))
         else:
-            towards = length(x1 - x, y1 - y), length(x0 - x, y0 - y), None
-        side = (x1 - x0) * line[1], (y1 - y0) * line[0], length(*line)
-        pairs.append((towards, side))
-    return [towards for towards, _ in pairs] + [side for _, side in pairs]
+            after = length(x1 - x, y1 - y)
+            before = length(x0 - x, y0 - y)
+            towards.append((after, before, None))
+        sides.append(((x1 - x0) * line_y, (y1 - y0) * line_x, scale))
+    return towards + sides
 
 
 def _ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
@@ -434,18 +457,21 @@ def _ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
     along agents and not along the few steps, which vectorises and takes a quarter of
     the time.
     """
-    (kx, ky), (lx, ly) = (
-        jnp.moveaxis(point, (-1, -2), (0, 1)) for point in _same_rank(k, l)
-    )
-    k0, l0 = (kx[:-1], ky[:-1]), (lx[:-1], ly[:-1])
-    return [(k0, (kx[1:], ky[1:]), l0), (l0, (lx[1:], ly[1:]), k0)]
+    points = [jnp.moveaxis(point, (-1, -2), (0, 1)) for point in _same_rank(k, l)]
+    before = [(x[:-1], y[:-1]) for x, y in points]
+    after = [(x[1:], y[1:]) for x, y in points]
+    return [(before[0], after[0], before[1]), (before[1], after[1], before[0])]
 
 
 def _same_rank(k: ArrayLike, l: ArrayLike) -> list[Array]:
     """k and l [..., T, 2] as arrays of numbers with equally many axes."""
     points = [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)]
     axes = max(point.ndim for point in points)
-    return [point.reshape((1,) * (axes - point.ndim) + point.shape) for point in points]
+    padded = []
+    for point in points:
+        ones = (1,) * (axes - point.ndim)
+        padded.append(point.reshape(ones + point.shape))
+    return padded
 
 
 def _compare(a: Array, b: Array, scale: Array | None, factor: ArrayLike) -> Array:
@@ -457,7 +483,9 @@ def _compare(a: Array, b: Array, scale: Array | None, factor: ArrayLike) -> Arra
     lost.
     """
     threshold = factor if scale is None else factor * scale
-    return (a > b + threshold).astype(jnp.int8) - (b > a + threshold).astype(jnp.int8)
+    is_plus = a > b + threshold
+    is_minus = b > a + threshold
+    return is_plus.astype(jnp.int8) - is_minus.astype(jnp.int8)
 
 
 def _length(x: Array, y: Array) -> Array:

@@ -18,8 +18,6 @@ Symbols are taken as independent. Where a position is not there (NaN) no symbol 
 probability, so the expected alpha is 0, and gradients through it are 0.
 """
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -54,16 +52,20 @@ def soft_symbols(
     gradients of the soft ones.
     """
     side = side_factor(quantisation_factor, convention, side_quantisation_factor)
-    thresholds = [quantisation_factor] * 2 + [side] * 2
+    thresholds = (quantisation_factor, quantisation_factor, side, side)
     symbols = []
     points = [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)]
     # Filled, so that gradients of what is absent are 0.
     first, second = (jnp.where(jnp.isnan(point), 0, point) for point in points)
-    compared = comparisons(
-        first, second, convention, lambda x, y: safe_root(x * x + y * y)
-    )
+
+    def length(x: Array, y: Array) -> Array:
+        return safe_root(x * x + y * y)
+
+    compared = comparisons(first, second, convention, length)
     for (a, b, scale), threshold in zip(compared, thresholds):
-        margin = a - b if scale is None else (a - b) / jnp.maximum(scale, temperature)
+        margin = a - b
+        if scale is not None:
+            margin = margin / jnp.maximum(scale, temperature)
         symbols.append(_probabilities(margin, threshold, temperature))
     soft = jnp.stack(symbols, axis=-2)
     if convention == "as_published":  # Its sides are never -: what would be is +.
@@ -73,14 +75,17 @@ def soft_symbols(
     soft = jnp.where(absent_steps(k, l)[..., None, None], 0, soft)
     if not straight_through:
         return soft
-    factors: Any = {
-        "quantisation_factor": quantisation_factor,
-        "side_quantisation_factor": side,
-    }
-    hard = observe(k, l, "c1", convention=convention, **factors)
-    return jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype) + (
-        soft - jax.lax.stop_gradient(soft)
+    hard = observe(
+        k,
+        l,
+        "c1",
+        convention=convention,
+        quantisation_factor=quantisation_factor,
+        side_quantisation_factor=side,
     )
+    hard = jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype)
+    nothing = soft - jax.lax.stop_gradient(soft)  # It has the gradients.
+    return hard + nothing
 
 
 def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Array:
@@ -93,15 +98,18 @@ def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Arra
     probabilities = jnp.asarray(probabilities)
     if table is None:
         present = (probabilities > 0).any(axis=(-1, -2))
-        return jnp.where(present, _expected_by_zeros(probabilities[..., 1]), 0)
-    weights = jnp.asarray(table, probabilities.dtype)
+        expected = _expected_by_zeros(probabilities[..., 1])
+        return jnp.where(present, expected, 0)
+    weights = jnp.asarray(table, probabilities.dtype).reshape(9, 9)
     q1, q2, q3, q4 = jnp.moveaxis(probabilities, -2, 0)
-    return (_both(q1, q2) @ weights.reshape(9, 9) * _both(q3, q4)).sum(axis=-1)
+    by_sides = _both(q1, q2) @ weights
+    return (by_sides * _both(q3, q4)).sum(axis=-1)
 
 
 def _both(first: Array, second: Array) -> Array:
     """[..., 9] joint probabilities of two symbols from [..., 3] of each."""
-    return (first[..., :, None] * second[..., None, :]).reshape(*first.shape[:-1], 9)
+    table = first[..., :, None] * second[..., None, :]
+    return table.reshape(*first.shape[:-1], 9)
 
 
 def _expected_by_zeros(zero: Array) -> Array:
@@ -112,9 +120,11 @@ def _expected_by_zeros(zero: Array) -> Array:
         p = zero[..., symbol]
         others = [share * (1 - p) for share in count]
         zeros = [share * p for share in count]
-        count = [others[0], *(a + b for a, b in zip(others[1:], zeros)), zeros[-1]]
-    terms = (share / (3**z + 2 ** (4 - z) - 2) for z, share in enumerate(count))
-    return sum(terms, jnp.zeros(()))
+        count = [others[0], *map(jnp.add, others[1:], zeros), zeros[-1]]
+    expected = jnp.zeros(())
+    for z, share in enumerate(count):
+        expected = expected + share / (3**z + 2 ** (4 - z) - 2)
+    return expected
 
 
 def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> Array:
@@ -130,4 +140,5 @@ def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> 
 def safe_root(square: Array) -> Array:
     """[...] square root of `square` [...], its gradient zero at zero; NaN stays NaN."""
     zero = square == 0
-    return jnp.where(zero, 0, jnp.sqrt(jnp.where(zero, 1, square)))
+    root = jnp.sqrt(jnp.where(zero, 1, square))
+    return jnp.where(zero, 0, root)

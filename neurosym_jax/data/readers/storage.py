@@ -66,6 +66,10 @@ MAGIC = {
 }
 
 
+Content = tuple[dict[str, pl.Series], dict[str, str]]
+"""Texts of columns by name, and the facts that a file says of them."""
+
+
 class Storage(Columns):
     """SQLite, HDF5, Parquet, Arrow, arrays of numpy and MATLAB, sheets of Excel."""
 
@@ -343,13 +347,13 @@ def _is_sheet(path: Path) -> bool:
         return "xl/workbook.xml" in archive.namelist()
 
 
-def _in_sheet(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
+def _in_sheet(path: Path, name: str) -> Content:
     """The first sheet of a workbook, or the one called so."""
     optional_module("fastexcel", f"{path}: a workbook", "excel")
     return _columns_of_polars(pl.read_excel(path, sheet_name=name or None)), {}
 
 
-def _in_columns(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
+def _in_columns(path: Path, name: str) -> Content:
     # Polars takes the descriptor, which a buffer of ours would have moved.
     with path.open("rb", buffering=0) as file:
         scan, read = pl.scan_ipc, pl.read_ipc
@@ -363,7 +367,7 @@ def _in_columns(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, 
         return _columns_of_polars(read(file)), {}
 
 
-def _in_sqlite(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
+def _in_sqlite(path: Path, name: str) -> Content:
     """The one table whose columns name tracks; `metadata` has rows of key and value."""
     address = f"{path.absolute().as_uri()}?mode=ro"
     with contextlib.closing(sqlite3.connect(address, uri=True)) as base:
@@ -416,7 +420,7 @@ def _limit(base: sqlite3.Connection, path: Path) -> None:
     base.set_progress_handler(lambda: time.monotonic() > end, 1_000_000)
 
 
-def _in_hdf5(path: Path, name: str) -> tuple[dict[str, pl.Series], dict[str, str]]:
+def _in_hdf5(path: Path, name: str) -> Content:
     """The data set called `name`, else `trajectory` or the only one, and its attribute fps."""
     h5py = optional_module("h5py", f"{path}: HDF5", "hdf5")
     with h5py.File(path) as file:
