@@ -216,7 +216,7 @@ def refuse_useless(path: Path, form: Format, options: ReadOptions) -> None:
     Raises:
         InputError: naming the first.
     """
-    for name in columns.Columns.uses - form.uses:
+    for name in sorted(columns.Columns.uses - form.uses):
         if getattr(options, name):
             raise InputError(
                 f"{path}: {option(name)} is of no use for {form.title}, which fixes it"
