@@ -1,6 +1,7 @@
 """Parity with stored cases: all agree, a planted difference is a miss, what is wrong is named."""
 
 import json
+import os
 
 import jax
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from neurosym_jax.commands.parity import run
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.parity import TOLERANCE, hand_over, run_parity
+from neurosym_jax.interop.parity import TOLERANCE, hand_over, run_parity, run_torch
 from tests.repository import GOLDEN, exhaustive
 
 
@@ -203,6 +204,18 @@ def test_one_element_decides_tolerance_is_inclusive_and_nothing_compared_is_no_p
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
+@pytest.mark.skipif(os.name == "nt", reason="a script of a shell stands for Python")
+def test_the_seed_reaches_the_python_of_torch(tmp_path):
+    python, module = tmp_path / "python", tmp_path / "m.py"
+    said = tmp_path / "said"
+    python.write_text(f'#!/bin/sh\nfor word; do :; done; echo "$word" > {said}\n')
+    python.chmod(0o700)
+    module.touch()
+    options = {"title": "a", "python": str(python), "seed": 7}
+    run_torch(f"{module}:Net", {"args": {}, "g_state": {}}, tmp_path, **options)
+    assert said.read_text() == "7\n"
+
+
 def test_torch_gets_tuples_for_tuples(tmp_path):
     """JSON has lists alone, and a constructor may take a tuple for a key."""
     arguments = {"noise_dim": (8,), "sizes": [1, 2], "name": "eth"}

@@ -247,6 +247,23 @@ def test_patience_counts_from_the_best_and_survives_resumption(
     assert steps_of(tmp_path / "cut") == [2, 4, 6, 8, 10, 12]
 
 
+def test_a_run_that_goes_on_has_its_model_from_the_start(
+    scripted, tmp_path, interrupt_at
+):
+    write_script([1.0, 2.0, 2.0])
+    longer = with_recipe(scripted, steps=6)
+    with pytest.raises(KeyboardInterrupt):
+        train_run(longer, tmp_path, on_row=interrupt_at(2))
+    shutil.rmtree(tmp_path / "model")  # It ended between a state and its model.
+    steps = []
+
+    def look(row):
+        steps.append(load_model(tmp_path).step)
+
+    train_run(longer, tmp_path, resume=True, on_row=look)
+    assert set(steps) == {2}
+
+
 def test_advice_is_given_once(scripted, tmp_path, capsys):
     write_script([1.0] + [2.0] * 9)
     train_run(with_recipe(scripted, steps=20), tmp_path)
