@@ -105,10 +105,9 @@ class LiveOptions:
     host: str = "127.0.0.1"
     """Address of the page; 0.0.0.0 makes it visible to other computers, without a password."""
     foxglove: int | Path | None = None
-    """Port of a websocket for Foxglove, 0 for any free one, or a new .mcap file for it. Every web
-    page that is open on this computer can read the websocket."""
+    """Port of a websocket for Foxglove, or a new .mcap file; port 0 is any free one."""
     place: Path | None = None
-    """File of what people did at this place (docs/place.md): begun where it is not there, kept while
+    """File of what people did at this place (docs/place.md); begun where it is not there, kept while
     the stream is watched. Draws of the first model take from it; --fixed-frame is by default its
     frame."""
     map: Path | None = None
