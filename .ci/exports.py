@@ -1,8 +1,14 @@
-"""Hook of mkdocs: expands `{{ exports PACKAGE }}`, `{{ commands }}` and `{{ table FILE.csv }}`.
+"""Hook of mkdocs: expands what pages have as plain text behind a comment.
 
-`{{ exports PACKAGE }}` becomes the reference of all names in the package's
-`__init__.pyi`. Every object stands on one page, that of its subpackage; the page of the
-whole package links to it.
+| in a page | in the repository | on the site |
+|---|---|---|
+| `<!-- exports PACKAGE -->` | names that the package's `__init__.pyi` exports | their reference |
+| `<!-- commands -->` | names of the commands | their options |
+| `<!-- table FILE.csv -->` | a table | one that can be filtered and sorted |
+
+`python .ci/exports.py` writes the plain texts. Every object stands on one page, that of
+its subpackage; the page of the whole package links to it. Pages of `studies/pages` are
+part of the site, without an entry of its navigation.
 """
 
 import ast
@@ -15,17 +21,71 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+STUDIES = ROOT / "studies" / "pages"
+PLAIN = re.compile(r"<!-- (exports|commands|table)(?: (\S+))? -->\n+(?:[-|].*\n)*")
+"""A comment and the plain list or table behind it."""
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the pages beside the studies."""
+    from mkdocs.structure.files import File, InclusionLevel
+
+    for path in sorted(STUDIES.glob("*.md")):
+        place = f"pages/{path.name}"
+        page = File.generated(config, place, abs_src_path=str(path))
+        page.inclusion = InclusionLevel.NOT_IN_NAV
+        files.append(page)
+    return files
 
 
 def on_page_markdown(markdown: str, page: Any, **_) -> str:
-    """Expand the placeholders of a page; a search finds studies after other pages."""
-    if any(section.title == "Studies" for section in page.ancestors):
+    """Expand a page; a search finds what is beside studies after other pages."""
+    if page.file.src_uri.startswith("pages/"):
         page.meta["search"] = {"boost": 0.5}
-    markdown = re.sub(r"{{ table (\S+) }}", lambda match: _table(match[1]), markdown)
-    markdown = re.sub(
-        r"{{ exports (\S+) }}", lambda match: _exports(match[1]), markdown
-    )
-    return markdown.replace("{{ commands }}", _commands())
+        markdown = markdown.replace("](../../docs/", "](../")
+    else:
+        markdown = markdown.replace("](../studies/pages/", "](pages/")
+    return PLAIN.sub(lambda match: _expanded(match[1], match[2]), markdown)
+
+
+def _expanded(kind: str, name: str) -> str:
+    if kind == "exports":
+        return _exports(name)
+    if kind == "table":
+        return _table(name)
+    return _commands()
+
+
+def written(markdown: str) -> str:
+    """A page with the plain texts as they are now."""
+
+    def plain(match: re.Match[str]) -> str:
+        kind, name = match[1], match[2]
+        comment = match[0].partition("\n")[0]
+        if kind == "table":
+            head, *rows = _rows(name)
+            lines = [_line(head), _line(["---"] * len(head)), *map(_line, rows)]
+            return "\n".join([comment, "", *lines, ""])
+        names = _command_names() if kind == "commands" else _export_names(name)
+        return "\n".join([comment, "", *(f"- `{name}`" for name in names), ""])
+
+    return PLAIN.sub(plain, markdown)
+
+
+def _line(cells: list[str]) -> str:
+    texts = [cell.replace("|", "\\|") for cell in cells]
+    return f"| {' | '.join(texts)} |"
+
+
+def _export_names(package: str) -> list[str]:
+    stub = ROOT.joinpath(*package.split("."), "__init__.pyi")
+    return [name.rpartition(".")[2] for name in _names(stub, package)]
+
+
+def _command_names() -> list[str]:
+    from neurosym_jax.__main__ import commands
+
+    return [f"neurosym {name}" for name in commands()]
 
 
 def _exports(package: str) -> str:
@@ -55,10 +115,15 @@ def _names(stub: Path, package: str) -> list[str]:
     ]
 
 
-def _table(name: str) -> str:
-    """A CSV file of docs/ as a table that assets/site.js filters and sorts."""
+def _rows(name: str) -> list[list[str]]:
+    """Lines of a CSV file of docs/."""
     with (ROOT / "docs" / name).open(encoding="utf-8", newline="") as file:
-        head, *rows = csv.reader(file)
+        return list(csv.reader(file))
+
+
+def _table(name: str) -> str:
+    """A table that assets/site.js filters and sorts."""
+    head, *rows = _rows(name)
     lines = [
         "<tr>"
         + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row)
@@ -94,3 +159,8 @@ def _commands() -> str:
         table = "\n".join(["| option | meaning |", "|---|---|", *rows]) if rows else ""
         parts.append(f"## neurosym {name}\n\n{text}\n\n{table}\n")
     return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    for path in [*ROOT.glob("docs/reference/*.md"), *STUDIES.glob("*.md")]:
+        path.write_text(written(path.read_text("utf-8")), "utf-8")

@@ -12,16 +12,23 @@ from benchmarks.timing import OURS
 
 HEAD = """# Benchmarks
 
-**On two cores of a CPU, evaluation is 1.6 times (1.4 to 1.7) as fast as SGAN rewritten in batched
-torch, and 9.8 times as fast as the released code; a training step is 1.4 and 7.8 times as fast.** A
-training step of `anchors` is hardly faster than its twin in torch; forecasts of a single scene of
-10 people are equally fast, those of 2 people slower. A whole training of `anchors` takes 49 s. A
-thousand people are forecast in 44 ms, with 20 samples each. With 200 people at 30 Hz, all on this
-one machine and the live page open, forecasts of all of them are 15 ms old (median; 99 % at most
-34 ms) when another process gets them in a ROS 1 graph, and 22 ms (42 ms) in a ROS 2 graph. No robot
-was involved.
+**On two cores of a CPU, evaluation is 9.8 times as fast as SGAN's released code, and 1.6 times as fast
+as SGAN rewritten in batched torch.** No GPU was at hand; `python -m benchmarks --gpu` waits for one.
 
-**No GPU was at hand**; `python -m benchmarks --gpu` waits for one.
+| on two cores | |
+|---|---:|
+| evaluation, against the released code | 9.8 times as fast |
+| evaluation, against batched torch | 1.6 times (1.4 to 1.7) |
+| training step of SGAN, against either | 7.8 and 1.4 times |
+| training step of `recommended`, against its twin in torch | 1.1 times |
+| whole training of `recommended` | 49 s |
+| 20 forecasts of 10 people, from a frame | 1.5 ms |
+| 20 forecasts of a thousand people | 44 ms |
+| age of a forecast of 200 people at 30 Hz, page open, ROS 1 | 15 ms (99 % below 34 ms) |
+| the same, ROS 2 | 22 ms (42 ms) |
+
+A single scene of 10 people takes as long as in torch, one of 2 people longer. All ran on this one
+machine; no robot was involved. In the tables `anchors` is `recommended`.
 
     python -m benchmarks --data DATA --checkpoints FOLDER --reference SGAN
 
@@ -31,17 +38,19 @@ was involved.
 TAIL = """<details markdown="1">
 <summary>How this was measured</summary>
 
-Contestants run in a process each, and their rounds alternate; the tables have medians, in brackets
-the CPU's seconds. After a colon stands the ratio to ours, with the least and the most that the
-rounds allow. Timings on this machine vary threefold between hours: compare within a row only. For
-the age, ROS 1 is a real roscore, with samples out; ROS 2 a real rclpy, with poses in and markers
-out; and a bag is replayed at its own rate: its ages are those that `neurosym replay` prints,
-because nobody but the page hears it. All 200 people are forecast (`--max-people 200`). "Start"
-compiles everything first, "meanwhile" while people are forecast already; "warm" has programs in the
-cache. The torch peer is SGAN with encoding and pooling done once, all samples together, and no loop
-over scenes. The original is the released code. `benchmarks.json` beside this page has all rounds,
-stages, memory, and the bound set by the arithmetic; the first lines of `benchmarks/page.py` renew
-the page.
+- Contestants run in a process each, and their rounds alternate. The tables have medians, in brackets
+  the CPU's seconds. After a colon stands the ratio to ours, with the least and the most that the
+  rounds allow.
+- Timings on this machine vary threefold between hours: compare within a row only.
+- For the age, ROS 1 is a real roscore with samples out, ROS 2 a real rclpy with poses in and markers
+  out. A bag is replayed at its own rate, and its ages are those that `neurosym replay` prints. All
+  200 people are forecast (`--max-people 200`).
+- "Start" compiles everything first, "meanwhile" while people are forecast already; "warm" has
+  programs in the cache.
+- The torch peer is SGAN with encoding and pooling done once, all samples together, and no loop over
+  scenes. The original is the released code.
+- `benchmarks.json` beside this page has all rounds, stages, memory, and the bound set by the
+  arithmetic. The first lines of `benchmarks/page.py` renew the page.
 
 {machine}
 

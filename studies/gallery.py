@@ -1,4 +1,4 @@
-"""Draw the figures of docs/gallery.md that Python draws: `python -m studies.gallery DATA`.
+"""Draw the figures of docs/evaluate.md that Python draws: `python -m studies.gallery DATA`.
 
 DATA is ETH/UCY (`neurosym download eth-ucy`). What runs is the page's own code; seeds
 are 0.
@@ -26,8 +26,9 @@ WIDE = 1300
 
 def draw(data: str, folder: Path = DOCS / "figures") -> list[Path]:
     """Draw the figures of the page into `folder`."""
-    text = (DOCS / "gallery.md").read_text().replace('"eth-ucy"', repr(data))
-    (_, start), *figures = CODE.findall(text)
+    page = (DOCS / "evaluate.md").read_text()
+    section = page.split("\n## Figures\n")[1].replace('"eth-ucy"', repr(data))
+    (_, start), *figures = CODE.findall(section)
     paths = []
     for name, code in figures:
         names: dict[str, Any] = {}

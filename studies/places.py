@@ -1,7 +1,7 @@
-"""How good are models at places where they have not learned? `docs/left_out.md`, from nothing.
+"""How good are models at places where they have not learned? `left_out.md`, from nothing.
 
-NPROC=1 python -m studies.places DATA MORE THOR OUT   # trains, tests, writes docs/left_out.csv
-python -m studies.places > docs/left_out.md           # from docs/left_out.csv
+NPROC=1 python -m studies.places DATA MORE THOR OUT    # trains, tests, writes docs/left_out.csv
+python -m studies.places > studies/pages/left_out.md   # from docs/left_out.csv
 
 A place is left out whole, with all its recordings, and models are trained on the
 others: three of ETH/UCY's places are a recording or two each that data sets share, such
@@ -15,7 +15,7 @@ not repeated.
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import polars as pl
@@ -67,8 +67,8 @@ HEAD = """# Places left out whole
 **By joint ADE `anchors` leads at seven of eight places, and is level with the anchor table on
 Stanford's scenes. In the mean over places the error of SGAN is higher by 20 ± 10 %, of NeuroSyM by
 15 ± 10 %, of the anchor table by 11 ± 7 %.** Joint errors reward spread. We [rank
-models](glossary.md#metrics) by the energy score of the distribution, which was measured at [twelve
-test sets](results.md#the-distribution).
+models](../../docs/evaluate.md#metrics) by the energy score of the distribution, which was measured at
+[twelve test sets](../../docs/results.md#the-distribution). `anchors` is the family of `recommended`.
 
 On eth the table has the lower joint FDE. The central forecast of `anchors` is behind constant
 velocity on the campus and on Stanford's scenes.
@@ -78,7 +78,7 @@ the place that they are tested at. "Campus" is UCY's university with three recor
 street with three, "corridors" four runs of HERMES. Stanford (23 recordings), THÖR (two) and
 THÖR-MAGNI (one) are tested with the models that learned from ETH/UCY alone. Anchors: the mean of
 {seeds} seeds; all others: one training. Bold: the best of a column. eth is read with SGAN's
-[wrong clock](data.md#the-eth-recording).
+[wrong clock](../../docs/data.md#the-eth-recording).
 """
 TAIL = """## Paired by place
 
@@ -87,7 +87,7 @@ Difference to `anchors` at each place, in per cent of anchors' value there: the 
 
 {paired}
 
-All means, FDE too, are in `left_out.csv` beside this page. `python -m studies.places DATA MORE THOR
+All means, FDE too, are in `docs/left_out.csv`. `python -m studies.places DATA MORE THOR
 OUT` trains and tests all of it; its first lines say what the folders hold. The recipes were chosen
 with pairs of ETH/UCY's data sets left out, and earlier forms of `anchors` were looked at on
 Stanford's scenes, THÖR and HERMES: none of the places is a fresh test."""
@@ -172,6 +172,13 @@ def page(means: pl.DataFrame) -> str:
     seeds = means.filter(model="anchors")["trainings"].min()
     tail = TAIL.format(count=len(places), paired=markdown_table(["", *PAIRED], paired))
     return "\n".join([HEAD.format(seeds=seeds), *parts, tail])
+
+
+def joint_errors(means: pl.DataFrame, names: Mapping[str, str]) -> str:
+    """A table of joint ADE, in which models are called by `names`."""
+    places = means["dataset"].unique(maintain_order=True).to_list()
+    named = means.with_columns(pl.col("model").replace(names))
+    return _table(named, ("joint_ade",), places)
 
 
 def _table(means: pl.DataFrame, metrics: Sequence[str], places: list[str]) -> str:

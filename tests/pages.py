@@ -176,7 +176,7 @@ def run(pages: list[Path]) -> int:
     for page in pages:
         document = sybil.parse(page)
         document.namespace |= names | {"done": done, "__name__": page.stem}
-        document.namespace |= batch if page.stem == "jax" else {}
+        document.namespace |= batch if page.stem == "extend" else {}
         tables = [dict(table) for table in TABLES]
         for example in document.examples():
             try:

@@ -1,6 +1,9 @@
 """Pages are few, short and linked, and what they point to and name is there."""
 
 import re
+import runpy
+
+import pytest
 
 from neurosym_jax.__main__ import commands
 from neurosym_jax.data.recordings import read_any
@@ -17,6 +20,15 @@ PAGES = {
     path.name: path.read_text(encoding="utf-8")
     for path in sorted(ROOT.glob("docs/*.md"))
 }
+BESIDE_STUDIES = {
+    path.name: path.read_text(encoding="utf-8")
+    for path in sorted(ROOT.glob("studies/pages/*.md"))
+}
+EXPANDED = [
+    path
+    for folder in ("docs/reference", "studies/pages")
+    for path in sorted((ROOT / folder).glob("*.md"))
+]
 
 
 def test_the_format_of_the_page_reads_a_file(tmp_path):
@@ -48,13 +60,24 @@ def test_every_page_is_in_the_navigation_and_linked_from_another():
     for name, text in PAGES.items():
         links |= set(re.findall(r"\]\(([\w/]+\.md)", text)) - {name}
     assert PAGES.keys() - links == {"index.md"}
+    beside = re.findall(r"\]\(\.\./studies/pages/(\w+\.md)", PAGES["studies.md"])
+    assert sorted(beside) == sorted(BESIDE_STUDIES)
+
+
+@pytest.mark.parametrize("path", EXPANDED, ids=lambda path: path.stem)
+def test_plain_texts_are_what_the_site_shows(path):
+    """If not, `python .ci/exports.py` writes them."""
+    written = runpy.run_path(str(ROOT / ".ci" / "exports.py"))["written"]
+    text = path.read_text(encoding="utf-8")
+    assert written(text) == text
+    assert "{{" not in text
 
 
 def test_every_study_that_a_page_names_is_in_the_tree_or_listed_at_rest():
     command = re.compile(r"python -m studies\.(\w+)")
     present, at_rest = PAGES["studies.md"].split("## At rest")
     listed = set(command.findall(at_rest))
-    for name, text in (PAGES | {"studies.md": present}).items():
+    for name, text in (PAGES | BESIDE_STUDIES | {"studies.md": present}).items():
         for study in command.findall(text):
             path = ROOT / "studies" / study
             in_tree = path.is_dir() or path.with_suffix(".py").is_file()
@@ -64,9 +87,9 @@ def test_every_study_that_a_page_names_is_in_the_tree_or_listed_at_rest():
 def test_every_option_that_a_page_names_is_one_of_its_command():
     known = {name: {"--plugin", "--help-all", *options_of(name)} for name in commands()}
     count = 0
-    for page, text in (
-        PAGES.items() | {"README.md": (ROOT / "README.md").read_text()}.items()
-    ):
+    readme = {"README.md": (ROOT / "README.md").read_text()}
+    beside = {f"studies/pages/{page}": text for page, text in BESIDE_STUDIES.items()}
+    for page, text in (PAGES | beside | readme).items():
         for line in COMMANDS.findall(text):
             name, *words = re.sub(r"\s#.*|\s>.*|&&.*|[\[\]\\]", "", line).replace(
                 ".py", ""

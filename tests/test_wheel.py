@@ -96,6 +96,7 @@ def test_what_pages_show_runs(installed, tmp_path):
         "NEUROSYM_DATA": str(tmp_path / "no"),
     }
     pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    pages += sorted((ROOT / "studies" / "pages").glob("*.md"))
     command = [sys.executable, "-P", ROOT / "tests" / "pages.py", *pages]
     done = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True

@@ -116,7 +116,7 @@ class Options:
     """Forecasters to evaluate beside the models; default: constant velocity, its sampled form and
     the anchor table that ships; without arguments constant velocity alone."""
     metrics: tuple[str, ...] = ()
-    """Further metrics by name, see docs/glossary.md, or `all` but those of --symbols."""
+    """Further metrics by name, see docs/evaluate.md, or `all` but those of --symbols."""
     symbols: bool = False
     """Add the scores of forecast symbols and events."""
     collisions: bool = True

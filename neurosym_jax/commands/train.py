@@ -62,7 +62,7 @@ class Options:
     or neurosym_ros; or one that a plugin registers."""
     weighting: str | None = None
     """Weighting of NeuroSyM (default: cnd) or anchors (default: none), KIND[,FIELD=VALUE...], see
-    docs/weightings.md."""
+    docs/extend.md."""
     dataset: str | None = None
     """Data set to leave out of training (eth, hotel, a file's name, ...); `general` trains on all.
     Of the simulations, the one to train on (default: all of them)."""
@@ -80,7 +80,7 @@ class Options:
     """Modules of the network that do not learn, such as encoder pooling."""
     recipe: str | None = None
     """How the model is trained: anchors for anchors and their table, else ours or sgan (as
-    published), see docs/recipe.md; or a plugin's. Default: the first that fits."""
+    published), see docs/training.md; or a plugin's. Default: the first that fits."""
     seed: int = 0
     """Random seed for initialisation, data order, augmentation and noise."""
     steps: int | None = None

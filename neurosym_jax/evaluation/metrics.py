@@ -395,7 +395,7 @@ def _in_company(scene: Scene) -> Array:
 # samples become probabilities as in `symbolic.forecast`, smoothed by one sample spread
 # uniformly. The score is -ln p_c, in nats, for the class c that came true (Good,
 # "Rational decisions", 1952); it is proper. A movement below 0.125 m/s counts as
-# standing, and events are timed in seconds, at any period. docs/symbolic_forecast.md
+# standing, and events are timed in seconds, at any period. studies/pages/symbolic_forecast.md
 # compares with a Markov chain.
 
 SETTINGS = SymbolSettings()

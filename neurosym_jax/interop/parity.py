@@ -1,8 +1,8 @@
 """Parity: how far our outputs are from torch's, of stored cases or of a module that runs now.
 
 A golden directory holds `manifest.json` with a row for each case, and an `.npz` for
-each case with torch's weights, inputs and outputs (`docs/parity.md` says which, and how
-to make them).
+each case with torch's weights, inputs and outputs (`tests/golden/README.md` says which,
+and how to make them).
 """
 
 import dataclasses

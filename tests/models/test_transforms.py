@@ -1,4 +1,4 @@
-"""Every family's forecast, and its gradient, under each of JAX's transforms; see docs/jax.md."""
+"""Every family's forecast, and its gradient, under each of JAX's transforms; see docs/extend.md."""
 
 import os
 import subprocess
@@ -118,7 +118,7 @@ TRANSFORMS = {
 
 
 REFUSED = {("anchor table", "Explicit mesh"), ("NeuroSyM, every step", "Explicit mesh")}
-"""jax 0.10 transposes the broadcast of a scalar parameter without its mesh; docs/jax.md says so."""
+"""jax 0.10 transposes the broadcast of a scalar parameter without its mesh; docs/extend.md says so."""
 
 
 def pairs():
@@ -141,8 +141,8 @@ def test_every_family_under(name, transform):
 
 
 def test_the_page_names_these_transforms():
-    page = Path(__file__).parents[2].joinpath("docs", "jax.md").read_text()
-    section = page.split("## Transforms")[1].split("\n## ")[0]
+    page = Path(__file__).parents[2].joinpath("docs", "extend.md").read_text()
+    section = page.split("\n### Transforms")[1].split("\n### ")[0]
     for transform in TRANSFORMS:
         assert transform in section.replace("`", "")
 

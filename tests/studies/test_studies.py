@@ -54,7 +54,7 @@ def test_the_results_are_what_their_study_writes(tmp_path):
 
 def test_the_page_of_places_left_out_is_what_its_study_prints(capsys):
     run_module("studies.places")
-    page = (DOCS / "left_out.md").read_text(encoding="utf-8")
+    page = (ROOT / "studies" / "pages" / "left_out.md").read_text(encoding="utf-8")
     assert capsys.readouterr().out == page
 
 

@@ -1,4 +1,4 @@
-"""The recipe of anchors and anchor tables; docs/recipe.md has the reasons."""
+"""The recipe of anchors and anchor tables; studies/pages/recipe.md has the reasons."""
 
 import dataclasses
 
@@ -52,4 +52,4 @@ class AnchorRecipe(Recipe):
     step_weight: NotNegative = 0.5
     """Weight of the energy score of each person's position at single steps."""
     collision_weight: NotNegative = 0.0
-    """Weight of how much people of one sample overlap. It costs error: see docs/recipe.md."""
+    """Weight of how much people of one sample overlap. It costs error: see studies/pages/recipe.md."""

@@ -61,7 +61,7 @@ __all__ = [
 ]
 
 
-# Recipes of SGAN and NeuroSyM: `ours` (docs/recipe.md), and `sgan`, the published
+# Recipes of SGAN and NeuroSyM: `ours` (docs/training.md), and `sgan`, the published
 # procedure.
 
 

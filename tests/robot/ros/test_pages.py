@@ -20,7 +20,7 @@ from tests.robot.ros.ros1_graph import OURS, Process, start_graph
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 pytestmark = pytest.mark.slow
 
-PAGES = ("robot", "nav2", "ros", "replay", "predictor")
+PAGES = ("robot", "nav2", "ros", "predictor")
 COMMAND = re.compile(r"(?m)^ {4,}((?:pip|neurosym|python|roslaunch|ros2|colcon) .*)$")
 TOPIC = "/my_tracker/people"
 HEARD = {
