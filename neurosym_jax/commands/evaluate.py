@@ -27,6 +27,7 @@ from neurosym_jax.evaluation.compare import (
 from neurosym_jax.evaluation.forecasts import ForecastFile, read_named
 from neurosym_jax.evaluation.tables import rows_frame
 from neurosym_jax.models.disk import (
+    RECOMMENDED,
     find_checkpoints,
     find_model,
     load_model,
@@ -190,7 +191,10 @@ def run(options: Options) -> list[Row]:
     _write_report(options, rows, tests)
     style = {"intervals": options.intervals, "whole": not default or bool(further)}
     print(tables.format_table(rows_frame(rows), options.table, **style))
-    notes = [*_readings_and_models(tests, models), *_written(options, tests, results)]
+    networks = _recommended(options, tests)
+    notes = [f"{RECOMMENDED}: {', '.join(networks)}"] if networks else []
+    notes += _readings_and_models(tests, models)
+    notes += _written(options, tests, results)
     if is_text and isinstance(source, Synthetic) and default:
         notes.append(AFTER_THE_FIRST_RUN.format(options.samples))
     print("\n".join(["", *notes]), file=sys.stdout if is_text else sys.stderr)
@@ -212,6 +216,18 @@ def _paths(tests: Sequence[compare.Test]) -> list[str]:
     for test in tests:
         paths += [path for path, _ in test.entries if path]
     return paths
+
+
+def _recommended(options: Options, tests: Sequence[compare.Test]) -> list[str]:
+    """Names of the networks that `recommended` stands for, or that are the default."""
+    asked = not options.checkpoint or RECOMMENDED in options.checkpoint
+    if options.all or not asked:
+        return []
+    shipped = {
+        path.name for path in shipped_models() if path.name.startswith("anchors_")
+    }
+    names = shipped.intersection(_paths(tests)).difference(options.checkpoint)
+    return sorted(names)
 
 
 def _write_report(
@@ -270,11 +286,21 @@ def _written(
     yield f"rows: {options.json}"
 
 
+def prepare_arguments(arguments: Sequence[str]) -> list[str]:
+    """`neurosym evaluate my_tracks.csv`: a recording in front of all options is `--data`."""
+    words = list(arguments)
+    is_recording = bool(words) and not words[0].startswith("-")
+    if is_recording and not words[0].endswith((".yaml", ".yml")):
+        return ["--data", *words]
+    return words
+
+
 def _labels(
     options: Options, files: Mapping[str, ForecastFile], tests: Sequence[compare.Test]
 ) -> dict[str, str]:
     """Names by path: those of files of forecasts, and the ones that --label says."""
     labels = {str(file.path): name for name, file in files.items()}
+    labels |= dict.fromkeys(_recommended(options, tests), RECOMMENDED)
     paths = {*_paths(tests), *labels}
     for label in options.label:
         name, _, path = label.partition("=")

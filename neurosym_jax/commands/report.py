@@ -10,7 +10,7 @@ __all__ = ["run"]
 
 
 def run(
-    sweep: Positional[Path],
+    sweep: Positional[Path] = Path("runs/sweep"),
     against: str | None = None,
     pred_len: int | None = None,
     out: Path | None = None,

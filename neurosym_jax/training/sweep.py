@@ -101,7 +101,12 @@ def compare_sweep(
     if target.suffix != ".md":
         raise InputError(f"{option('out', str(target))}: must end in .md")
     refuse_unwritable(target)
-    rows = compare.read_report(sweep / "sweep.json")
+    report = sweep / "sweep.json"
+    if not report.exists():
+        raise InputError(
+            f"{sweep}: no finished sweep is here; `neurosym sweep --out {sweep}` makes one"
+        )
+    rows = compare.read_report(report)
     runs = _read(sweep, rows, pred_len)
     models = list(dict.fromkeys(model for model, _ in runs))
     reference = _reference(against, models)

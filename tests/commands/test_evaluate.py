@@ -3,13 +3,14 @@ import hashlib
 import itertools
 import json
 import warnings
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from neurosym_jax import evaluation
-from neurosym_jax.commands.evaluate import Options, run
+from neurosym_jax.commands.evaluate import Options, _labels, run
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.metrics import register_metric
 from neurosym_jax.evaluation.tables import rows_frame
@@ -172,6 +173,23 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
     )
     for metric in ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde"):
         assert rows[2][metric] == rows[3][metric]
+
+
+@pytest.mark.parametrize(
+    ("checkpoint", "labels"),
+    [
+        ((), {"anchors_general_8": "recommended"}),
+        (("recommended", "anchors_mine"), {"anchors_general_8": "recommended"}),
+        (("anchors_general_8",), {}),
+        (("recommended", "anchors_general_8"), {}),
+    ],
+)
+def test_recommended_has_one_name(checkpoint, labels):
+    """A network that is asked for by its own name keeps it, and so does another's folder."""
+    entries = [("anchors_general_8", None), ("anchors_mine", None), ("", None)]
+    test = SimpleNamespace(entries=entries)
+    assert _labels(Options(checkpoint=checkpoint), {}, [test]) == labels
+    assert _labels(Options(all=True), {}, [test]) == {}
 
 
 def test_one_step_and_one_agent(options, tmp_path):

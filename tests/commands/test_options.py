@@ -327,6 +327,8 @@ REFUSED = {
     "sweep --set emma=1": "set emma=1",
     "sweep --network emma=1": "config emma=1",
     "sweep --weighting quantised quantised,speed=0.125": "two runs of the sweep have",
+    "report nothing_here": "`neurosym sweep --out nothing_here` makes one",
+    "evaluate {d}/nothing.csv": "nothing.csv",
     "sweep --recipe anchors": "recipe: does not fit sgan, which takes ['ours', 'sgan']",
     "evaluate --max-gap 2": "--max-gap: has no effect on simulations",
     "evaluate --all --checkpoint a": "--checkpoint: has no effect with --all",
