@@ -100,12 +100,12 @@ def compare_sweep(
     target = out or sweep / "report.md"
     if target.suffix != ".md":
         raise InputError(f"{option('out', str(target))}: must end in .md")
-    refuse_unwritable(target)
     report = sweep / "sweep.json"
     if not report.exists():
         raise InputError(
             f"{sweep}: no finished sweep is here; `neurosym sweep --out {sweep}` makes one"
         )
+    refuse_unwritable(target)
     rows = compare.read_report(report)
     runs = _read(sweep, rows, pred_len)
     models = list(dict.fromkeys(model for model, _ in runs))
