@@ -5,10 +5,12 @@ a source distribution with the same bytes whenever and wherever it is built.
 import gzip
 import os
 import re
+import shutil
 import tarfile
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.build_py import build_py
 from setuptools.command.sdist import sdist
 
 # 1980, the first year that a wheel can have.
@@ -48,13 +50,24 @@ def _of_nobody(entry):
 README = Path(__file__).with_name("README.md").read_text(encoding="utf-8")
 DESCRIPTION = re.sub(r"!?\[([^]]+)\]\((?!https:)[^)]*\)", r"\1", README)
 
+
+class BuildWithCheckpoints(build_py):
+    """Puts `checkpoints/` into the package of a wheel; an editable install reads the clone's."""
+
+    def run(self):
+        """Build, then copy."""
+        super().run()
+        if not self.editable_mode:
+            target = Path(self.build_lib, "neurosym_jax", "checkpoints")
+            shutil.copytree("checkpoints", target, dirs_exist_ok=True)
+
+
 setup(
     long_description=DESCRIPTION,
     long_description_content_type="text/markdown",
-    packages=[
-        *find_packages(include=["neurosym_jax*", "neurosym_robot*"]),
-        "neurosym_jax.checkpoints",
-    ],
-    package_dir={"neurosym_jax.checkpoints": "checkpoints"},
-    cmdclass={"sdist": SourceDistribution},
+    packages=find_packages(include=["neurosym_jax*", "neurosym_robot*"]),
+    # An editable install is then a line of sys.path, and no import hook: editors and
+    # pyright follow lines only.
+    package_dir={"": "."},
+    cmdclass={"build_py": BuildWithCheckpoints, "sdist": SourceDistribution},
 )

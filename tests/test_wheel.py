@@ -8,8 +8,10 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import zipfile
 
 import pytest
+from setuptools.build_meta import build_editable
 
 from tests.repository import ROOT
 
@@ -85,6 +87,16 @@ def test_a_source_distribution_has_the_same_bytes_at_any_time(installed, tmp_pat
         names = entries.getnames()
     root = names[0]
     assert {f"{root}/PKG-INFO", f"{root}/neurosym_jax/scene.py"} < set(names)
+
+
+def test_an_editor_finds_an_editable_install(installed, tmp_path, monkeypatch):
+    """It is a line of sys.path: pyright follows no import hooks."""
+    monkeypatch.chdir(installed.parent / "source")
+    name = build_editable(str(tmp_path))
+    with zipfile.ZipFile(tmp_path / name) as wheel:
+        (line,) = [name for name in wheel.namelist() if "editable" in name]
+        assert line.endswith(".pth")
+        assert wheel.read(line).decode().strip() == str(installed.parent / "source")
 
 
 @pytest.mark.slow
