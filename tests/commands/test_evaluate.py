@@ -4,6 +4,7 @@ import itertools
 import json
 import warnings
 from types import SimpleNamespace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -187,7 +188,7 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
 def test_recommended_has_one_name(checkpoint, labels):
     """A network that is asked for by its own name keeps it, and so does another's folder."""
     entries = [("anchors_general_8", None), ("anchors_mine", None), ("", None)]
-    test = SimpleNamespace(entries=entries)
+    test: Any = SimpleNamespace(entries=entries)
     assert _labels(Options(checkpoint=checkpoint), {}, [test]) == labels
     assert _labels(Options(all=True), {}, [test]) == {}
 
