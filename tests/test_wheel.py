@@ -89,6 +89,7 @@ def test_a_source_distribution_has_the_same_bytes_at_any_time(installed, tmp_pat
     assert {f"{root}/PKG-INFO", f"{root}/neurosym_jax/scene.py"} < set(names)
 
 
+@pytest.mark.slow
 def test_an_editor_finds_an_editable_install(installed, tmp_path, monkeypatch):
     """It is a line of sys.path: pyright follows no import hooks."""
     monkeypatch.chdir(installed.parent / "source")
