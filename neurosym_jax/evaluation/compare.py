@@ -890,7 +890,7 @@ def evaluate(
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     loaded, functions = _apart(models)
-    files = read_named(forecasts)
+    files = read_named(forecasts) if forecasts else {}
     lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
     options = {"baselines": baselines, "samples": samples, "min_agents": min_agents}
     entries: Entries = list(loaded.items())
