@@ -34,10 +34,11 @@ Name = Literal[
     "reading",
     "scaling",
     "onnx",
+    "node",
     "numeric",
     "trainings",
 ]
-NAMES: tuple[Name, ...] = get_args(Name)[:-3]
+NAMES: tuple[Name, ...] = get_args(Name)[:-4]
 ON_GPU: tuple[Name, ...] = ("numeric", "scaling", "training", "zoo")
 
 
@@ -48,8 +49,8 @@ class BenchmarkOptions:
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
     """What to measure: the evaluation of the published checkpoints, training iterations, QTC and
     alpha of all pairs, online latency, the age of a forecast, whole processes, reading and
-    windowing, scaling. Three run where they are named: onnx, exported models in ONNX Runtime;
-    numeric, the tests of numbers; and trainings, whole ones."""
+    windowing, scaling. Four run where they are named: onnx, exported models in ONNX Runtime; node,
+    a robot's node with one; numeric, the tests of numbers; and trainings, whole ones."""
     gpu: bool = False
     """Measure what depends on an accelerator: numeric, scaling, training, and zoo where there are
     --data and --checkpoints. Without a GPU it runs on the CPU."""

@@ -4,7 +4,7 @@ import contextlib
 import importlib
 import reprlib
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 __all__ = [
@@ -15,7 +15,7 @@ __all__ = [
     "option",
     "optional_module",
 ]
-__all__ += ["printable", "spoken_as_flags"]
+__all__ += ["printable", "refuse_masked", "spoken_as_flags"]
 
 _spoken = {"flags": False}  # of the process: threads read for a command, too
 
@@ -98,3 +98,17 @@ class _Brief(reprlib.Repr):
 
 brief = _Brief().repr
 """The `repr` of a foreign value, of its first 80 to 120 letters, for a message."""
+
+
+def refuse_masked(arrays: Mapping[str, Any]) -> None:
+    """Refuse arrays by name with masked values, which NumPy would read as what is behind the mask.
+
+    Raises:
+        InputError: naming the first.
+    """
+    import numpy as np
+
+    for name, values in arrays.items():
+        parts = values if isinstance(values, list | tuple) else (values,)
+        if any(map(np.ma.is_masked, parts)):
+            raise InputError(f"{name}: some values are masked; leave out these agents")

@@ -23,7 +23,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.typing import ArrayLike
 
-from neurosym_jax.errors import InputError, brief
+from neurosym_jax.errors import InputError, brief, refuse_masked
 
 __all__ = [
     "AnyArray",
@@ -231,22 +231,6 @@ def pad_scene(scene: Scene, agents: int) -> Scene:
 def to_world(positions: ArrayLike, scene: Scene) -> np.ndarray:
     """Positions `[..., 2]` of the scene's frame in the caller's frame, float64 metres."""
     return np.asarray(positions, np.float64) + np.asarray(scene.origin, np.float64)
-
-
-def refuse_masked(arrays: Mapping[str, Any]) -> None:
-    """Refuse arrays by name with masked values, which NumPy would read as what is behind the mask.
-
-    Raises:
-        InputError: naming the first.
-    """
-    for name, values in arrays.items():
-        if any(
-            map(
-                np.ma.is_masked,
-                values if isinstance(values, list | tuple) else (values,),
-            )
-        ):
-            raise InputError(f"{name}: some values are masked; leave out these agents")
 
 
 def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:

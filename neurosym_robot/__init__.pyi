@@ -5,6 +5,8 @@ from .dashboard.view import View as View
 from .input.kinds import Kind as Kind
 from .input.kinds import register_message as register_message
 from .input.kinds import see as see
+from .input.source import PeopleSource as PeopleSource
+from .online.onnx_network import OnnxModel as OnnxModel
 from .online.predictor import Forecast as Forecast
 from .online.predictor import ModelForecast as ModelForecast
 from .online.predictor import Predictor as Predictor

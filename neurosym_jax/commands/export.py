@@ -12,7 +12,12 @@ from neurosym_jax.runtime.files import new_file
 __all__ = ["run"]
 
 
-def run(model: Positional[Path], to: Positional[Path], samples: int = 20) -> None:
+def run(
+    model: Positional[Path],
+    to: Positional[Path],
+    samples: int = 20,
+    points: bool = False,
+) -> None:
     """Export a model as one program for any number of people: ONNX as *.onnx, else StableHLO.
 
     Args:
@@ -21,6 +26,8 @@ def run(model: Positional[Path], to: Positional[Path], samples: int = 20) -> Non
             (examples/run_exported.py), ONNX Runtime *.onnx (examples/run_onnx.py).
         samples: Number of forecasts of each call, k; free in ONNX if the model takes
             noise.
+        points: Also the points of the distribution, in ONNX: `neurosym ros2 --model
+            FILE.onnx` draws from them.
 
     Raises:
         InputError: as `export_model` and `export_onnx`, and for a file that exists or
@@ -29,8 +36,12 @@ def run(model: Positional[Path], to: Positional[Path], samples: int = 20) -> Non
     if to.exists():
         raise InputError(f"{to}: exists already")
     loaded = load_model(model)
-    export = export_onnx if to.suffix == ".onnx" else export_model
-    program = export(loaded, samples)
+    if to.suffix == ".onnx":
+        program = export_onnx(loaded, samples, points)
+    elif points:
+        raise InputError(f"{to}: --points are exported to a file *.onnx alone")
+    else:
+        program = export_model(loaded, samples)
     with new_file(to) as beside:
         beside.write_bytes(program)
     free = to.suffix == ".onnx" and loaded.forecaster.noise.dim

@@ -11,8 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.errors import InputError, option, printable
-from neurosym_jax.scene import refuse_masked
+from neurosym_jax.errors import InputError, option, printable, refuse_masked
 
 __all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Reading", "Tracks", "describe_readings"]
 __all__ += ["common", "make_tracks"]

@@ -12,7 +12,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from neurosym_jax.data.windows import Batch, Windows, bucket_of
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, refuse_masked
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
 from neurosym_jax.models.forecast import (
     PART,
@@ -30,7 +30,6 @@ from neurosym_jax.scene import (
     make_scene,
     model_dtype,
     pad_scene,
-    refuse_masked,
     relative_positions,
 )
 

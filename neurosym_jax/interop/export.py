@@ -66,14 +66,16 @@ def _sizes_are_symbols() -> Iterator[None]:
         ) from error
 
 
-def export_onnx(model: Model, samples: int = 20) -> bytes:
+def export_onnx(model: Model, samples: int = 20, points: bool = False) -> bytes:
     """The program of `model` in ONNX, serialised; see `export_model`.
 
-    `samples` is k for a model without noise; k of other models is free.
+    `samples` is k for a model without noise; k of other models is free. With `points`,
+    anchors also return those of the distribution, [P, n, pred_len, 2], of which
+    `neurosym_robot.online.coupling` draws scenes.
 
     Raises:
-        InputError: as `export_model`, without onnx, and for an operation without
-            translation.
+        InputError: as `export_model`, without onnx, for an operation without
+            translation, and for `points` of a model without any.
     """
     spec = model.forecaster.noise
     properties = {
@@ -83,7 +85,29 @@ def export_onnx(model: Model, samples: int = 20) -> bytes:
     }
     program = program_of(model, samples)
     arguments = _arguments(model, "samples")
-    return to_onnx(program, arguments, ("forecasts", "probabilities"), properties)
+    outputs = ["forecasts", "probabilities"]
+    if points:
+        program = _with_points(model, program)
+        outputs.append("points")
+    return to_onnx(program, arguments, outputs, properties)
+
+
+def _with_points(
+    model: Model, program: Callable[..., tuple[Array, Array]]
+) -> Callable[[Array], tuple[Array, Array, Array]]:
+    forecaster = model.forecaster
+    if not forecaster.calibrated:
+        raise InputError(f"points: {model.name} has no distribution of its own")
+
+    unused = jax.random.key(0)  # Such points are not drawn.
+
+    def with_points(observed: Array) -> tuple[Array, Array, Array]:
+        scene = make_scene(observed, period=model.config.period)
+        points = forecaster.points(model.params, scene.bare(), unused)
+        origin = jnp.asarray(scene.origin)[None, None, None]
+        return (*program(observed), points + origin)
+
+    return with_points
 
 
 def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Array]]:

@@ -17,13 +17,14 @@ wide as what people do, see `unknown_motion`.
 Nothing here is applied to networks of SGAN and NeuroSyM unless it is asked for.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from neurosym_jax.scene import AnyArray, Scene
+if TYPE_CHECKING:
+    from jax import Array
+
+    from neurosym_jax.scene import AnyArray, Scene
 
 __all__ = [
     "FAST",
@@ -74,14 +75,14 @@ class Repair(NamedTuple):
     """[N] bool, no step is plausible: the track stands, and nothing is known of its motion."""
 
 
-def repair_tracks(observed: AnyArray, period: float) -> Repair:
+def repair_tracks(observed: "AnyArray", period: float) -> Repair:
     """Replace the steps of `observed [N, T, 2]` that are tracking errors, see the module.
 
     Args:
         observed: [N, T, 2] metres, numpy's or jax's; so are the results.
         period: of a step, seconds.
     """
-    xp: Any = np if isinstance(observed, np.ndarray) else jnp
+    xp = _numpy_of(observed)
     steps = xp.diff(observed, axis=1)
     wrong, bridge, bridged = _errors(xp, steps, period)
 
@@ -114,6 +115,15 @@ def repair_tracks(observed: AnyArray, period: float) -> Repair:
     has_errors = wrong.any(1)[:, None, None]
     tracks = xp.where(has_errors, xp.stack(points[::-1], 1), observed)
     return Repair(tracks, offset, ~plausible)
+
+
+def _numpy_of(array: Any) -> Any:
+    """numpy, or JAX's for its arrays: streams are read without JAX."""
+    if isinstance(array, np.ndarray):
+        return np
+    import jax.numpy as jnp
+
+    return jnp
 
 
 def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
@@ -161,8 +171,10 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
     return wrong, bridge, wrong[:, 1:] & wrong[:, :-1] & mends
 
 
-def repair_scene(scene: Scene, period: float) -> tuple[Scene, Repair]:
+def repair_scene(scene: "Scene", period: float) -> "tuple[Scene, Repair]":
     """The scene with plausible tracks, and what was repaired, see `repair_tracks`."""
+    import jax.numpy as jnp
+
     repair = repair_tracks(jnp.asarray(scene.observed), period)
     track = repair.tracks
     changed = (track != scene.observed).any((1, 2))
@@ -183,7 +195,7 @@ def settle(forecast: Any, repair: Repair, period: float) -> Any:
 
     Of agents without a plausible step it becomes `unknown_motion`.
     """
-    xp: Any = np if isinstance(forecast, np.ndarray) else jnp
+    xp = _numpy_of(forecast)
     last = repair.tracks[None, :, -1, None]
     unknown = unknown_motion(len(forecast), forecast.shape[2], period)
     unknown = xp.asarray(unknown, forecast.dtype)[:, None] + last
@@ -191,12 +203,14 @@ def settle(forecast: Any, repair: Repair, period: float) -> Any:
     return forecast + repair.offset[None, :, None]
 
 
-def expansion_of(steps: Array, period: float) -> Array:
+def expansion_of(steps: "Array", period: float) -> "Array":
     """[N] factors, 1 or more, by which agents move faster than `FAST`, by their fastest step.
 
     A network sees an agent's own motion divided by its factor, and its residual is
     multiplied by it. `steps [N, S, 2]` are plausible ones in metres.
     """
+    import jax.numpy as jnp
+
     fastest = jnp.sqrt(jnp.square(steps).sum(-1).max(1) + 1e-12)
     return jnp.maximum(fastest / (FAST * period), 1)
 
@@ -217,8 +231,8 @@ def unknown_motion(count: int, steps: int, period: float) -> np.ndarray:
 
 
 def limit_displacement(
-    forecast: Array, last: Array, period: float, expansion: Array
-) -> Array:
+    forecast: "Array", last: "Array", period: float, expansion: "Array"
+) -> "Array":
     """Forecast positions pulled smoothly within what an agent can reach.
 
     That is `TOP_SPEED`, or a third more than its fastest step. Displacements of up to
@@ -233,6 +247,8 @@ def limit_displacement(
     Returns:
         [k, N, T, 2] metres.
     """
+    import jax.numpy as jnp
+
     time = period * jnp.arange(1, forecast.shape[2] + 1, dtype=forecast.dtype)
     start = last[None, :, None]
     ahead = forecast - start

@@ -25,9 +25,8 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
-from neurosym_jax.errors import InputError, printable
+from neurosym_jax.errors import InputError, printable, refuse_masked
 from neurosym_jax.runtime.programs import program
-from neurosym_jax.scene import refuse_masked
 from neurosym_jax.symbolic.events import EVENTS, PairFuture
 from neurosym_jax.symbolic.qtc import (
     ABSENT,

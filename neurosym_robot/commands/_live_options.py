@@ -32,6 +32,7 @@ from neurosym_robot.dashboard.foxglove_view import FoxgloveView
 from neurosym_robot.dashboard.view import Newest
 from neurosym_robot.input.kinds import Kind
 from neurosym_robot.input.source import REACH, PeopleSource
+from neurosym_robot.online.onnx_network import OnnxModel
 from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.programs import When
 from neurosym_robot.online.status import STALE_AFTER
@@ -60,7 +61,8 @@ class LiveOptions:
         "map": ("dashboard",),
     }
     model: tuple[Path, ...]
-    """Models by name, folder or torch checkpoint; several forecast side by side."""
+    """Models by name, folder, torch checkpoint or .onnx file (`neurosym export MODEL FILE.onnx
+    --points`); several forecast side by side."""
     period: float | None = None
     """Seconds between steps; by default those of the models' training data."""
     max_people: int = 64
@@ -135,7 +137,7 @@ class LiveOptions:
             refuse_given("on a file for Foxglove", host="host" in options)
 
     @functools.cached_property
-    def models(self) -> dict[str, Model]:
+    def models(self) -> dict[str, Model | OnnxModel]:
         """The models by name; InputError as of `load_models`."""
         return load_models(self.model)
 

@@ -12,18 +12,21 @@ from neurosym_jax.models.place.place import Place, load_place, write_place
 from neurosym_jax.runtime.files import refuse_unwritable
 from neurosym_robot.dashboard.view import View
 from neurosym_robot.input.source import PeopleSource
+from neurosym_robot.online.onnx_network import OnnxModel
 from neurosym_robot.online.replay import ReplayEvent
 
 EVERY = 300.0  # seconds between two times that the file is written
 
 
-def open_place(file: Path, model: Model) -> Place:
+def open_place(file: Path, model: Model | OnnxModel) -> Place:
     """The place of a file, or a new one where there is none.
 
     Raises:
         InputError: if the file is not one of a place, is of another model, or cannot be
-            written.
+            written; and for a model that is not in JAX.
     """
+    if isinstance(model, OnnxModel):
+        raise InputError("--place learns with a model in JAX, not with an .onnx file")
     refuse_unwritable(file)
     return load_place(file, model) if file.exists() else Place(model)
 

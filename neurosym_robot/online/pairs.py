@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.forecast import symbolic_events
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.tracking.names import name_of
 
@@ -30,6 +28,8 @@ class LikelyEvent(NamedTuple):
 
     def words(self, ids: np.ndarray) -> str:
         """Such as `3 follows 5: 80 %, in 1.2 s`; `ids` [N] of the people."""
+        from neurosym_jax.symbolic.events import EVENTS
+
         sentence = (
             EVENTS[self.name]
             .in_short(self.name)
@@ -45,6 +45,9 @@ def likely_events(
 
     `period` is that of the steps, seconds.
     """
+    from neurosym_jax.symbolic.events import EVENTS
+    from neurosym_jax.symbolic.forecast import symbolic_events
+
     result = forecast.models[model]
     i, j = np.triu_indices(len(result.mean), 1)
     distance = np.square(result.mean[i] - result.mean[j]).sum(axis=-1).min(axis=-1)

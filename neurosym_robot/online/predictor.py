@@ -10,29 +10,29 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.disk import load_model
-from neurosym_jax.models.distribution import draw_futures
-from neurosym_jax.models.forecast import Model, SceneForecaster
-from neurosym_jax.models.place.mixture import Remembered
-from neurosym_jax.models.place.place import Place
 from neurosym_jax.models.tracking_errors import was_repaired
-from neurosym_jax.scene import Scene, make_scene, pad_scene, scene_identity
+from neurosym_robot.online.onnx_network import OnnxModel, OnnxNetwork
 from neurosym_robot.online.programs import Programs, When
 from neurosym_robot.online.regions import Regions
 from neurosym_robot.online.window import Observed, Window, nearest_first
 
+if TYPE_CHECKING:
+    from neurosym_jax.models.forecast import Model
+    from neurosym_jax.models.place.mixture import Remembered
+    from neurosym_jax.models.place.place import Place
+    from neurosym_jax.scene import Scene
+
 # seconds waited for the end of a future, for people lost for a moment there
 GRACE = 1.0
 
-Recall = Callable[[np.ndarray, Scene, int], Remembered]
+Recall = Callable[[np.ndarray, "Scene", int], "Remembered"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class Predictor:
 
     def __init__(
         self,
-        models: Model | Mapping[str, Model],
+        models: "Model | OnnxModel | Mapping[str, Model | OnnxModel]",
         period: float | None = None,
         max_people: int = 64,
         samples: int = 20,
@@ -130,7 +130,7 @@ class Predictor:
         *,
         recording: str = "",
         repair: bool = True,
-        place: Place | None = None,
+        place: "Place | None" = None,
         compile: When = "start",
         report: Callable[[str], None] = lambda text: None,
         **window: Any,
@@ -148,7 +148,7 @@ class Predictor:
         objects are frozen (`gc.freeze`). InputError for numbers out of range, no model,
         models that observe different spans, or a place of another model or period.
         """
-        if isinstance(models, Model):
+        if not isinstance(models, Mapping):
             models = {models.name: models}
         self.models = dict(models)
         steps, step = _common_steps(self.models, period)
@@ -170,17 +170,16 @@ class Predictor:
         """By model the scale of its regions, which `Analytics` learns."""
         self.waited = 0.0
         """Seconds so far that forecasts waited for programs that they needed."""
-        options: Any = {"samples": samples, "seed": seed, "repair": repair}
-        self._forecasters = {}
-        self._repairs = repair
+        self._networks = {}
         for name, model in self.models.items():
-            self._forecasters[name] = SceneForecaster(
-                model.forecaster, model.params, **options
-            )
-            self._repairs |= model.forecaster.repairs
+            self._networks[name] = _network_of(model, samples, seed, repair, max_people)
+        networks = [*self._networks.values()]
+        self.is_light = all(isinstance(network, OnnxNetwork) for network in networks)
+        """Whether it forecasts without JAX, and so scores no more than what is published."""
+        self._repairs = any(network.repairs for network in networks)
         self._watched = -math.inf
         self._rehearsed: dict[int, Remembered] = {}
-        sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
+        sizes = set().union(*(network.sizes(max_people) for network in networks))
         self.programs = Programs(sorted(sizes), compile, report, self._example)
         """What is compiled for these forecasts, and for what is computed of them."""
 
@@ -246,7 +245,7 @@ class Predictor:
         seen = observed.take(np.flatnonzero(observed.extrapolated == 0))
         self.place.watch(seen.positions[:, -1], seen.ids, self._watched)
 
-    def _rehearse(self, size: int) -> Remembered:
+    def _rehearse(self, size: int) -> "Remembered":
         """What the place recalls of `size` people; the first time that is compiled."""
         assert self.place is not None
         if size not in self._rehearsed:
@@ -299,27 +298,23 @@ class Predictor:
         if not people:
             return {name: self._of_nobody(name) for name in self.models}
         frame = index - self.window.steps + 1
-        scene = make_scene(observed.positions, recording=self.recording, frame=frame)
-        padded = pad_scene(scene, slots)
         start = time.perf_counter()
         # All are begun before the first is waited for.
-        started = {
-            name: model.start(padded) for name, model in self._forecasters.items()
-        }
+        pending = {}
+        for name, network in self._networks.items():
+            pending[name] = network.start(
+                observed.positions, self.recording, frame, slots
+            )
         models = {}
-        for name, futures in started.items():
-            result = _summary(*SceneForecaster.finish(futures, scene))
-            draw, memory = None, None
+        for name, network in self._networks.items():
+            result = _summary(*network.finish(pending[name]))
+            memory = None
             if recall is not None and self._learns(name):
                 # At once: later the place has seen more.
-                memory = recall(observed.positions, scene, slots)
-            if result.probability is not None or memory is not None:
-                forecaster, drawn = self._forecasters[name], padded
-                if result.probability is not None:
-                    # The same noise in all frames: the draws of a person do not jump.
-                    steady = scene_identity(self.recording, 0)
-                    drawn = padded.replace(identity=steady)
-                draw = functools.partial(_draw, forecaster, drawn, result, memory)
+                memory = recall(observed.positions, pending[name].scene, slots)
+            central = result.central if result.probability is None else None
+            arguments = pending[name], result.samples, central, self.recording, memory
+            draw = network.drawing(*arguments)
             if observed.doubt.any():
                 draw = functools.partial(
                     _widened, result, draw, observed, self.window.period
@@ -335,18 +330,14 @@ class Predictor:
         return self.place is not None and self.models[name] is self.place.model
 
     def _of_nobody(self, name: str) -> ModelForecast:
-        samples, length = (
-            self._forecasters[name].samples,
-            self.models[name].config.pred_len,
-        )
+        samples = self._networks[name].samples
+        length = self.models[name].config.pred_len
         return ModelForecast(
             np.zeros((samples, 0, length, 2)), np.zeros((0, length, 2)), 0
         )
 
 
-def _common_steps(
-    models: Mapping[str, Model], period: float | None
-) -> tuple[int, float]:
+def _common_steps(models: Mapping[str, Any], period: float | None) -> tuple[int, float]:
     """Steps that all models observe, and seconds between them, by default the models'."""
     configs = [model.config for model in models.values()]
     lengths = {config.obs_len for config in configs}
@@ -365,7 +356,7 @@ def _common_steps(
 
 
 def _refuse_place(
-    place: Place | None, models: Mapping[str, Model], period: float
+    place: "Place | None", models: Mapping[str, Any], period: float
 ) -> None:
     if place is None:
         return
@@ -378,21 +369,16 @@ def _refuse_place(
         )
 
 
-def _draw(
-    model: SceneForecaster,
-    padded: Scene,
-    result: ModelForecast,
-    memory: Remembered | None,
-) -> np.ndarray:
-    """[k, N, pred_len, 2] draws of N people, by the program of the `padded` scene's size.
+def _network_of(
+    model: "Model | OnnxModel", samples: int, seed: int, repair: bool, most: int
+) -> Any:
+    """What calls a model, for up to `most` people."""
+    if isinstance(model, OnnxModel):
+        return OnnxNetwork(model, samples, seed, most)
+    # Only here, so that a predictor of an .onnx file needs no JAX.
+    from neurosym_robot.online.networks import Network
 
-    The central one of equally probable samples stays as it is.
-    """
-    futures = draw_futures(model, padded, model.samples, memory)
-    futures = futures[:, : result.samples.shape[1]]
-    if result.probability is None:
-        futures[result.central] = result.samples[result.central]
-    return futures
+    return Network(model, samples, seed, repair)
 
 
 def _widened(
@@ -428,7 +414,7 @@ def _summary(samples: np.ndarray, probability: np.ndarray | None) -> ModelForeca
     return ModelForecast(samples, mean, int(nearness.argmax()), probability)
 
 
-def load_models(paths: Sequence[Path]) -> dict[str, Model]:
+def load_models(paths: Sequence[Path]) -> "dict[str, Model | OnnxModel]":
     """Models by their files' names, such as `recommended`, with the folder's if needed.
 
     Raises:
@@ -442,4 +428,12 @@ def load_models(paths: Sequence[Path]) -> dict[str, Model]:
         names = [f"{path.parent.name}/{path.stem}" for path in full]
     if len(set(names)) < len(names):
         raise InputError(f"models must differ in name: {', '.join(map(str, paths))}")
-    return {name: load_model(path) for name, path in zip(names, paths)}
+    models = {}
+    for name, path in zip(names, paths):
+        if path.suffix == ".onnx":
+            models[name] = OnnxModel(path)
+        else:
+            from neurosym_jax.models.disk import load_model
+
+            models[name] = load_model(path)
+    return models

@@ -17,8 +17,6 @@ import numpy as np
 
 from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import metric_names
-from neurosym_jax.evaluation.scores import score
 from neurosym_robot.online.predictor import GRACE, Forecast, Predictor
 from neurosym_robot.online.regions import Recalibration
 from neurosym_robot.tracking.following import Frame
@@ -46,11 +44,12 @@ class Analytics:
             str, tuple[float, int]
         ] = {}  # milliseconds and forecasts so far
         self._window, self._scales = predictor.window, predictor.scales
+        self._score_of, self._metrics = _metrics_of(predictor)
         self._wait = predictor.seconds_ahead + GRACE
         self._pending: collections.deque[Forecast] = collections.deque()
         self.regions: dict[str, Recalibration] = {}
         """By model that makes more than one forecast."""
-        predictor.programs.add(_rehearse)
+        predictor.programs.add(self._rehearse)
 
     def add(self, forecast: Forecast | None) -> list[Forecast]:
         """Take in what the newest frame brought; return the forecasts that it completed.
@@ -117,7 +116,7 @@ class Analytics:
                 | {"coverage": self._coverage(name)}
                 | {
                     key: mean(*sums.get(key, nothing))
-                    for key in (*PUBLISHED, *metric_names())
+                    for key in (*PUBLISHED, *self._metrics)
                 }
                 for name, sums in self._sums.items()
             },
@@ -126,6 +125,13 @@ class Analytics:
     def _coverage(self, name: str) -> dict[str, float]:
         shares = self.regions[name].coverage() if name in self.regions else {}
         return {f"{100 * level:.0f}": share for level, share in shares.items()}
+
+    def _rehearse(self, forecast: Forecast) -> None:
+        """Compute what is done with a forecast, so that its programs are compiled."""
+        for result in forecast.models.values():
+            result.draws  # noqa: B018
+        for futures in _with_straight(forecast).values():
+            self._score_of(futures, futures[0])
 
     def _score(self, forecast: Forecast) -> Forecast:
         """Compare a forecast with what happened: here truth meets what was forecast."""
@@ -151,7 +157,9 @@ class Analytics:
                 PUBLISHED, (off.mean(axis=1).sum(), off[:, -1].sum())
             ):
                 sums[metric] = sums.get(metric, 0) + np.array([total, count])
-            for metric, value in score(futures, future[:, :length], is_whole).items():
+            for metric, value in self._score_of(
+                futures, future[:, :length], is_whole
+            ).items():
                 sum_and_count = np.stack(
                     np.broadcast_arrays(value.total[0], value.count[0])
                 )
@@ -160,12 +168,14 @@ class Analytics:
         return dataclasses.replace(forecast, future=future)
 
 
-def _rehearse(forecast: Forecast) -> None:
-    """Compute what analytics do with a forecast, so that its programs are compiled."""
-    for result in forecast.models.values():
-        result.draws  # noqa: B018
-    for futures in _with_straight(forecast).values():
-        score(futures, futures[0])
+def _metrics_of(predictor: Predictor) -> tuple[Callable[..., Any], list[str]]:
+    """The metrics of futures, and their names; none of a predictor without JAX."""
+    if predictor.is_light:
+        return lambda *arrays: {}, []
+    from neurosym_jax.evaluation.metrics import metric_names
+    from neurosym_jax.evaluation.scores import score
+
+    return score, list(metric_names())
 
 
 def _with_straight(forecast: Forecast) -> dict[str, np.ndarray]:

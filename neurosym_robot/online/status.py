@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.evaluation.metrics import METRICS, metric_names
-from neurosym_jax.evaluation.tables import aligned_table
 from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.regions import SPAN
@@ -174,13 +172,8 @@ class Status:
             self.now(),
             f"stale for {self.age - self.offset:.0f} s" if self.stale else "",
         )
-        errors = (
-            f"{name} ADE {means['published_ade']:.2f} m, FDE {means['published_fde']:.2f} m "
-            f"(best of the samples {means['joint_ade']:.2f}, {means['joint_fde']:.2f})"
-            f"{_coverage_in_words(means['coverage'])}"
-            for name, means in now["score"]["models"].items()
-            if means["people"]
-        )
+        scored = now["score"]["models"].items()
+        errors = [_errors_in_words(*row) for row in scored if row[1]["people"]]
         parts = [
             self._counted(now),
             "no people yet" if math.isnan(self._newest) else late,
@@ -250,6 +243,15 @@ class Status:
         return f"age of information p50 {most}{offset}" if self._ages else ""
 
 
+def _errors_in_words(name: str, means: Mapping[str, Any]) -> str:
+    ade, fde = means["published_ade"], means["published_fde"]
+    text = f"{name} ADE {ade:.2f} m, FDE {fde:.2f} m"
+    if "joint_ade" in means:
+        best = f"{means['joint_ade']:.2f}, {means['joint_fde']:.2f}"
+        text += f" (best of the samples {best})"
+    return text + _coverage_in_words(means["coverage"])
+
+
 def _coverage_in_words(coverage: Mapping[str, float]) -> str:
     """Such as `, 50 % regions held 48 %, 90 % regions 91 % in the last 5 minutes`; else empty."""
     shares = [
@@ -270,6 +272,11 @@ def _listed(counts: Mapping[str, int], title: str = "") -> str:
 def _table(models: dict[str, dict[str, Any]]) -> str:
     """Models in rows, metrics with a single number in columns; empty where nobody was scored."""
     scored = {model: means for model, means in models.items() if means["people"]}
+    if all("joint_ade" not in means for means in scored.values()):
+        return "\n".join(_errors_in_words(*row) for row in scored.items())
+    from neurosym_jax.evaluation.metrics import METRICS, metric_names
+    from neurosym_jax.evaluation.tables import aligned_table
+
     lists = {
         name
         for row in scored.values()

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.recordings import format_of, read_any, refuse_useless
 from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, option, printable
@@ -56,6 +55,8 @@ def read_frames(
         InputError: naming the file and the reason, possibly after some frames of a
             damaged bag.
     """
+    from neurosym_jax.data.recordings import format_of, read_any, refuse_useless
+
     path, *others = paths = [paths] if isinstance(paths, Path) else list(paths)
     if all(map(is_bag, paths)):
         form = format_of(path, options)

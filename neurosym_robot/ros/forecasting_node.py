@@ -63,7 +63,9 @@ class ForecastBag(View):
         self._source, self._period = source, predictor.window.period
         self.where, self._stamp = str(self._bag.path), 0.0
         self._outputs = [
-            output for output in outputs(predictor.models, at_least) if not output.live
+            output
+            for output in outputs(predictor.models, at_least, not predictor.is_light)
+            if not output.live
         ]
 
     def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
@@ -167,12 +169,8 @@ class ForecastingNode(abc.ABC):
         self._store, self._new = store, functools.partial(blank, store)
         self.source = source or PeopleSource(report=report)
         self.analytics = Analytics(predictor)
-        predictor.programs.add(
-            lambda forecast: [
-                likely_events(forecast, model, predictor.window.period)
-                for model in forecast.models
-            ]
-        )
+        if not predictor.is_light:
+            predictor.programs.add(self._rehearse_events)
         self.stopped = threading.Event()
         self.views: list[View] = []
         """Show every forecast before the next; slow ones through `Newest`."""
@@ -192,13 +190,18 @@ class ForecastingNode(abc.ABC):
         self._diagnosed = 0.0
         self._forecasts = [
             (output, self._advertise(output.topic, output.kind))
-            for output in outputs(predictor.models, at_least)
+            for output in outputs(predictor.models, at_least, not predictor.is_light)
         ]
         self._truth = self._advertise(TRUTH_TOPIC, HUMANS_TRAJS)
         self._diagnostics = self._advertise("/diagnostics", DIAGNOSTICS)
         self._mended = UNHEARD  # people under mended ids
         for topic, static in zip(TF_TOPICS, (False, True)):
             self._listen(topic, TRANSFORMS, functools.partial(self._move, static))
+
+    def _rehearse_events(self, forecast: Forecast) -> None:
+        """Compute events, so that their programs are compiled."""
+        for model in forecast.models:
+            likely_events(forecast, model, self.predictor.window.period)
 
     def put(self, kind: str, message: Any, publisher: str = "") -> None:
         """Let a message of people wait; called in any thread."""

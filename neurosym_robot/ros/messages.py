@@ -55,25 +55,28 @@ class Output(NamedTuple):
     """Whether it is published in a graph only, not written to bags."""
 
 
-def outputs(models: Iterable[str], at_least: float = AT_LEAST) -> list[Output]:
+def outputs(
+    models: Iterable[str], at_least: float = AT_LEAST, events: bool = True
+) -> list[Output]:
     """The topics of each model; the first model's bear no model's name.
 
-    So what listens needs no change when the model does. Events have a probability of
-    `at_least` or more.
+    So what listens needs no change when the model does. Events, which need JAX, have a
+    probability of `at_least` or more.
     """
     rows = []
     for number, model in enumerate(models):
         base = FORECAST_TOPIC
         if number:
             base += "_" + re.sub(r"\W", "_", model, flags=re.ASCII)
-        events = functools.partial(events_message, at_least=at_least)
+        likely = functools.partial(events_message, at_least=at_least)
         rows += [
             Output(base, HUMANS_TRAJS, model, forecast_message),
             Output(f"{base}/samples", FORECAST, model, samples_message),
-            Output(f"{base}/events", EVENTS, model, events),
             Output(f"{base}/markers", MARKERS, model, markers_message, live=True),
             Output(f"{base}/costmap", GRID, model, CostmapMaker()),
         ]
+        if events:
+            rows.append(Output(f"{base}/events", EVENTS, model, likely))
         for ahead in LAYERS:
             layer = f"{base}/costmap/in_{ahead}s"
             rows.append(Output(layer, GRID, model, CostmapMaker(ahead), live=True))

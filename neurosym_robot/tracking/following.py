@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks, make_tracks
-from neurosym_jax.data.windows import resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.tracking_errors import FASTEST
 
@@ -35,6 +34,8 @@ def synchronous(tracks: Tracks) -> Tracks:
     frames = np.unique(tracks.stamp)
     steps = np.diff(tracks.stamp)[np.diff(tracks.id) == 0]
     if len(steps) and np.median(np.diff(frames)) < 0.5 * np.median(steps):
+        from neurosym_jax.data.windows import resample
+
         return resample(tracks, float(np.median(steps)))
     return tracks
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.data.tracks import SNAP, Tracks
-from neurosym_jax.data.windows import resample
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import (
     FAR,
@@ -109,6 +108,8 @@ def stitch(
     if not is_person.any():
         raise InputError(f"{tracks.recording}: nobody is seen for {BRIEF:g} s")
     mended = tracks.take(is_person).with_ids(ids[is_person])
+    from neurosym_jax.data.windows import resample
+
     mended = resample(
         mended, period, fill, period * np.floor(mended.stamp.min() / period)
     )

@@ -35,6 +35,7 @@ class Stream:
             seconds_ahead=0.4 * PRED,
             programs=programs,
             scales={},
+            is_light=False,
         )
         self.analytics = Analytics(fake)
         self.done: list[Forecast] = []
