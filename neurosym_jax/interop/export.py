@@ -70,8 +70,8 @@ def export_onnx(model: Model, samples: int = 20, points: bool = False) -> bytes:
     """The program of `model` in ONNX, serialised; see `export_model`.
 
     `samples` is k for a model without noise; k of other models is free. With `points`,
-    anchors also return those of the distribution, [P, n, pred_len, 2], of which
-    `neurosym_robot.online.coupling` draws scenes.
+    anchors also return those of the distribution, [P, n, pred_len, 2], of which scenes
+    are drawn.
 
     Raises:
         InputError: as `export_model`, without onnx, for an operation without

@@ -61,8 +61,8 @@ class LiveOptions:
         "map": ("dashboard",),
     }
     model: tuple[Path, ...]
-    """Models by name, folder, torch checkpoint or .onnx file (`neurosym export MODEL FILE.onnx
-    --points`); several forecast side by side."""
+    """Models by name, folder, .pt or .onnx file; several forecast side by side. An .onnx file is one of
+    `neurosym export MODEL FILE.onnx --points`."""
     period: float | None = None
     """Seconds between steps; by default those of the models' training data."""
     max_people: int = 64
@@ -115,7 +115,7 @@ class LiveOptions:
     map: Path | None = None
     """Floor map to draw on the page: the .yaml file of a ROS map."""
     at_least: float = AT_LEAST
-    """Least probability of a pair's event to show, write and publish."""
+    """Least probability of a pair's event; others are not shown, written or published."""
 
     def __post_init__(self):
         """Refuse what is no probability, and options without effect."""

@@ -72,11 +72,13 @@ def outputs(
         rows += [
             Output(base, HUMANS_TRAJS, model, forecast_message),
             Output(f"{base}/samples", FORECAST, model, samples_message),
-            Output(f"{base}/markers", MARKERS, model, markers_message, live=True),
-            Output(f"{base}/costmap", GRID, model, CostmapMaker()),
         ]
         if events:
             rows.append(Output(f"{base}/events", EVENTS, model, likely))
+        rows += [
+            Output(f"{base}/markers", MARKERS, model, markers_message, live=True),
+            Output(f"{base}/costmap", GRID, model, CostmapMaker()),
+        ]
         for ahead in LAYERS:
             layer = f"{base}/costmap/in_{ahead}s"
             rows.append(Output(layer, GRID, model, CostmapMaker(ahead), live=True))

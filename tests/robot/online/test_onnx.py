@@ -32,7 +32,7 @@ PERIOD, PEOPLE = 0.4, 4
 @pytest.fixture(scope="module")
 def model():
     config = AnchorConfig(8, 12, samples=6, points=8, hidden=8)
-    return random_model(config)
+    return random_model(config, std=0.1)
 
 
 @pytest.fixture(scope="module")
