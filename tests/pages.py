@@ -45,6 +45,7 @@ SKIPPED = {
     "load_torch_training": "run by tests/interop/test_torch_training.py",
     "InferenceSession": "run by tests/interop/test_onnx.py",
     "jax.export": "run by tests/interop/test_export.py",
+    "OnnxModel(": "run by tests/robot/online/test_onnx.py",
     "Dashboard(": "serves a page",
     "eth-ucy": "needs ETH/UCY, as what follows it",
     "nj.plotting": "run by studies.gallery",
