@@ -56,6 +56,7 @@ AnyArray: TypeAlias = jax.Array | np.ndarray
         "future",
         "near",
         "alpha",
+        "seen",
         "extras",
     ),
     meta_fields=("period",),
@@ -76,6 +77,9 @@ class Scene:
     """[2] float64 metres, the centre in the caller's frame; None inside a model."""
     future: AnyArray | None = None
     """[N, pred_len, 2] positions in metres relative to `origin`, where known; None in a model."""
+    seen: AnyArray | None = None
+    """[N, obs_len] bool, False where a position in `observed` was filled in because nobody saw it;
+    None where all were seen. See `models.histories`."""
     near: AnyArray | None = None
     """[N, C] slots of the neighbours that a forecaster sees, and an agent's own in what is left;
     None for all. See `Forecaster.prepared`."""
@@ -222,7 +226,7 @@ def pad_scene(scene: Scene, agents: int) -> Scene:
         array = np.asarray(array)
         return np.pad(array, [(0, extra)] + [(0, 0)] * (array.ndim - 1))
 
-    names = ("observed", "displacement", "valid", "future", "extras")
+    names = ("observed", "displacement", "valid", "seen", "future", "extras")
     return scene.replace(
         **jax.tree.map(pad, {name: getattr(scene, name) for name in names})
     )

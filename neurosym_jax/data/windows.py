@@ -302,6 +302,8 @@ class Windows:
     """name: [A, ...] further numbers of each agent window, at the last observed step."""
     stamp: np.ndarray | None = None
     """[S] float64 seconds of the last observed step, on the recording's clock, where it has one."""
+    seen: np.ndarray | None = None
+    """[A, obs_len] bool, see `Scene.seen`; None where all positions were seen."""
 
     @property
     def scenes(self) -> int:
@@ -335,6 +337,7 @@ class Windows:
             bounds=np.concatenate([[0], np.cumsum(self.sizes[chosen])]),
             identity=self.identity[chosen],
             stamp=None if self.stamp is None else self.stamp[chosen],
+            seen=None if self.seen is None else self.seen[rows],
             extras={name: values[rows] for name, values in self.extras.items()},
         )
 
@@ -527,6 +530,7 @@ def gather_scenes(
         origin=origin,
         future=padded(position[:, windows.obs_len :], model_dtype()),
         period=round(float(windows.period), 6),
+        seen=None if windows.seen is None else padded(windows.seen[rows]),
         extras={name: padded(extra[rows]) for name, extra in windows.extras.items()},
     )
 

@@ -181,7 +181,8 @@ def make_plan(
         if model.dataset in source.scenes and not test_on:
             names = (str(model.dataset),)
         for name in names:
-            test_set = TestSet(name, model.config.obs_len, model.config.pred_len)
+            steps = obs_len or model.config.obs_len
+            test_set = TestSet(name, steps, model.config.pred_len)
             tested.setdefault(test_set, []).append((path, model))
     if not tested:
         for name in everywhere:
@@ -241,7 +242,8 @@ def _contradiction(
         return unfit
     for name, requested in (("obs_len", obs_len), ("pred_len", pred_len)):
         own = getattr(model.config, name)
-        if requested not in (None, own):
+        takes_any = name == "obs_len" and model.forecaster.shortest < own
+        if requested not in (None, own) and not takes_any:
             return f"has {name} {own}, but {option(name, requested)} is asked for"
     held_out = model.dataset in source.scenes
     if model.dataset == GENERAL and isinstance(source, EthUcy) and not test_on:

@@ -33,6 +33,7 @@ from neurosym_jax.models.forecaster import (
     refuse_many,
     scene_noise,
 )
+from neurosym_jax.models.histories import whole_history
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks, settle, was_repaired
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
@@ -250,7 +251,9 @@ def predict(
 
     Args:
         model: see `load_model`.
-        observed: [N, obs_len, 2] metres.
+        observed: [N, obs_len, 2] metres. A model with `forecaster.shortest` below
+            obs_len takes 1 step or more, of which it uses the last obs_len, and NaN
+            where an agent was not seen.
         samples: number of futures k; a deterministic model makes one.
         seed: with `recording` and `frame`, determines the noise.
         recording: name of the recording.
@@ -322,12 +325,15 @@ def checked_scene(
         raise InputError(
             "predict runs on the host; under jit, vmap and grad call nj.forecast"
         )
+    seen = None
+    if model.forecaster.shortest < model.config.obs_len:
+        observed, seen = whole_history(observed, model.config.obs_len, "observed")
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")
     if repair or model.forecaster.repairs:
         observed = np.asarray(scene.observed)
         warn_of_tracking_errors(observed, model.config.period, "observed", 4)
-    return scene
+    return scene.replace(seen=seen)
 
 
 def warn_of_tracking_errors(
@@ -358,13 +364,13 @@ def warn_of_tracking_errors(
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
-    """Refuse `observed [N, T, 2]`, called `name`, if the model does not observe T steps.
+    """Refuse `observed [N, T, 2]`, called `name`, if the model does not forecast from T steps.
 
     Raises:
         InputError: with both numbers.
     """
     steps, expected = observed.shape[1], model.config.obs_len
-    if steps != expected:
+    if steps != expected and model.forecaster.shortest == expected:
         raise InputError(f"{name} has {steps} steps; the model observes {expected}")
 
 
@@ -607,6 +613,9 @@ def _predict_named(
     repair: bool,
 ) -> list[np.ndarray]:
     """`predict_scenes` of scenes by the names that messages call them."""
+    seen = None
+    if model.forecaster.shortest < model.config.obs_len:
+        named, seen = _whole_histories(named, model.config.obs_len)
     scenes = [checked_positions(name, scene) for name, scene in named.items()]
     for name, scene in zip(named, scenes):
         refuse_other_length(model, scene, name)
@@ -620,11 +629,25 @@ def _predict_named(
         warn_of_tracking_errors(tracks, period, "observed")
     if repaired is not None:
         tracks = repaired.tracks
-    windows = Windows(tracks, agents, bounds, identity, model.config.obs_len)
+    windows = Windows(tracks, agents, bounds, identity, model.config.obs_len, seen=seen)
     futures, _ = forecast_windows(model, windows, make_batches(windows), samples, seed)
     if repaired is not None:
         futures = settle(futures, repaired, period)
     return np.split(futures, bounds[1:-1], axis=1)
+
+
+def _whole_histories(
+    named: Mapping[str, ArrayLike], steps: int
+) -> tuple[Mapping[str, ArrayLike], np.ndarray | None]:
+    """See `whole_history`: scenes by name, and what was seen of all agents, [A, steps]."""
+    scenes: dict[str, ArrayLike] = {}
+    parts = []
+    for name, observed in named.items():
+        scenes[name], seen = whole_history(observed, steps, name)
+        agents = len(np.asarray(scenes[name]))
+        parts.append(np.ones((agents, steps), bool) if seen is None else seen)
+    together = np.concatenate(parts)
+    return scenes, None if together.all() else together
 
 
 def forecast_windows(

@@ -233,6 +233,14 @@ class Forecaster(abc.ABC):
         return True
 
     @property
+    def shortest(self) -> int:
+        """Fewest observed steps of an agent that it forecasts; by default all of `obs_len`.
+
+        Where it is less, histories may have gaps, and further steps at their beginning.
+        """
+        return self.config.obs_len
+
+    @property
     def repairs(self) -> bool:
         """Whether `forecast` itself repairs tracking errors; by default it takes all positions."""
         return False

@@ -49,6 +49,9 @@ class AnchorConfig(AnchorTableConfig):
     for none."""
     hidden: Size = 96
     """Units of a person's two hidden layers."""
+    short: bool = False
+    """Whether it learns from incomplete histories, too, and forecasts people seen for fewer steps
+    than `obs_len`; it has further parameters for them."""
     radius: Positive = 10.0
     """Distance at which the attention to a neighbour has smoothly fallen to 0, metres; people are
     counted up to 20 m."""

@@ -18,9 +18,11 @@ from neurosym_jax.models.anchors.config import (
     AnchorTableConfig,
 )
 from neurosym_jax.models.anchors.draws import draw_apart, draw_samples, draw_scenes
+from neurosym_jax.models.anchors.histories import shorten
 from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.forecaster import Forecaster, with_weighting
+from neurosym_jax.models.histories import with_steps
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene
@@ -49,6 +51,11 @@ class AnchorTableForecaster(Forecaster):
     def sees_neighbours(self) -> bool:
         """The table has the same offsets for everybody."""
         return False
+
+    @property
+    def shortest(self) -> int:
+        """One step: who was seen once may go anywhere."""
+        return 1
 
     @property
     def repairs(self) -> bool:
@@ -86,6 +93,7 @@ class AnchorTableForecaster(Forecaster):
         `noise [k, 0]` says how many. `spread_of` chooses them if the network has more,
         and their probabilities are those given that the future is one of them.
         """
+        scene = with_steps(scene, self.config.obs_len)
         samples, log_probability, _ = apply_anchors(self.config, params, scene)
         valid, probability = jnp.asarray(scene.valid), jnp.exp(log_probability)
         if len(noise) < len(samples):
@@ -109,6 +117,7 @@ class AnchorTableForecaster(Forecaster):
         and right differ less than what a network has learned of them at a few places.
         Without `even`, draws are independent.
         """
+        scene = with_steps(scene, self.config.obs_len)
         for part in scene.identity:
             key = jax.random.fold_in(key, part)
         if not self.calibrated:
@@ -149,6 +158,7 @@ class AnchorTableForecaster(Forecaster):
 
     def points(self, params: Any, scene: Scene, key: Array) -> Array:
         """See `Forecaster.points`; those of the scene, and of the mirrored one."""
+        scene = with_steps(scene, self.config.obs_len)
         if not self.calibrated:
             return super().points(params, scene, key)
         views = jax.lax.map(functools.partial(self._view, params, scene), jnp.arange(2))
@@ -171,7 +181,10 @@ class AnchorTableForecaster(Forecaster):
     def loss(
         self, params: Any, batch: Any, key: Array, recipe: Any
     ) -> tuple[Array, Any]:
-        """See `batch_loss`."""
+        """See `batch_loss`; histories are cut where the network learns from short ones."""
+        if getattr(self.config, "short", False):
+            key, part = jax.random.split(key)
+            batch = (shorten(batch[0], part), batch[1])
         return batch_loss(
             functools.partial(apply_anchors, self.config, params), batch, key, recipe
         )
@@ -203,6 +216,11 @@ class AnchorsForecaster(AnchorTableForecaster):
         return draw_samples(forecast.samples, probability, key, count, even)
 
     @property
+    def shortest(self) -> int:
+        """One step if it learned from incomplete histories, else all."""
+        return 1 if self.config.short else self.config.obs_len
+
+    @property
     def calibrated(self) -> bool:
         """Whether the network has points."""
         return self.config.points > 0
@@ -220,9 +238,9 @@ class AnchorsForecaster(AnchorTableForecaster):
             or self.config.weighting
         ):
             return scene
-        return scene.replace(
-            near=neighbours(scene, self.config.radius, self.config.period)
-        )
+        whole = with_steps(scene, self.config.obs_len)
+        near = neighbours(whole, self.config.radius, self.config.period)
+        return scene.replace(near=near)
 
 
 def neighbours(scene: Scene, radius: float, period: float) -> np.ndarray:
@@ -261,7 +279,10 @@ def apply_anchors(
         alpha = weighting.alpha(learned, observed, valid, period=config.period)
     last = None if alpha is None else jnp.asarray(alpha)[..., -1]
     network = {"params": params["params"]}
-    return _network(config).apply(network, observed, valid, last, company, scene.near)
+    seen = None if scene.seen is None else jnp.asarray(scene.seen)
+    return _network(config).apply(
+        network, observed, valid, last, company, scene.near, seen=seen
+    )
 
 
 def _network(config: Any) -> Any:

@@ -37,6 +37,7 @@ from neurosym_jax.models.anchors.frames import (
     turned,
 )
 from neurosym_jax.models.tracking_errors import (
+    Repair,
     expansion_of,
     limit_displacement,
     repair_tracks,
@@ -69,14 +70,16 @@ class AnchorTable(nn.Module):
     config: AnchorTableConfig
 
     @nn.compact
-    def __call__(self, observed: Array, *_: Any) -> AnchorForecast:
+    def __call__(
+        self, observed: Array, *_: Any, seen: Array | None = None
+    ) -> AnchorForecast:
         """Equally probable samples, without points.
 
-        Only `observed [N, obs_len, 2]` is used, not the other arguments of
+        Only `observed [N, obs_len, 2]` and `seen` are used, not the other arguments of
         `AnchorNetwork`.
         """
         config = self.config
-        repair = repair_tracks(observed, config.period)
+        repair = _repair(observed, seen, config.period)
         observed = repair.tracks
         expansion = expansion_of(jnp.diff(observed, axis=1), config.period)
         mix = self.param("mix", nn.initializers.constant(0.8), ())
@@ -113,22 +116,25 @@ class AnchorNetwork(nn.Module):
         alpha: Array | None = None,
         company: Array | float = 0.0,
         near: Array | None = None,
+        seen: Array | None = None,
     ) -> AnchorForecast:
         """Forecast a scene.
 
         `observed` is [N, obs_len, 2] metres, `alpha [N, N]` the weight of j for i, None
-        for 1, and `near` a scene's; `company` is the number of further people in
+        for 1, `near` and `seen` a scene's; `company` is the number of further people in
         training, counted and unseen.
         """
         config = self.config
-        repair = repair_tracks(observed, config.period)
+        if self.is_initializing() and config.short:
+            seen = jnp.ones(observed.shape[:2], bool)
+        repair = _repair(observed, seen, config.period)
         observed = repair.tracks
         hertz, steps = 1 / config.period, jnp.diff(observed, axis=1)
         # A network that learned from people who walk sees a cyclist's motion scaled
         # down to theirs, and what it says of it is scaled up again.
         expansion = expansion_of(steps, config.period)
         steps = steps / expansion[:, None, None]
-        velocity, roughness = self.velocity(steps)
+        velocity, roughness = self.velocity(steps, seen)
         speed, heading = length(velocity), heading_of(velocity, SLOW * config.period)
         walking = jnp.square(heading).sum(-1)
         past = turned(steps, heading[:, None], -1)
@@ -139,7 +145,7 @@ class AnchorNetwork(nn.Module):
             speeds,
             roughness,
         ]
-        state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
+        state = self._units("own", jnp.concatenate(own, -1), seen, with_mask=True)
         if config.interacts:
             # Not the true velocity: of whom a network never saw, others would go astray.
             pairs, gate, crowd = config.pair_features(
@@ -153,7 +159,7 @@ class AnchorNetwork(nn.Module):
             state = jnp.concatenate(
                 [state, heard, jnp.log1p(crowd + company)[:, None]], -1
             )
-        state = nn.relu(_dense(config.hidden, "state")(state))
+        state = self._units("state", state, seen)
 
         curves = functools.partial(
             self._curves, speed=speed, heading=heading, walking=walking
@@ -179,6 +185,25 @@ class AnchorNetwork(nn.Module):
         score = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
         score = self.param("prior", nn.initializers.zeros, (config.samples,)) + score
         return AnchorForecast(samples, nn.log_softmax(score), points)
+
+    def _units(
+        self,
+        name: str,
+        values: Array,
+        seen: Array | None,
+        with_mask: bool = False,
+    ) -> Array:
+        """[N, hidden] units of `values [N, F]`, by a layer of their own where steps are missing.
+
+        That layer, too, knows which ones are, `with_mask`.
+        """
+        units = nn.relu(_dense(self.config.hidden, name)(values))
+        if seen is None or not self.config.short:
+            return units
+        if with_mask:
+            values = jnp.concatenate([values, (~seen).astype(values.dtype)], -1)
+        short = nn.relu(_dense(self.config.hidden, f"short_{name}")(values))
+        return jnp.where(seen.all(1)[:, None], units, short)
 
     def _curves(
         self,
@@ -218,22 +243,32 @@ class AnchorNetwork(nn.Module):
         curve = jnp.asarray(_polynomials(config.pred_len, BASIS), residual.dtype)
         return jnp.einsum("nkbc,tb->kntc", residual, curve)
 
-    def velocity(self, steps: Array) -> tuple[Array, Array]:
+    def velocity(self, steps: Array, seen: Array | None = None) -> tuple[Array, Array]:
         """Velocity `[N, 2]` in metres a step, and the log differences that it depends on `[N, F]`.
 
         The velocity is a weighted mean of the observed steps. The weights are learned
         functions of a track's roughness: the last step is best on smooth tracks (univ),
-        a mean of several on noisy ones (hotel).
+        a mean of several on noisy ones (hotel). Steps from or to a position that was not
+        `seen [N, obs_len]` have no weight, unless there is no other.
         """
         differences = (jnp.diff(steps, axis=1), jnp.diff(steps, n=2, axis=1), steps)
         logs = [jnp.log(length(vector) + ROUGHNESS) for vector in differences]
         roughness = jnp.concatenate(logs, -1) / 2 + 1.5
         hidden = nn.relu(nn.Dense(16, name="rough")(roughness))
         recent = np.arange(steps.shape[1], dtype=np.float32)
-        weight = nn.softmax(
-            recent[None] + nn.Dense(steps.shape[1], name="smooth")(hidden)
-        )
+        score = recent[None] + nn.Dense(steps.shape[1], name="smooth")(hidden)
+        if seen is not None:
+            score = jnp.where(seen[:, 1:] & seen[:, :-1], score, score - 1e4)
+        weight = nn.softmax(score)
         return (weight[..., None] * steps).sum(1), roughness
+
+
+def _repair(observed: Array, seen: Array | None, period: float) -> Repair:
+    """See `repair_tracks`; of somebody who was not `seen [N, obs_len]` twice, nothing is known."""
+    repair = repair_tracks(observed, period)
+    if seen is None:
+        return repair
+    return repair._replace(lost=repair.lost | (seen.sum(1) < 2))
 
 
 def _polynomials(steps: int, count: int) -> np.ndarray:

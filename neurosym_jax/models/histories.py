@@ -1,0 +1,120 @@
+"""Histories with missing steps: people who came late, or were hidden for a moment.
+
+A missing position is filled in from what was seen, and `Scene.seen` says so, so that a
+network which learned from incomplete histories can widen its forecast. Nothing after the
+last observed step is used.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.scene import Scene, refuse_masked
+
+__all__ = ["fill_history", "whole_history", "with_steps"]
+
+
+def whole_history(
+    observed: ArrayLike, steps: int, name: str
+) -> tuple[ArrayLike, np.ndarray | None]:
+    """The newest `steps` of `observed [N, T, 2]`, T from 1, without NaN.
+
+    Returns: Metres [N, steps, 2] and which of them were seen, [N, steps] bool, or None
+        where all were. What is no array of this form, or complete, is returned as it is.
+
+    Raises:
+        InputError: for an agent who was never seen.
+    """
+    refuse_masked({name: observed})
+    try:
+        positions = np.asarray(observed, np.float64)
+    except (TypeError, ValueError):
+        return observed, None
+    if positions.ndim != 3 or positions.shape[2] != 2 or not positions.size:
+        return observed, None
+    missing = max(steps - positions.shape[1], 0)
+    if missing == 0:
+        positions = positions[:, -steps:]
+    if missing == 0 and not np.isnan(positions).any():
+        return positions, None
+    before = [(0, 0), (missing, 0), (0, 0)]
+    return fill_history(np.pad(positions, before, constant_values=np.nan), name)
+
+
+def fill_history(observed: ArrayLike, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Positions without NaN, and which of them were seen.
+
+    Between two seen steps an agent moves in a straight line, after the last it goes on at
+    the velocity of the last two, before the first it came at the velocity of the first
+    two. Somebody seen once stands.
+
+    Args:
+        observed: [N, T, 2] metres, NaN where an agent was not seen.
+        name: of the argument, for messages.
+
+    Returns:
+        [N, T, 2] float64 metres and [N, T] bool.
+
+    Raises:
+        InputError: for an agent who was never seen.
+    """
+    positions = np.array(observed, np.float64)
+    seen = ~np.isnan(positions).any(axis=2)
+    unseen = np.flatnonzero(~seen.any(axis=1))
+    if len(unseen):
+        raise InputError(f"{name}: agent {unseen[0]} has no position at any step")
+    for agent in np.flatnonzero(~seen.all(axis=1)):
+        positions[agent] = _filled(positions[agent], seen[agent])
+    return positions, seen
+
+
+def _filled(track: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """One track [T, 2] without NaN."""
+    steps = np.flatnonzero(seen)
+    number = np.arange(len(track))
+    x, y = (np.interp(number, steps, track[steps, axis]) for axis in (0, 1))
+    filled = np.stack([x, y], axis=1)
+    if len(steps) < 2:
+        return filled
+    first, second = steps[:2]
+    before, last = steps[-2:]
+    arrival = (track[second] - track[first]) / (second - first)
+    departure = (track[last] - track[before]) / (last - before)
+    early, late = number < first, number > last
+    filled[early] = track[first] + (number[early, None] - first) * arrival
+    filled[late] = track[last] + (number[late, None] - last) * departure
+    return filled
+
+
+def with_steps(scene: Scene, steps: int) -> Scene:
+    """The scene with `steps` observed steps: the newest, or further ones that nobody saw.
+
+    Those before the first lie where agents came from at the velocity of their first step.
+    """
+    count = scene.observed.shape[-2]
+    if count == steps:
+        return scene
+    observed: Any = jnp.asarray(scene.observed)
+    seen: Any = scene.seen
+    if count > steps:
+        first = jnp.zeros_like(observed[..., :1, :])
+        observed = observed[..., -steps:, :]
+        moves = jnp.concatenate([first, jnp.diff(observed, axis=-2)], axis=-2)
+        seen = None if seen is None else jnp.asarray(seen)[..., -steps:]
+        return scene.replace(observed=observed, displacement=moves, seen=seen)
+    if seen is None:
+        seen = jnp.ones(observed.shape[:-1], bool)
+    missing = steps - count
+    step = observed[..., 1:2, :] - observed[..., :1, :] if count > 1 else 0
+    back = jnp.arange(-missing, 0, dtype=observed.dtype)[:, None]
+    earlier = observed[..., :1, :] + back * step
+    padding = jnp.zeros((*seen.shape[:-1], missing), bool)
+    moves: Any = jnp.asarray(scene.displacement)
+    return scene.replace(
+        observed=jnp.concatenate([earlier, observed], axis=-2),
+        displacement=jnp.concatenate([jnp.zeros_like(earlier), moves], axis=-2),
+        seen=jnp.concatenate([padding, jnp.asarray(seen)], axis=-1),
+    )
