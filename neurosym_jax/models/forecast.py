@@ -451,7 +451,8 @@ def _refuse_shapes(
     # Sizes may be symbols of an export, which are compared but not converted.
     steps = forecaster.config.obs_len
     shape = jnp.shape(observed)
-    if len(shape) != 3 or shape[1] != steps or shape[2] != 2:
+    fits = len(shape) == 3 and shape[2] == 2
+    if not fits or (shape[1] != steps and forecaster.shortest == steps):
         hint = ""
         if len(shape) == 3 and shape[0] == steps and shape[2] == 2:
             hint = "; steps come second: observed.swapaxes(0, 1)"
