@@ -9,6 +9,7 @@ from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.compare import TestSet as Case
 from neurosym_jax.evaluation.compare import make_plan, make_test
+from neurosym_jax.models.anchors.config import AnchorConfig
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 
@@ -18,6 +19,7 @@ MODELS = {
     "anywhere": Model(GeneratorConfig(), {}, None),
     "earlier": Model(GeneratorConfig(pooling="neurosym_ijcnn"), {}, "eth"),
     "simulated": Model(GeneratorConfig(), {}, "simulations"),
+    "short": Model(AnchorConfig(short=True), {}, "eth", "anchors"),
 }
 
 
@@ -69,6 +71,14 @@ def test_each_model_is_tested_on_the_set_that_it_left_out():
     assert len(planned(samples=21)) == 5
     assert planned("zara1_12", test_on=("a", "b")) == {
         Case("a+b", 8, 12): ["m/zara1_12"]
+    }
+
+
+def test_who_takes_short_histories_is_tested_by_them():
+    assert planned("short") == {Case("eth", 8, 8): ["m/short"]}
+    assert planned("short", obs_len=2) == {Case("eth", 2, 8): ["m/short"]}
+    assert planned("short", "eth_8", only_matching=True, obs_len=2) == {
+        Case("eth", 2, 8): ["m/short"]
     }
 
 
