@@ -9,7 +9,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import ArrayLike
+from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import Scene, refuse_masked
@@ -62,7 +62,7 @@ def fill_history(observed: ArrayLike, name: str) -> tuple[np.ndarray, np.ndarray
         InputError: for an agent who was never seen.
     """
     positions = np.array(observed, np.float64)
-    seen = ~np.isnan(positions).any(axis=2)
+    seen: Any = ~np.isnan(positions).any(axis=2)
     unseen = np.flatnonzero(~seen.any(axis=1))
     if len(unseen):
         raise InputError(f"{name}: agent {unseen[0]} has no position at any step")
