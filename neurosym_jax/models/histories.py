@@ -22,7 +22,8 @@ def whole_history(
 ) -> tuple[ArrayLike, np.ndarray | None]:
     """The newest `steps` of `observed [N, T, 2]`, T from 1, without NaN.
 
-    Returns: Metres [N, steps, 2] and which of them were seen, [N, steps] bool, or None
+    Returns:
+        Metres [N, steps, 2] and which of them were seen, [N, steps] bool, or None
         where all were. What is no array of this form, or complete, is returned as it is.
 
     Raises:
