@@ -102,6 +102,7 @@ CALLS = {
         lambda folder: {
             "model": OTHER, "observed": [OBSERVED], "samples": 4,
             "seed": 1, "recording": "a", "frames": [5, 1], "repair": True,
+            "valid": [np.array([True, False, True]), np.array([True, True])],
         },
     ),
     "forecast": (

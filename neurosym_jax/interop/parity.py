@@ -166,6 +166,7 @@ def run_torch(
     title: str,
     python: str,
     seed: int,
+    training: Mapping[str, Any] | None = None,
 ) -> None:
     """Let the module `FILE.py:CLASS` forecast with a checkpoint, and store the case in `out`.
 
@@ -176,7 +177,9 @@ def run_torch(
         out: folder of the case.
         title: name of the case.
         python: the interpreter that has torch.
-        seed: of the scenes and the noise.
+        seed: of the scenes and the noise; of a training, of fresh weights.
+        training: settings of a training and its arrays, which runs in place of a
+            forecast, see `training_parity`.
 
     Raises:
         InputError: for a file that is not there, and whatever the module says when it
@@ -188,9 +191,9 @@ def run_torch(
     # As text: the folder of a file that is run comes first where Python looks for
     # modules.
     script = Path(torch_side.__file__).read_text(encoding="utf-8")
-    with tempfile.TemporaryDirectory() as folder:
-        hand_over(Path(folder), title, contents)
-        words = [Path(file).resolve(), folder, out.resolve(), name, str(seed)]
+    with tempfile.TemporaryDirectory() as given:
+        hand_over(Path(given), title, contents, training)
+        words = [Path(file).resolve(), given, out.resolve(), name, str(seed)]
         try:
             done = subprocess.run(
                 [python, "-c", script, *words], capture_output=True, text=True
@@ -202,11 +205,16 @@ def run_torch(
         raise InputError(f"{python}: {module} failed: {messages[-1][:400]}")
 
 
-def hand_over(folder: Path, title: str, contents: Mapping[str, Any]) -> None:
+def hand_over(
+    folder: Path,
+    title: str,
+    contents: Mapping[str, Any],
+    training: Mapping[str, Any] | None = None,
+) -> None:
     """Write arguments and weights of a checkpoint for `torch_side`, as JSON and plain arrays.
 
     Arguments that are no plain values, or lists or tuples of some, are left out: no
-    constructor of SGAN's takes any.
+    constructor of SGAN's takes any. Of a `training`, arrays go into a file of their own.
     """
     arguments, tuples = {}, []
     for name, value in contents["args"].items():
@@ -214,14 +222,21 @@ def hand_over(folder: Path, title: str, contents: Mapping[str, Any]) -> None:
             arguments[str(name)] = value
             if isinstance(value, tuple):
                 tuples.append(str(name))
-    state = contents["g_state"]
-    np.savez(folder / "state.npz", *map(np.asarray, state.values()))
+    tensors, names = [], {}
+    for state in ("g_state", "d_state"):
+        if isinstance(contents.get(state), Mapping):
+            names[state] = list(contents[state])
+            tensors += map(np.asarray, contents[state].values())
+    np.savez(folder / "state.npz", *tensors)
     description = {
         "title": title,
         "arguments": arguments,
         "tuples": tuples,
-        "names": list(state),
+        "names": names,
     }
+    if training is not None:
+        description["training"] = training["settings"]
+        np.savez(folder / torch_side.TRAINING, **training["arrays"])
     (folder / "contents.json").write_text(json.dumps(description), encoding="ascii")
 
 

@@ -17,12 +17,17 @@ from unittest import mock
 import numpy as np
 
 __all__ = [
+    "TRAINING",
+    "Training",
     "alpha_layouts",
+    "discriminator",
     "forecast",
     "inputs",
     "main",
     "random_alpha",
     "random_walks",
+    "read",
+    "trainings",
 ]
 
 NEEDED = (
@@ -30,6 +35,10 @@ NEEDED = (
     *("pooling_type", "pool_every_timestep", "neighborhood_size", "grid_size"),
 )
 """Arguments that the description of a case has, whether the constructor takes them or not."""
+TRAINING = "training.npz"
+"""The file of a training's inputs, and of its results."""
+FRESH_BIAS = 3.0
+"""Added to a fresh discriminator's last bias: it lives for a hundred steps."""
 SIZES = (3, 2, 1, 5)
 """People in each scene: of a scene of more than two the first one stands still."""
 
@@ -39,7 +48,8 @@ def main(path, contents_folder, out, name, seed):
 
     `contents_folder` holds what our reader read of the checkpoint (see
     `parity.hand_over`). The file itself is not opened here: a second parser might read
-    another program in it than the one that was checked.
+    another program in it than the one that was checked. A training is run where the
+    folder holds one.
     """
     torch = importlib.import_module("torch")
     folder, file = os.path.split(os.path.splitext(os.path.abspath(path))[0])
@@ -47,8 +57,9 @@ def main(path, contents_folder, out, name, seed):
         folder, package = os.path.split(folder)
         file = package + "." + file
     sys.path.insert(0, folder)  # The file may import its neighbours.
-    network_class = getattr(importlib.import_module(file), name)
-    title, arguments, state = read(torch, contents_folder)
+    module = importlib.import_module(file)
+    network_class = getattr(module, name)
+    title, arguments, states, settings = read(torch, contents_folder)
     names = inspect.signature(network_class).parameters
     row = {}
     for argument in names:
@@ -56,7 +67,13 @@ def main(path, contents_folder, out, name, seed):
             if key in arguments:
                 row[argument] = arguments[key]
     network = network_class(**row)
-    network.load_state_dict(state)
+    network.load_state_dict(states["g_state"])
+    if settings is not None:
+        critic = discriminator(torch, module, arguments, states, int(seed))
+        with np.load(os.path.join(contents_folder, TRAINING)) as inputs_:
+            arrays = trainings(torch, network, critic, dict(inputs_), settings)
+        np.savez(os.path.join(out, TRAINING), **arrays)
+        return
     walks = random_walks(arguments["obs_len"] + arguments["pred_len"], int(seed))
     arrays, layers = forecast(
         torch, network, inputs(walks, arguments, int(seed), network)
@@ -73,7 +90,8 @@ def main(path, contents_folder, out, name, seed):
 
 
 def read(torch, contents_folder):
-    """The checkpoint's name, its arguments and its state dict, from a folder."""
+    """From a folder: the checkpoint's name, arguments and state dicts by name, and the
+    settings of a training, or None."""
     with open(os.path.join(contents_folder, "contents.json")) as file:
         contents = json.load(file)
     arguments = contents["arguments"]
@@ -83,10 +101,10 @@ def read(torch, contents_folder):
         os.path.join(contents_folder, "state.npz"), allow_pickle=False
     ) as arrays:
         values = [arrays[f"arr_{number}"] for number in range(len(arrays.files))]
-    state = {
-        name: torch.from_numpy(value) for name, value in zip(contents["names"], values)
-    }
-    return contents["title"], arguments, state
+    states, tensors = {}, map(torch.from_numpy, values)
+    for state, names in contents["names"].items():
+        states[state] = {name: next(tensors) for name in names}
+    return contents["title"], arguments, states, contents.get("training")
 
 
 def random_walks(steps, seed):
@@ -197,6 +215,128 @@ def forecast(torch, network, scenes):
     arrays["pred_rel"] = moved.transpose(0, 1).numpy()
     arrays["pred_abs"] = (positions[-1] + moved.cumsum(dim=0)).transpose(0, 1).numpy()
     return arrays, classes
+
+
+def discriminator(torch, module, arguments, states, seed):
+    """SGAN's discriminator of the file: with the checkpoint's weights, or with fresh ones.
+
+    Its last layer ends in a ReLU: fresh weights with a bias of 0 may score everything
+    0, and then nothing learns.
+    """
+    network_class = module.TrajectoryDiscriminator
+    given = dict(arguments, h_dim=arguments.get("encoder_h_dim_d", 48))
+    names = inspect.signature(network_class).parameters
+    torch.manual_seed(seed)
+    network = network_class(**{n: given[n] for n in names if n in given})
+    if "d_state" in states:
+        network.load_state_dict(states["d_state"])
+    else:
+        with torch.no_grad():
+            network.real_classifier[-2].bias += FRESH_BIAS
+    return network
+
+
+def trainings(torch, network, critic, inputs_, settings):
+    """Weights after the reported steps and losses, by names, in float64 and in float32."""
+    arrays = {}
+    torch.set_num_threads(1)  # Operations this small gain nothing from more.
+    with mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self):
+        for dtype in (torch.float64, torch.float32):
+            # The released code makes zeros of the default type.
+            torch.set_default_dtype(dtype)
+            pair = [copy.deepcopy(n).cpu().to(dtype).eval() for n in (network, critic)]
+            training = Training(torch, pair[0], pair[1], settings)
+            kept = training.run({n: torch.tensor(a) for n, a in inputs_.items()})
+            name = str(dtype).split(".")[-1]
+            arrays.update({name + "/" + key: value for key, value in kept.items()})
+    return arrays
+
+
+class Training:
+    """SGAN's own steps (`scripts/train.py`), with batches, noises and labels that are given."""
+
+    def __init__(self, torch, network, critic, settings):
+        self.torch, self.network, self.critic = torch, network, critic
+        self.settings = settings
+        self.adam = torch.optim.Adam(network.parameters(), lr=settings["learning_rate"])
+        self.critic_adam = torch.optim.Adam(
+            critic.parameters(), lr=settings["d_learning_rate"]
+        )
+
+    def run(self, inputs_):
+        """The arrays of `settings["reported"]` steps."""
+        dtype = self.torch.get_default_dtype()
+        bounds, arrays, losses = inputs_.pop("bounds"), {}, []
+        self.bounds = bounds
+        inputs_ = {name: values.to(dtype) for name, values in inputs_.items()}
+        for name, state in self.states().items():
+            arrays["0/" + name] = state
+        for step in range(len(inputs_["labels"])):
+            at = {name: values[step] for name, values in inputs_.items()}
+            real, fake, wanted = at["labels"]
+            first, second = zip(at["traj"], at["traj_rel"])
+            losses.append(self.step_critic(*first, at["noise_d"], real, fake))
+            self.step_network(*second, at["noise_g"], wanted)
+            if step + 1 in self.settings["reported"]:
+                for name, state in self.states().items():
+                    arrays[str(step + 1) + "/" + name] = state
+        arrays["d_loss"] = np.array(losses)
+        return arrays
+
+    def states(self):
+        """Copies of all weights, by `g_state/NAME` and `d_state/NAME`."""
+        states = {}
+        for prefix, network in (("g_state/", self.network), ("d_state/", self.critic)):
+            for name, value in network.state_dict().items():
+                states[prefix + name] = value.numpy().copy()
+        return states
+
+    def forecast(self, traj, traj_rel, noise):
+        """Displacements and positions [T, A, 2], first those observed, then the forecast."""
+        observed = self.network.obs_len
+        seen, moved = traj[:observed].contiguous(), traj_rel[:observed].contiguous()
+        moves = self.network(seen, moved, self.bounds, user_noise=noise)
+        places = seen[-1] + moves.cumsum(dim=0)
+        return self.torch.cat([moved, moves]), self.torch.cat([seen, places])
+
+    def cross_entropy(self, scores, label):
+        """SGAN's `bce_loss` with one label for all scores."""
+        rest = (1 + (-scores.abs()).exp()).log()
+        return (scores.clamp(min=0) - scores * label + rest).mean()
+
+    def step_critic(self, traj, traj_rel, noise, label_real, label_fake):
+        """SGAN's `discriminator_step`; the loss before it."""
+        moves, places = self.forecast(traj, traj_rel, noise)
+        real = self.critic(traj, traj_rel, self.bounds)
+        fake = self.critic(places, moves, self.bounds)
+        loss = self.cross_entropy(real, label_real)
+        loss = loss + self.cross_entropy(fake, label_fake)
+        self.critic_adam.zero_grad()
+        loss.backward()
+        self.critic_adam.step()
+        return loss.item()
+
+    def step_network(self, traj, traj_rel, noises, label):
+        """SGAN's `generator_step`."""
+        observed, errors = self.network.obs_len, []
+        future = traj_rel[observed:]
+        for noise in noises:
+            moves, places = self.forecast(traj, traj_rel, noise)
+            squared = (moves[observed:] - future) ** 2
+            errors.append(self.settings["variety_weight"] * squared.sum(dim=(0, 2)))
+        errors, loss = self.torch.stack(errors, dim=1), 0.0
+        for start, end in self.bounds.tolist():
+            best = errors[start:end].sum(dim=0).min()
+            loss = loss + best / ((end - start) * len(future))
+        scores = self.critic(places, moves, self.bounds)
+        loss = loss + self.cross_entropy(scores, label)
+        self.adam.zero_grad()
+        loss.backward()
+        if self.settings["clip_norm"]:
+            self.torch.nn.utils.clip_grad_norm_(
+                self.network.parameters(), self.settings["clip_norm"]
+            )
+        self.adam.step()
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """A training of SGAN in torch, continued here: both networks and the states of their Adams."""
 
+import dataclasses
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,7 +24,7 @@ from neurosym_jax.models.sgan.training import (
 )
 from neurosym_jax.training.state import TrainState, new_state
 
-__all__ = ["TorchTraining", "load_torch_training"]
+__all__ = ["TorchTraining", "load_torch_training", "recipe_of"]
 
 ARGUMENTS = {
     "best_k": "best_k",
@@ -61,6 +62,18 @@ def load_torch_training(path: str | os.PathLike) -> TorchTraining:
         raise InputError(f"{path}: {error}") from None
 
 
+def recipe_of(arguments: Mapping[str, Any], source: str = "args") -> GeneratorRecipe:
+    """The recipe `sgan` with the arguments of a training.
+
+    Raises:
+        InputError: naming `source` and the argument that is out of its range.
+    """
+    fields = {
+        field: arguments[name] for name, field in ARGUMENTS.items() if name in arguments
+    }
+    return from_json(GeneratorRecipe, {**vars(RECIPES["sgan"]), **fields}, source)
+
+
 def _training_of(contents: Any, source: str) -> TorchTraining:
     for name in ("args", *NETWORKS):
         if not isinstance(contents, Mapping) or not isinstance(
@@ -71,15 +84,8 @@ def _training_of(contents: Any, source: str) -> TorchTraining:
     config, params = generator(arguments, contents["g_state"])
     # The names of its discriminator's sizes end in _d.
     critic_config, critic = discriminator(arguments, contents["d_state"])
-    fields = {
-        field: arguments[name] for name, field in ARGUMENTS.items() if name in arguments
-    }
-    defaults = RECIPES["sgan"]
-    recipe = from_json(
-        GeneratorRecipe,
-        {**vars(defaults), **fields, "discriminator": critic_config},
-        source,
-    )
+    recipe = recipe_of(arguments, source)
+    recipe = dataclasses.replace(recipe, discriminator=critic_config)
     state = new_state(recipe, {"params": params})
     adam = _adam_state(contents, "g", config, arguments)
     state = state._replace(

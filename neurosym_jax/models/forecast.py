@@ -510,22 +510,72 @@ PART = 128
 """Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Part:
+    """A scene as it was given, and its people."""
+
+    name: str
+    """What messages call it."""
+    people: ArrayLike
+    """[n, obs_len, 2] those who are there."""
+    valid: np.ndarray | None
+    """[N] bool, n true; None for a scene without padding."""
+
+    def placed(self, futures: np.ndarray) -> np.ndarray:
+        """Futures [k, n, ...] in the slots of the scene, [k, N, ...]: NaN in padding."""
+        if self.valid is None:
+            return futures
+        shape = len(futures), len(self.valid), *futures.shape[2:]
+        places = np.full(shape, np.nan)
+        places[:, self.valid] = futures
+        return places
+
+
+def _parts(
+    scenes: Iterable[ArrayLike], valid: Iterable[ArrayLike] | None, name: str
+) -> Iterator[_Part]:
+    """Scenes with those who are there; `name` has a place for the scene's number.
+
+    Raises:
+        InputError: for another number of masks than scenes, or a mask of another shape
+            or type.
+    """
+    if valid is None:
+        for number, scene in enumerate(scenes):
+            yield _Part(name.format(number), scene, None)
+        return
+    missing = object()
+    pairs = itertools.zip_longest(scenes, valid, fillvalue=missing)
+    for number, (scene, present) in enumerate(pairs):
+        if scene is missing or present is missing:
+            raise InputError(f"valid: has another length than the scenes, at {number}")
+        positions, mask = np.asarray(scene), np.asarray(present)
+        if mask.dtype != bool or mask.shape != positions.shape[:1]:
+            raise InputError(
+                f"valid of {name.format(number)} must be bool "
+                f"{list(positions.shape[:1])}, not {mask.dtype} {list(mask.shape)}"
+            )
+        yield _Part(name.format(number), positions[mask], mask)
+
+
 def predict_scenes(
     model: Model,
-    observed: Sequence[ArrayLike],
+    observed: Iterable[ArrayLike],
     *,
     samples: int = 20,
     seed: int = 0,
     recording: str = "",
     frames: Sequence[int] | None = None,
     repair: bool = False,
+    valid: Iterable[ArrayLike] | None = None,
 ) -> list[np.ndarray]:
     """`predict` for many scenes `[N_i, obs_len, 2]`, scenes of one padded size at once.
 
     Forecast i equals `predict(model, observed[i], frame=frames[i], ...)` up to float
-    rounding; `frames` are 0, 1, 2, ... by default, `repair` is that of `predict`. All forecasts are in memory
-    together, 16 pred_len bytes for each sample of a person; `predict_batches` streams
-    larger numbers of scenes.
+    rounding; `frames` are 0, 1, 2, ... by default, `repair` is that of `predict`, and
+    `valid` that of `predict_batches`. All forecasts are in memory together, 16 pred_len
+    bytes for each sample of a person; `predict_batches` streams larger numbers of
+    scenes.
 
     Returns:
         For each scene `[k, N_i, pred_len, 2]` float64 metres in its own frame.
@@ -535,15 +585,13 @@ def predict_scenes(
             frames than scenes.
     """
     refuse(Count, {"samples": samples})
-    frames = range(len(observed)) if frames is None else frames
-    if len(frames) != len(observed):
-        raise InputError(f"{len(frames)} frames are given for {len(observed)} scenes")
-    if not len(observed):
-        return []
-    named = {f"observed[{number}]": scene for number, scene in enumerate(observed)}
-    return _predict_named(
+    parts = list(_parts(observed, valid, "observed[{}]"))
+    frames = range(len(parts)) if frames is None else frames
+    if len(frames) != len(parts):
+        raise InputError(f"{len(frames)} frames are given for {len(parts)} scenes")
+    return _predict_parts(
         model,
-        named,
+        parts,
         frames,
         samples=samples,
         seed=seed,
@@ -560,6 +608,7 @@ def predict_batches(
     scenes: Iterable[ArrayLike],
     model: Model,
     *,
+    valid: Iterable[ArrayLike] | None = None,
     samples: int = 20,
     seed: int = 0,
     recording: str = "",
@@ -568,39 +617,75 @@ def predict_batches(
     """`predict` for a stream of scenes without end, in bounded memory.
 
     Forecast i equals `predict(model, scene, frame=i, ...)` up to float rounding, however
-    the scenes arrive. A file of padded arrays is a stream of
-    `(positions[valid] for positions, valid in zip(...))`.
+    the scenes arrive.
 
     Args:
-        scenes: [N_i, obs_len, 2] metres each, such as a generator; read as they are
-            needed.
+        scenes: [N_i, obs_len, 2] metres each, such as a generator or an array
+            [S, N, obs_len, 2]; read as they are needed.
         model: see `load_model`.
+        valid: [N_i] bool for each scene, False for padding, such as an array [S, N];
+            default: no padding.
         samples: number of futures k.
         seed: with `recording` and the number of a scene, determines its noise.
         recording: name of the recording.
         repair: see `predict`.
 
     Yields:
-        For each scene [k, N_i, pred_len, 2] float64 metres in its own frame.
+        For each scene [k, N_i, pred_len, 2] float64 metres in its own frame, NaN in
+        padding.
 
     Raises:
         InputError: as `predict_scenes`, when the scene is reached.
     """
-    numbered = enumerate(scenes)
+    parts, done = _parts(scenes, valid, "scene {}"), 0
     while True:
-        part = list(itertools.islice(numbered, STREAMED))
-        if not part:
+        some = list(itertools.islice(parts, STREAMED))
+        if not some:
             return
-        named = {f"scene {number}": scene for number, scene in part}
-        yield from _predict_named(
+        yield from _predict_parts(
             model,
-            named,
-            [number for number, _ in part],
+            some,
+            range(done, done + len(some)),
             samples=samples,
             seed=seed,
             recording=recording,
             repair=repair,
         )
+        done += len(some)
+
+
+def _predict_parts(
+    model: Model,
+    parts: Sequence[_Part],
+    frames: Sequence[int],
+    *,
+    samples: int,
+    seed: int,
+    recording: str,
+    repair: bool,
+) -> list[np.ndarray]:
+    """`predict_scenes` of parts; a scene that is all padding needs no forecast."""
+    count = model.forecaster.count(samples)
+    nobody = np.empty((count, 0, model.forecaster.pred_len, 2))
+    futures = [nobody] * len(parts)
+    chosen = []
+    for number, part in enumerate(parts):
+        if part.valid is None or part.valid.any():
+            chosen.append(number)
+    if chosen:
+        named = {parts[number].name: parts[number].people for number in chosen}
+        forecasts = _predict_named(
+            model,
+            named,
+            [frames[number] for number in chosen],
+            samples=samples,
+            seed=seed,
+            recording=recording,
+            repair=repair,
+        )
+        for number, forecast in zip(chosen, forecasts):
+            futures[number] = forecast
+    return [part.placed(future) for part, future in zip(parts, futures)]
 
 
 def _predict_named(

@@ -44,12 +44,13 @@ OF_READING = {
     "inspect": "{d}/a/%s",
     "symbols": "{d}/a/%s --forecast --model sgan_zara1_8",
 }
+PARITY = "--torch-module m.py:M --checkpoint c.pt"
 BASE = {
     command: line.replace("%s", "walk.txt") for command, line in OF_READING.items()
 } | {
     "sweep": f"--data {{d}}/a {LENGTHS} --seed 0 --dataset walk",
     "report": "sweep",
-    "parity": "--torch-module m.py:M --checkpoint c.pt --keep kept",
+    "parity": f"{PARITY} --keep kept",
     "convert": f"{SMALL} new",
     "export": "sgan_zara1_8 new",
     "download": "eth-ucy",
@@ -172,6 +173,8 @@ CASES: dict[str, dict[str, Case]] = {
             " --out here.json"
         ),
         "--tolerance": "--tolerance 0.1",
+        # No case of it is kept.
+        "--train": (f"{PARITY} --keep kept", f"{PARITY} --train 5"),
     },
     "report": {
         "SWEEP": ("sweep", "other"),
@@ -250,6 +253,7 @@ def inner(data):
         "parity": {
             f"{C}.parity.run_parity": Parity(()),
             f"{C}.parity.run_torch": None,
+            f"{C}.parity.compare_training": Parity(()),
             f"{C}.parity.new_folder": lambda: contextlib.nullcontext("kept"),
             f"{C}.parity.read_torch_file": {},
             f"{C}.parity.model_from_torch": SimpleNamespace(assumed=()),

@@ -124,3 +124,23 @@ class TrajectoryGenerator(nn.Module):
         start = self.add_noise(context, seq_start_end, user_noise)[None]
         state = start, torch.zeros_like(start)
         return self.decoder(obs_traj[-1], obs_traj_rel[-1], state, seq_start_end)
+
+
+class TrajectoryDiscriminator(nn.Module):
+    def __init__(
+        self, obs_len, pred_len, embedding_dim=64, h_dim=64, mlp_dim=1024,
+        num_layers=1, dropout=0.0, d_type="local",
+    ):  # fmt: skip
+        super().__init__()
+        self.encoder = Encoder(embedding_dim, h_dim)
+        self.real_classifier = make_mlp([h_dim, mlp_dim, 1], dropout)
+        if d_type == "global":
+            self.pool_net = PoolHiddenNet(embedding_dim, h_dim, h_dim, dropout)
+        self.is_global = d_type == "global"
+
+    def forward(self, traj, traj_rel, seq_start_end=None):
+        hidden = self.encoder(traj_rel)
+        features = hidden.squeeze()
+        if self.is_global:
+            features = self.pool_net(features, seq_start_end, traj[0])
+        return self.real_classifier(features)

@@ -103,6 +103,40 @@ def test_a_stream_is_read_as_it_is_needed_and_equals_predict(monkeypatch):
         np.testing.assert_allclose(mine, other, atol=1e-6)
 
 
+def test_padded_arrays_are_forecast_without_their_padding():
+    model, rng = random_model(CONFIGS["SGAN"]), np.random.default_rng(0)
+    padded = rng.normal(0, 1, (4, 3, *WALKS.shape[1:])).astype(np.float32)
+    valid = np.array([[1, 1, 1], [1, 0, 1], [0, 0, 0], [0, 1, 0]], bool)
+    padded[~valid] = np.nan
+    forecasts = list(nj.predict_batches(padded, model, valid=valid, samples=2))
+    assert nj.predict_scenes(model, iter(padded), valid=iter(valid), samples=2)
+    assert [forecast.shape for forecast in forecasts] == [(2, 3, 3, 2)] * 4
+    for number, (forecast, present) in enumerate(zip(forecasts, valid)):
+        assert np.isnan(forecast[:, ~present]).all()
+        if present.any():
+            people = padded[number][present]
+            expected = nj.predict(model, people, samples=2, frame=number)
+            np.testing.assert_allclose(forecast[:, present], expected, atol=1e-6)
+    # Without padding an array is a stream of scenes.
+    (first,) = nj.predict_batches(padded[:1], model, samples=2)
+    np.testing.assert_allclose(first, forecasts[0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("valid", "message"),
+    [
+        ([np.ones(2, bool)], r"valid of scene 0 must be bool \[3\], not bool \[2\]"),
+        ([np.ones(3)], r"must be bool \[3\], not float64"),
+        ([np.ones(3, bool)] * 2, "another length than the scenes, at 1"),
+        ([], "another length than the scenes, at 0"),
+    ],
+)
+def test_other_masks(valid, message):
+    model = random_model(CONFIGS["SGAN"])
+    with pytest.raises(InputError, match=message):
+        list(nj.predict_batches([WALKS], model, valid=valid))
+
+
 def test_an_argument_with_a_default_is_an_option_of_a_weighting():
     @nj.register_weighting("level", slope=0.5)
     def level(positions, valid, slope, height=2.0):

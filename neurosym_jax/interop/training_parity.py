@@ -1,0 +1,316 @@
+"""Training parity: SGAN's steps of generator and discriminator in torch, and ours beside them.
+
+Both sides begin with the weights of a checkpoint and with new optimisers, and get the
+same batches, noises and labels. Torch's side is `torch_side.Training`.
+"""
+
+import dataclasses
+import functools
+import math
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.tables import aligned_table
+from neurosym_jax.interop import torch_side
+from neurosym_jax.interop.cases import padded, state_of
+from neurosym_jax.interop.checkpoint import discriminator, generator
+from neurosym_jax.interop.parity import run_torch
+from neurosym_jax.interop.torch_training import recipe_of
+from neurosym_jax.models.forecast import unpacked
+from neurosym_jax.models.sgan.network import GeneratorConfig
+from neurosym_jax.models.sgan.torch_names import params_from_torch
+from neurosym_jax.models.sgan.training import GeneratorRecipe, init_adversary, learn
+from neurosym_jax.runtime.foreign import read_arrays
+from neurosym_jax.scene import model_dtype
+from neurosym_jax.training.state import new_state
+
+__all__ = ["TRAINING_TOLERANCE", "TrainingParity", "TrainingRow", "compare_training"]
+
+TRAINING_TOLERANCE = 1e-6
+"""Largest difference of a parameter that passes after the last step, in float64."""
+REPORTED = (1, 10, 25, 50, 100, 250, 500, 1000)
+"""Steps after which parameters are compared, besides the last one."""
+DEAD = 2 * math.log(2)
+"""Loss of a discriminator that scores everything 0, whatever its labels are."""
+FRESH_RATE = 0.1
+"""Share of its learning rate that a fresh discriminator has: SGAN's ends in a ReLU, and at the
+published rate it scores everything 0 after fewer than 20 steps on random walks."""
+FAST_COMPILE = {"xla_backend_optimization_level": 0}
+"""Options of XLA for a program of a few steps: half the time to compile."""
+NETWORKS = "generator", "discriminator"
+TYPES = "float64", "float32"
+
+Differences = dict[int, dict[str, float]]
+"""By step and network, the largest absolute difference of a parameter."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainingRow:
+    """Largest absolute differences of parameters after a number of steps."""
+
+    step: int
+    generator_float64: float
+    discriminator_float64: float
+    generator_float32: float
+    discriminator_float32: float
+    d_loss: float
+    """Torch's loss of the discriminator before this step, in float64."""
+    moved: float
+    """How far torch's training has moved a parameter at most; of the network that moved less."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainingParity:
+    """A training beside torch's; as text a table with a verdict."""
+
+    rows: tuple[TrainingRow, ...]
+    tolerance: float = TRAINING_TOLERANCE
+    assumed: tuple[str, ...] = ()
+    """What the checkpoint does not say, in words."""
+
+    @property
+    def alive(self) -> bool:
+        """Whether torch's networks learned and its discriminator scores something."""
+        last = self.rows[-1]
+        moves = last.moved > self.tolerance
+        return moves and abs(last.d_loss - DEAD) > TRAINING_TOLERANCE
+
+    @property
+    def ok(self) -> bool:
+        """Whether both networks agree in float64 after the last step, and are alive."""
+        last = self.rows[-1]
+        differences = last.generator_float64, last.discriminator_float64
+        # One that is no number is not within.
+        return self.alive and all(value <= self.tolerance for value in differences)
+
+    def to_json(self) -> dict[str, Any]:
+        """The verdict and all rows; differences that are not finite are null."""
+        rows = []
+        for row in self.rows:
+            fields = dataclasses.asdict(row)
+            for name, value in fields.items():
+                if not math.isfinite(value):
+                    fields[name] = None
+            rows.append(fields)
+        return {
+            "ok": self.ok,
+            "alive": self.alive,
+            "tolerance": self.tolerance,
+            "assumed": list(self.assumed),
+            "rows": rows,
+        }
+
+    def __str__(self) -> str:
+        """An aligned table and the verdict."""
+        table: list[tuple[str, ...]] = [
+            ("step", *NETWORKS, *NETWORKS, "both", "torch's loss of")
+        ]
+        types = TYPES[0], TYPES[0], TYPES[1], TYPES[1]
+        table.append(("", *types, "moved", "the discriminator"))
+        for row in self.rows:
+            differences = [
+                *(row.generator_float64, row.discriminator_float64),
+                *(row.generator_float32, row.discriminator_float32),
+                row.moved,
+            ]
+            numbers = [f"{value:.1e}" for value in differences]
+            table.append((str(row.step), *numbers, f"{row.d_loss:.4f}"))
+        lines = [aligned_table(table), ""]
+        if self.assumed:
+            lines.append(f"assumed: {'; '.join(self.assumed)}")
+        if not self.alive:
+            lines.append(
+                "torch's discriminator is dead (it scores everything 0, a loss of "
+                "2 log 2), or nothing moved, and agreement says nothing; take another "
+                "--seed or checkpoint"
+            )
+        verdict = "within" if self.ok else "MISS: not within"
+        steps = self.rows[-1].step
+        lines.append(
+            f"parameters after {steps} steps {verdict} {self.tolerance:g} in float64"
+        )
+        return "\n".join(lines)
+
+
+def compare_training(
+    module: str,
+    contents: Mapping[str, Any],
+    steps: int,
+    *,
+    python: str,
+    seed: int = 0,
+    tolerance: float = TRAINING_TOLERANCE,
+) -> TrainingParity:
+    """Train the checkpoint for some steps in torch and here, in float64 and in float32.
+
+    A step is one of the discriminator, then one of the generator, each on a batch of
+    its own: four scenes of people who walk at random. Dropout is off, and the
+    optimisers are new.
+
+    Args:
+        module: `FILE.py:CLASS`, SGAN's `TrajectoryGenerator`; the file has a
+            `TrajectoryDiscriminator`, too.
+        contents: what `read_torch_file` read of the checkpoint. Without a `d_state`
+            torch draws a discriminator by `seed`.
+        steps: number of steps, at least 1.
+        python: the interpreter that has torch.
+        seed: of the scenes, noise, labels and fresh weights.
+        tolerance: largest difference of a parameter that passes.
+
+    Raises:
+        InputError: for NeuroSyM's networks, and as `run_torch`.
+    """
+    arguments = contents["args"]
+    config, _ = generator(arguments, contents["g_state"])
+    if config.symbolic:
+        raise InputError("--train compares SGAN's networks, and this one weights pairs")
+    recipe = dataclasses.replace(recipe_of(arguments), steps=steps)
+    assumed = []
+    if "d_state" not in contents:
+        recipe = dataclasses.replace(
+            recipe, d_learning_rate=FRESH_RATE * recipe.d_learning_rate
+        )
+        assumed.append(
+            f"a fresh discriminator, by seed {seed}, at {FRESH_RATE:g} of its rate"
+        )
+    inputs = _inputs(config, recipe, seed)
+    reported = sorted({*(step for step in REPORTED if step < steps), steps})
+    settings = {
+        name: getattr(recipe, name)
+        for name in ("learning_rate", "d_learning_rate", "clip_norm", "variety_weight")
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        run_torch(
+            module,
+            contents,
+            Path(folder),
+            title="training",
+            python=python,
+            seed=seed,
+            training={"settings": {**settings, "reported": reported}, "arrays": inputs},
+        )
+        arrays = read_arrays(Path(folder) / torch_side.TRAINING, "a training")
+    differences = {}
+    for name in TYPES:
+        with jax.enable_x64(name == "float64"):
+            differences[name] = _differences(
+                arguments, recipe, inputs, state_of(arrays, f"{name}/"), reported
+            )
+    rows = []
+    for step in reported:
+        columns = {
+            f"{network}_{name}": differences[name][step][network]
+            for network in NETWORKS
+            for name in TYPES
+        }
+        loss = float(arrays["float64/d_loss"][step - 1])
+        moved = _moved(state_of(arrays, "float64/"), step)
+        rows.append(TrainingRow(step=step, d_loss=loss, moved=moved, **columns))
+    return TrainingParity(tuple(rows), tolerance, tuple(assumed))
+
+
+def _inputs(
+    config: GeneratorConfig, recipe: GeneratorRecipe, seed: int
+) -> dict[str, np.ndarray]:
+    """Batches, noises and labels by torch's names, each with a leading axis of steps.
+
+    Two batches a step, `traj` and `traj_rel` [steps, 2, T, A, 2]; `noise_d` [steps,
+    rows, dim], `noise_g` [steps, k, rows, dim] and `labels` [steps, 3].
+    """
+    steps, length = recipe.steps, config.obs_len + config.pred_len
+    batches = [
+        np.concatenate(torch_side.random_walks(length, seed + number))
+        for number in range(2 * steps)
+    ]
+    traj = np.stack(batches).reshape(steps, 2, *batches[0].shape)
+    ends = np.cumsum(torch_side.SIZES)
+    rows = len(ends) if config.noise_mix_type == "global" else ends[-1]
+    rng = np.random.default_rng(seed)
+    labels = [recipe.label_real, recipe.label_fake, recipe.label_real]
+    moves = np.diff(traj, axis=3, prepend=traj[:, :, :, :1])
+    shape = (rows, config.noise_dim)
+    return {
+        "traj": traj.swapaxes(2, 3),
+        "traj_rel": moves.swapaxes(2, 3),
+        "bounds": np.stack([np.append(0, ends[:-1]), ends], axis=1),
+        "noise_d": rng.normal(size=(steps, *shape)),
+        "noise_g": rng.normal(size=(steps, recipe.best_k, *shape)),
+        "labels": rng.uniform(*np.transpose(labels), size=(steps, 3)),
+    }
+
+
+def _differences(
+    arguments: Mapping[str, Any],
+    recipe: GeneratorRecipe,
+    inputs: Mapping[str, np.ndarray],
+    arrays: Mapping[str, np.ndarray],
+    reported: list[int],
+) -> Differences:
+    """Differences of our training from torch's `arrays` of it, in the current type."""
+    states = {
+        step: tuple(
+            state_of(arrays, f"{step}/{name}/") for name in ("g_state", "d_state")
+        )
+        for step in (0, *reported)
+    }
+    config, params = generator(arguments, states[0][0])
+    critic_config, critic = discriminator(arguments, states[0][1])
+    recipe = dataclasses.replace(recipe, discriminator=critic_config)
+    adversary = init_adversary(recipe, {"params": critic})
+    state = new_state(recipe, {"params": params}, adversary)
+    step_both = jax.jit(
+        functools.partial(learn, config, recipe), compiler_options=FAST_COMPILE
+    )
+    differences: Differences = {}
+    for number in range(recipe.steps):
+        state = step_both(state, **_step_inputs(config, inputs, number))[0]
+        step = number + 1
+        if step in reported:
+            pairs = (state.params, config), (state.extra.params, critic_config)
+            differences[step] = {
+                network: _largest(ours["params"], params_from_torch(theirs, kind))
+                for network, (ours, kind), theirs in zip(NETWORKS, pairs, states[step])
+            }
+    return differences
+
+
+def _step_inputs(
+    config: GeneratorConfig, inputs: Mapping[str, np.ndarray], step: int
+) -> dict[str, Any]:
+    """Arguments of `learn` for a step."""
+    bounds = np.append(0, inputs["bounds"][:, 1])
+    real, fake, wanted = inputs["labels"][step].astype(model_dtype())
+    noises = inputs["noise_d"][step][None], inputs["noise_g"][step]
+    batches = []
+    for batch, noise in enumerate(noises):
+        positions = inputs["traj"][step, batch].swapaxes(0, 1)
+        moves = inputs["traj_rel"][step, batch].swapaxes(0, 1)
+        scenes = padded(positions, moves, bounds, config.obs_len)
+        if config.noise.per_agent:
+            noise = unpacked(noise, np.asarray(scenes.valid))
+        group = scenes.replace(origin=None)
+        batches.append(((group,), [noise.astype(model_dtype())]))
+    first, second = batches
+    return {"first": first, "second": second, "real": (real, wanted), "fake": fake}
+
+
+def _moved(arrays: Mapping[str, np.ndarray], step: int) -> float:
+    """See `TrainingRow.moved`."""
+    largest = []
+    for network in ("g_state", "d_state"):
+        before, after = (state_of(arrays, f"{at}/{network}/") for at in (0, step))
+        largest.append(max(np.abs(after[name] - before[name]).max() for name in before))
+    return float(min(largest))
+
+
+def _largest(ours: Any, theirs: Any) -> float:
+    """Largest absolute difference of two trees of parameters."""
+    difference = ravel_pytree(ours)[0] - ravel_pytree(theirs)[0]
+    return float(np.abs(np.asarray(difference)).max())

@@ -1,0 +1,82 @@
+"""A training of SGAN in torch and here, with the same batches, noises and labels."""
+
+import dataclasses
+import json
+
+import pytest
+
+from neurosym_jax.commands.parity import run
+from neurosym_jax.errors import InputError
+from neurosym_jax.interop.training_parity import DEAD, TrainingParity, TrainingRow
+from tests.interop.test_modules import ARGUMENTS, SGAN, network_of
+
+OWN = {
+    **ARGUMENTS, "d_type": "local", "encoder_h_dim_d": 9, "best_k": 2,
+    "g_learning_rate": 1e-3, "d_learning_rate": 1e-3, "clipping_threshold_g": 0.7,
+    "l2_loss_weight": 1.0,
+}  # fmt: skip
+ROW = TrainingRow(
+    step=50,
+    generator_float64=1e-9,
+    discriminator_float64=1e-9,
+    generator_float32=1e-2,
+    discriminator_float32=1e-2,
+    d_loss=1.3,
+    moved=1e-2,
+)
+
+
+@pytest.fixture
+def checkpoint(torch, tmp_path):
+    path = tmp_path / "mine.pt"
+    state = network_of(torch, ARGUMENTS).state_dict()
+    torch.save({"g_state": state, "args": OWN}, path)
+    return path
+
+
+@pytest.mark.slow
+def test_parameters_after_fifty_steps_are_torchs(checkpoint, tmp_path, capsys):
+    module, out = f"{SGAN}:TrajectoryGenerator", tmp_path / "parity.json"
+    assert run(torch_module=module, checkpoint=checkpoint, train=50, out=out) == 0
+    report = json.loads(out.read_text())
+    assert report["ok"]
+    assert report["alive"]
+    rows = {row["step"]: row for row in report["rows"]}
+    assert list(rows) == [1, 10, 25, 50]
+    last = rows[50]
+    assert max(last["generator_float64"], last["discriminator_float64"]) < 1e-6
+    # Float32 parts from torch's: columns of other numbers, not one twice.
+    assert last["generator_float32"] > 10 * last["generator_float64"]
+    losses = [row["d_loss"] for row in rows.values()]
+    assert len(set(losses)) == 4
+    assert "after 50 steps within 1e-06 in float64" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "verdict"),
+    [
+        ({}, "within 1e-06"),
+        ({"generator_float64": 2e-6}, "MISS: not within"),
+        ({"discriminator_float64": float("nan")}, "MISS: not within"),
+        ({"d_loss": DEAD}, "discriminator is dead"),
+        ({"moved": 0.0}, "or nothing moved"),
+    ],
+)
+def test_the_verdict_is_of_both_networks_in_float64_and_alive(change, verdict):
+    parity = TrainingParity((dataclasses.replace(ROW, **change),))
+    assert verdict in str(parity)
+    assert parity.ok == (not change)
+    json.dumps(parity.to_json(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"train": 0}, "--train must be"),
+        ({"train": 2, "keep": "kept"}, "--keep: has no effect with --train"),
+        ({"train": 2, "tolerance": -1.0}, "tolerance"),
+    ],
+)
+def test_options_of_a_training(checkpoint, options, message):
+    with pytest.raises(InputError, match=message):
+        run(torch_module=f"{SGAN}:A", checkpoint=checkpoint, **options)
