@@ -71,8 +71,7 @@ class Options:
     pred_len: int | None = None
     """Steps to forecast; default: the --init model's, else 8."""
     period: float | None = None
-    """Seconds between steps, to which recordings are resampled; default: the --init model's, else
-    0.4."""
+    """Seconds between steps, after resampling; default: the --init model's, else 0.4."""
     init: str | None = None
     """Model to start from (name, folder or torch checkpoint), as to fine-tune `recommended`; it
     brings its network."""

@@ -160,6 +160,7 @@ CASES: dict[str, dict[str, Case]] = {
         "MODEL": ("sgan_zara1_8 new", "anchors_eth_12 new"),
         "TO": ("sgan_zara1_8 new", "sgan_zara1_8 newer"),
         "--samples": "--samples 3",
+        "--points": ("sgan_zara1_8 a.onnx", "sgan_zara1_8 a.onnx --points"),
     },
     "download": {
         "COLLECTION": ("eth-ucy", "sgan-checkpoints"),
@@ -246,8 +247,12 @@ def inner(data):
             f"{C}.convert.left_out": [],
         },
         "export": {
-            f"{C}.export.load_model": SimpleNamespace(name="model"),
+            f"{C}.export.load_model": SimpleNamespace(
+                name="model",
+                forecaster=SimpleNamespace(noise=SimpleNamespace(dim=0)),
+            ),
             f"{C}.export.export_model": b"",
+            f"{C}.export.export_onnx": b"",
         },
         "download": {f"{C}.download.download": (1, 1)},
         "parity": {

@@ -35,6 +35,8 @@ def predictor() -> Any:
         dropped={},
         health={},
         scales={},
+        is_light=False,
+        place=None,
     )
 
 
