@@ -34,6 +34,7 @@ __all__ = [
     "model_dtype",
 ]
 __all__ += ["pad_scene", "relative_positions", "scene_identity", "to_world"]
+__all__ += ["with_steps"]
 
 DECIMALS = 8
 """Decimals of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
@@ -264,3 +265,34 @@ def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
             f"{name}: agent {agent}, step {step} is not finite, or beyond {FAR:g} m"
         )
     return positions
+
+
+def with_steps(scene: Scene, steps: int) -> Scene:
+    """The scene with `steps` observed steps: the newest, or further ones that nobody saw.
+
+    Those before the first lie where agents came from at the velocity of their first step.
+    """
+    count = scene.observed.shape[-2]
+    if count == steps:
+        return scene
+    observed: Any = jnp.asarray(scene.observed)
+    seen: Any = scene.seen
+    if count > steps:
+        first = jnp.zeros_like(observed[..., :1, :])
+        observed = observed[..., -steps:, :]
+        moves = jnp.concatenate([first, jnp.diff(observed, axis=-2)], axis=-2)
+        seen = None if seen is None else jnp.asarray(seen)[..., -steps:]
+        return scene.replace(observed=observed, displacement=moves, seen=seen)
+    if seen is None:
+        seen = jnp.ones(observed.shape[:-1], bool)
+    missing = steps - count
+    step = observed[..., 1:2, :] - observed[..., :1, :] if count > 1 else 0
+    back = jnp.arange(-missing, 0, dtype=observed.dtype)[:, None]
+    earlier = observed[..., :1, :] + back * step
+    padding = jnp.zeros((*seen.shape[:-1], missing), bool)
+    moves: Any = jnp.asarray(scene.displacement)
+    return scene.replace(
+        observed=jnp.concatenate([earlier, observed], axis=-2),
+        displacement=jnp.concatenate([jnp.zeros_like(earlier), moves], axis=-2),
+        seen=jnp.concatenate([padding, jnp.asarray(seen)], axis=-1),
+    )

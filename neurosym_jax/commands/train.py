@@ -96,7 +96,7 @@ class Options:
     validate_on: tuple[str, ...] = ()
     """Recordings to validate on, with --train-on; default: the last part of those."""
     train_also: tuple[Path, ...] = ()
-    """Additional recordings to train on, each a file or a folder of them."""
+    """Further files or folders to train on."""
     fold: str | None = None
     """Validate on part K of N, as 1/5: of the recordings if there are N, else of their times."""
     read: Reading = AS_IT_SAYS

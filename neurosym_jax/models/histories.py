@@ -7,14 +7,13 @@ last observed step is used.
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.scene import Scene, refuse_masked
+from neurosym_jax.scene import refuse_masked
 
-__all__ = ["fill_history", "whole_history", "with_steps"]
+__all__ = ["fill_history", "whole_history"]
 
 
 def whole_history(
@@ -88,34 +87,3 @@ def _filled(track: np.ndarray, seen: np.ndarray) -> np.ndarray:
     filled[early] = track[first] + (number[early, None] - first) * arrival
     filled[late] = track[last] + (number[late, None] - last) * departure
     return filled
-
-
-def with_steps(scene: Scene, steps: int) -> Scene:
-    """The scene with `steps` observed steps: the newest, or further ones that nobody saw.
-
-    Those before the first lie where agents came from at the velocity of their first step.
-    """
-    count = scene.observed.shape[-2]
-    if count == steps:
-        return scene
-    observed: Any = jnp.asarray(scene.observed)
-    seen: Any = scene.seen
-    if count > steps:
-        first = jnp.zeros_like(observed[..., :1, :])
-        observed = observed[..., -steps:, :]
-        moves = jnp.concatenate([first, jnp.diff(observed, axis=-2)], axis=-2)
-        seen = None if seen is None else jnp.asarray(seen)[..., -steps:]
-        return scene.replace(observed=observed, displacement=moves, seen=seen)
-    if seen is None:
-        seen = jnp.ones(observed.shape[:-1], bool)
-    missing = steps - count
-    step = observed[..., 1:2, :] - observed[..., :1, :] if count > 1 else 0
-    back = jnp.arange(-missing, 0, dtype=observed.dtype)[:, None]
-    earlier = observed[..., :1, :] + back * step
-    padding = jnp.zeros((*seen.shape[:-1], missing), bool)
-    moves: Any = jnp.asarray(scene.displacement)
-    return scene.replace(
-        observed=jnp.concatenate([earlier, observed], axis=-2),
-        displacement=jnp.concatenate([jnp.zeros_like(earlier), moves], axis=-2),
-        seen=jnp.concatenate([padding, jnp.asarray(seen)], axis=-1),
-    )

@@ -11,8 +11,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchors.histories import shorten
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.distribution import predict_distribution
-from neurosym_jax.models.histories import fill_history, whole_history, with_steps
-from neurosym_jax.scene import make_scene
+from neurosym_jax.models.histories import fill_history, whole_history
+from neurosym_jax.scene import make_scene, with_steps
 from tests.networks import random_model
 
 NAN = np.nan

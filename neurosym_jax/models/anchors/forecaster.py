@@ -22,10 +22,9 @@ from neurosym_jax.models.anchors.histories import shorten
 from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.forecaster import Forecaster, with_weighting
-from neurosym_jax.models.histories import with_steps
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks
-from neurosym_jax.scene import Scene
+from neurosym_jax.scene import Scene, with_steps
 
 __all__ = ["AnchorTableForecaster", "AnchorsForecaster", "apply_anchors", "spread_of"]
 
