@@ -236,7 +236,7 @@ def test_sweeps_that_cannot_be_compared_are_refused(folder, tmp_path_factory):
         (folder, {}, r"against names .* there are SGAN; NeuroSyM"),
         (folder, {"against": "soft"}, r"against names .* there are SGAN; NeuroSyM"),
         (folder, {"out": folder / "r.txt"}, r"must end in \.md"),
-        (empty, {}, r"sweep\.json"),
+        (empty, {}, "no finished sweep is here; `neurosym sweep --out"),
     ):
         with pytest.raises(InputError, match=message):
             compare_sweep(sweep_folder, **options)
