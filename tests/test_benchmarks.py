@@ -71,6 +71,7 @@ def test_no_count_of_programs_flops_or_bytes_has_grown():
     )
 
 
+@pytest.mark.exhaustive  # A minute, for a peer that hardly changes.
 def test_torch_has_the_numbers_of_anchors(monkeypatch):
     """The opponent computes what it is timed for: loss and gradient are ours, in crowds of ten."""
     # Torch's have neither a limit of displacements nor a guard against tracking errors.

@@ -129,7 +129,7 @@ def runs(run):
 
 
 FAMILIES = [
-    ("anchor_table", 4),
+    ("anchor_table", 12),
     exhaustive("anchor_table", 1),
     exhaustive("anchors", 1),
     exhaustive("sgan", 1),
