@@ -1,7 +1,7 @@
 """A training or a sweep that ends at any of its file operations goes on to the same bits.
 
 The folder is copied before each operation that changes it: what a kill leaves at that
-moment. Every copy is then resumed, in a release, and every fourth otherwise. Python
+moment. Every copy is then resumed, in a release, and every twelfth otherwise. Python
 tells of operations by audit events; those of libraries in C++ lie between two of these.
 """
 
