@@ -23,7 +23,9 @@ Protocol, written before the run:
   forecast to one horizon's expected score after a look at MAGNI. These five are
   marked, and the mean is also given without them.
 - The interval is Student's over places, 95 %, of the change in per cent. Recordings
-  shorter than three minutes are shown, and not in the mean.
+  shorter than three minutes are shown, and not in the mean. Since recordings of one
+  site are not independent, it is also printed over sites, of the mean of each: added
+  after the run.
 - Control: a place that begins with the memory of another recording, zara1 with that of
   hotel and hotel with that of zara1, by the same model, scored from its own beginning.
 """
@@ -61,6 +63,8 @@ THOR = {
     "MAGNI": "THOR-MAGNI_Scenario_5.csv",
 }
 CHOSEN_ON = ("hotel", "eth", "zara1", "bo-360-050-050", "MAGNI")
+SITE = r"^(.*)[ _]\d+$"
+"""The site in the name of a recording that is one of several there."""
 CONTROLS = {"zara1": "hotel", "hotel": "zara1"}
 """Whose memory a place begins with, by the name of the place."""
 
@@ -165,19 +169,26 @@ def page(table: pl.DataFrame) -> str:
         ]
         for row in facts.iter_rows(named=True)
     ]
-    head = ["place", "minutes", "forecasts", "alone, m", "all, %", "second half, %"]
+    head = ["recording", "minutes", "forecasts", "alone, m", "all, %", "second half, %"]
     is_place = ~pl.col("place").str.contains(" after ")
     counted = facts.filter(is_place & (pl.col("minutes") >= MINUTES))
     unseen = counted.filter(~pl.col("place").is_in(CHOSEN_ON))
+    site = pl.col("place").str.replace(SITE, "$1")
+    sites = unseen.group_by(site, maintain_order=True).mean()
+    parts = {
+        "all recordings": counted,
+        "without those marked": unseen,
+        "these by site": sites,
+    }
     lines = [markdown_table(head, cells, right=5), ""]
-    for words, part in (("all", counted), ("without those marked", unseen)):
+    for words, part in parts.items():
         for column in ("change", "late"):
             values = part[column].to_numpy()
             if len(values) > 1:
                 half = student_half(values)
                 lines.append(
                     f"{words}, {column}: {values.mean():+.1f} ± {half:.1f} % "
-                    f"({len(values)} places)"
+                    f"({len(values)})"
                 )
     return "\n".join(lines)
 

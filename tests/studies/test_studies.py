@@ -14,6 +14,7 @@ import pytest
 
 from neurosym_jax.data.recordings import read_any
 from neurosym_jax.errors import InputError
+from studies import place
 from studies.distribution import table as distribution_table
 from studies.driving import CONTACT, STEPS, drive
 from studies.mistakes.__main__ import tell
@@ -50,6 +51,19 @@ def test_the_results_are_what_their_study_writes(tmp_path):
         assert (tmp_path / name).read_text(encoding="utf-8") == (DOCS / name).read_text(
             "utf-8"
         )
+
+
+def test_pages_on_learning_a_place_have_what_the_study_prints():
+    table, means = place.page(pl.read_csv(place.TABLE)).split("\n\n")
+    page = (ROOT / "studies" / "pages" / "place.md").read_text(encoding="utf-8")
+    assert table in page
+    page = (DOCS / "place.md").read_text(encoding="utf-8").replace("−", "-")
+    numbers = re.findall(r": ([+-][\d.]+ ± [\d.]+) % \(\d+\)", means)
+    counts = re.findall(r"\((\d+)\)", means)
+    assert len(numbers) == len(counts) == 6
+    for row in range(0, 6, 2):
+        cells = f"| {counts[row]} | {numbers[row]} | {numbers[row + 1]} |"
+        assert cells in page
 
 
 def test_the_page_of_places_left_out_is_what_its_study_prints(capsys):
