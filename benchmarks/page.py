@@ -21,7 +21,7 @@ as SGAN rewritten in batched torch.** No GPU was at hand; `python -m benchmarks 
 | evaluation, against batched torch | 1.6 times (1.4 to 1.7) |
 | training step of SGAN, against either | 7.8 and 1.4 times |
 | training step of `recommended`, against its twin in torch | 1.1 times |
-| whole training of `recommended` | 49 s |
+| training of `recommended`, without distribution and short histories | 49 s |
 | 20 forecasts of 10 people, from a frame | 1.5 ms |
 | 20 forecasts of a thousand people | 44 ms |
 | age of a forecast of 200 people at 30 Hz, page open, ROS 1 | 15 ms (99 % below 34 ms) |
