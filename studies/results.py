@@ -120,9 +120,9 @@ studies.places`).
 ## Other domains
 
 **Models that learned from simulated people fail on real ones, with errors up to seven times
-constant velocity's.** Those that learned from ETH/UCY carry over: on THÖR, MAGNI, Stanford's
-scenes and simulations `recommended` has the least joint ADE, or a level one. Most of its leads
-there are smaller than their intervals. Train on [your own recordings](training.md) if you can.
+constant velocity's.** Those that learned from ETH/UCY carry over. Of the models that left
+zara1 out, `recommended` has the least joint ADE on THÖR, MAGNI, Stanford's scenes and simulations, or
+a level one. Most of its leads there are smaller than their intervals. Train on [your own recordings](training.md) if you can.
 
 ## The distribution
 
@@ -134,8 +134,8 @@ cent. **Whether it is better than baselines is open:** every model will get 100 
 
 {distribution}
 
-- On ETH/UCY regions hold 52 and 86 % in the mean instead of 50 and 90. In the halls of THÖR and
-  MAGNI they hold a quarter to a third, and 64 to 76 %: a robot [corrects that
+- On ETH/UCY regions hold 51 and 86 % in the mean instead of 50 and 90. In the halls of THÖR and
+  MAGNI they hold a quarter to a third, and 64 to 72 %: a robot [corrects that
   online](robot.md#is-the-forecast-right-here).
 - In draws people collide as rarely as in truth, within 1.4 points, and less often on univ.
 - THÖR, MAGNI, Stanford and CITR are new places for the networks. Five recordings of Stanford were
