@@ -129,7 +129,7 @@ class AnchorNetwork(nn.Module):
             seen = jnp.ones(observed.shape[:2], bool)
         repair = _repair(observed, seen, config.period)
         observed = repair.tracks
-        hertz, steps = 1 / config.period, jnp.diff(observed, axis=1)
+        steps = jnp.diff(observed, axis=1)
         # A network that learned from people who walk sees a cyclist's motion scaled
         # down to theirs, and what it says of it is scaled up again.
         expansion = expansion_of(steps, config.period)
@@ -137,15 +137,8 @@ class AnchorNetwork(nn.Module):
         velocity, roughness = self.velocity(steps, seen)
         speed, heading = length(velocity), heading_of(velocity, SLOW * config.period)
         walking = jnp.square(heading).sum(-1)
-        past = turned(steps, heading[:, None], -1)
-        speeds = jnp.stack([hertz * speed, jnp.square(hertz * speed), walking], -1)
-        own = [
-            hertz * past.reshape(past.shape[0], -1),
-            hertz * length(steps),
-            speeds,
-            roughness,
-        ]
-        state = self._units("own", jnp.concatenate(own, -1), seen, with_mask=True)
+        own = self._own(steps, speed, heading, walking, roughness)
+        state = self._units("own", own, seen, with_mask=True)
         if config.interacts:
             # Not the true velocity: of whom a network never saw, others would go astray.
             pairs, gate, crowd = config.pair_features(
@@ -153,12 +146,8 @@ class AnchorNetwork(nn.Module):
             )
             if alpha is not None:
                 gate = gate * jnp.maximum(alpha, 0)
-            pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
-            message = _dense(MESSAGE_DIM, "message")(pairs)
-            heard = attend(_dense(HEADS, "score", 0.5)(pairs), message, gate)
-            state = jnp.concatenate(
-                [state, heard, jnp.log1p(crowd + company)[:, None]], -1
-            )
+            people = jnp.log1p(crowd + company)[:, None]
+            state = jnp.concatenate([state, self._attended(pairs, gate), people], -1)
         state = self._units("state", state, seen)
 
         curves = functools.partial(
@@ -179,12 +168,46 @@ class AnchorNetwork(nn.Module):
             for part in (forecast[: config.samples], forecast[config.samples :])
         )
 
-        score = jnp.where(
-            valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0
-        )
+        return AnchorForecast(samples, self._log_probability(state, valid), points)
+
+    def _own(
+        self,
+        steps: Array,
+        speed: Array,
+        heading: Array,
+        walking: Array,
+        roughness: Array,
+    ) -> Array:
+        """[N, F] features of each person's own track, of which the steps are turned.
+
+        Of each person: `steps [N, T, 2]` and `speed [N]` in metres a step, `heading
+        [N, 2]` and its squared length `walking [N]`, `roughness [N, R]`.
+        """
+        hertz = 1 / self.config.period
+        past = turned(steps, heading[:, None], -1)
+        speeds = jnp.stack([hertz * speed, jnp.square(hertz * speed), walking], -1)
+        features = [
+            hertz * past.reshape(past.shape[0], -1),
+            hertz * length(steps),
+            speeds,
+            roughness,
+        ]
+        return jnp.concatenate(features, -1)
+
+    def _attended(self, pairs: Array, gate: Array) -> Array:
+        """[N, units] what each person learns of the others: see `frames.pair_features`."""
+        pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
+        message = _dense(MESSAGE_DIM, "message")(pairs)
+        return attend(_dense(HEADS, "score", 0.5)(pairs), message, gate)
+
+    def _log_probability(self, state: Array, valid: Array) -> Array:
+        """[k] of the samples, by the votes of all people, `state [N, units]` of each."""
+        count = self.config.samples
+        score = _dense(count, "likely", 0.01)(state)
+        score = jnp.where(valid[:, None], score, 0)
         score = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
-        score = self.param("prior", nn.initializers.zeros, (config.samples,)) + score
-        return AnchorForecast(samples, nn.log_softmax(score), points)
+        score = self.param("prior", nn.initializers.zeros, (count,)) + score
+        return nn.log_softmax(score)
 
     def _units(
         self,
