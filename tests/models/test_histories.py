@@ -3,13 +3,16 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchors.histories import shorten
-from neurosym_jax.models.anchors.network import AnchorConfig
+from neurosym_jax.models.anchors.loss import batch_loss
+from neurosym_jax.models.anchors.network import AnchorConfig, AnchorForecast
+from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.distribution import predict_distribution
 from neurosym_jax.models.histories import fill_history, whole_history
 from neurosym_jax.scene import make_scene, with_steps
@@ -114,6 +117,33 @@ def test_published_networks_keep_their_steps_and_say_so(model):
         nj.predict(network, WALK[None, :3])
     with pytest.raises(InputError, match="not finite"):
         nj.predict(network, np.where(WALK > 3, NAN, WALK)[None])
+
+
+def test_no_error_of_tracking_is_added_where_nobody_was_seen():
+    """What a training fills in is a straight way, as in a forecast."""
+    rng = np.random.default_rng(0)
+    people = rng.normal(0.3, 0.1, (40, 8, 2)).cumsum(1)
+    scene = make_scene(people).bare().replace(future=people[:, :4].astype("f"))
+    scenes = jax.tree.map(lambda leaf: np.asarray(leaf)[None], scene)
+    recipe = AnchorRecipe(jitter=0.5, clean_share=0.0)
+    learned = []
+
+    def apply(scene, _):
+        jax.debug.callback(
+            lambda *arrays: learned.append(arrays), scene.observed, scene.seen
+        )
+        nothing = jnp.zeros((1, 40, 4, 2))
+        return AnchorForecast(nothing, jnp.zeros(1), nothing[:0])
+
+    batch_loss(apply, (scenes, np.zeros(1, int)), jax.random.key(0), recipe, short=True)
+    jax.effects_barrier()
+    ((observed, seen),) = learned
+    assert np.abs(observed - scenes.observed[0]).max() > 0.5  # It is augmented.
+    bends = np.abs(np.diff(observed, n=2, axis=1)).max(axis=2)
+    invented = ~seen[:, :-2]  # The first of three steps in a row.
+    assert invented.any()
+    assert bends[invented].max() < 1e-4
+    assert bends[~invented].min() > 1e-3
 
 
 def test_training_cuts_histories_at_random():

@@ -18,7 +18,6 @@ from neurosym_jax.models.anchors.config import (
     AnchorTableConfig,
 )
 from neurosym_jax.models.anchors.draws import draw_apart, draw_samples, draw_scenes
-from neurosym_jax.models.anchors.histories import shorten
 from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.forecaster import Forecaster, with_weighting
@@ -181,12 +180,9 @@ class AnchorTableForecaster(Forecaster):
         self, params: Any, batch: Any, key: Array, recipe: Any
     ) -> tuple[Array, Any]:
         """See `batch_loss`; histories are cut where the network learns from short ones."""
-        if getattr(self.config, "short", False):
-            key, part = jax.random.split(key)
-            batch = (shorten(batch[0], part), batch[1])
-        return batch_loss(
-            functools.partial(apply_anchors, self.config, params), batch, key, recipe
-        )
+        apply = functools.partial(apply_anchors, self.config, params)
+        short = isinstance(self.config, AnchorConfig) and self.config.short
+        return batch_loss(apply, batch, key, recipe, short)
 
 
 @dataclasses.dataclass(frozen=True)

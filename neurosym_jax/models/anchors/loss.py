@@ -15,6 +15,7 @@ from jax import Array
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.anchors.config import AnchorForecast
+from neurosym_jax.models.anchors.histories import shorten
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.scene import Scene
 from neurosym_jax.training.batches import augment, gather_cropped
@@ -189,15 +190,22 @@ def batch_loss(
     batch: tuple[Scene, Array],
     key: Array,
     recipe: AnchorRecipe,
+    short: bool = False,
 ) -> tuple[Array, dict[str, Array]]:
     """[] loss of a batch of `AnchorStream`, augmented; consumes `key`.
 
     `apply` gives the forecast of one scene, given the number of people in
-    company, see `AnchorNetwork`.
+    company, see `AnchorNetwork`. If `short`, histories are cut, see `shorten`.
     """
     scenes, crowd = batch
+    cut = None
+    if short:
+        key, cut = jax.random.split(key)
     (scenes,) = augment((scenes,), key, recipe)
     scenes = jax.tree.map(jnp.asarray, scenes)
+    if cut is not None:
+        # At last: nobody's tracking errs where nobody was seen.
+        scenes = shorten(scenes, cut)
     bare = scenes.replace(future=None)
     forecast = jax.vmap(apply)(bare, company(scenes.valid, crowd))
     return anchor_loss(forecast, scenes.known_future, scenes.valid, crowd, recipe), {}
