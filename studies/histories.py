@@ -13,7 +13,6 @@ everybody's history cut to 2, 3, 4, 6 and 8 steps, beside constant velocity, sam
 
 import csv
 import dataclasses
-import functools
 import sys
 from pathlib import Path
 from typing import Any
@@ -26,17 +25,12 @@ from jax import Array
 from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import Windows, cut_windows, make_batches
 from neurosym_jax.evaluation.scores import score_forecaster
-from neurosym_jax.models.anchors.forecaster import apply_anchors
-from neurosym_jax.models.anchors.histories import shorten
-from neurosym_jax.models.anchors.loss import AnchorStream, anchor_loss, company
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.baselines import ConstantVelocitySampled
-from neurosym_jax.models.disk import CARD, load_model, save_model
+from neurosym_jax.models.disk import load_model
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
-from neurosym_jax.training.batches import augment
-from neurosym_jax.training.state import TrainState, new_state, update
-from studies.points import CHECKPOINTS, learned_windows
+from studies.points import Folders, Learning, layers_of, with_layers, write_models
 
 RECIPE = AnchorRecipe(steps=600, stretch=2.2, learning_rate=2e-3)
 PREFIX = "short_"
@@ -44,18 +38,13 @@ LENGTHS = (2, 3, 4, 6, 8)
 NOTE = """
 ## Histories
 
-Layers for people seen for fewer than {obs_len} steps, trained after all else by
+Layers for people seen for fewer than 8 steps, trained after all else by
 `python -m studies.histories`: {steps} steps on the same windows, seed {seed}; what is forecast
-after {obs_len} steps stayed.
+after 8 steps stayed.
 """
 
 
-def short_params(params: Any) -> Any:
-    """The parameters for incomplete histories among those of a network."""
-    return {name: value for name, value in params.items() if name.startswith(PREFIX)}
-
-
-def first_params(trunk: Any, initial: Any) -> Any:
+def first_layers(trunk: Any, initial: Any) -> Any:
     """Parameters to begin with: the layers for complete histories, which ignore the mask."""
     begun = {}
     for name, layer in initial.items():
@@ -66,48 +55,19 @@ def first_params(trunk: Any, initial: Any) -> Any:
     return begun
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
-def step(
-    config: Any,
-    recipe: AnchorRecipe,
-    trunk: Any,
-    key: Array,
-    state: TrainState,
-    batch: Any,
-) -> tuple[TrainState, Array]:
-    """The state of the layers after one step on a batch of `AnchorStream`, and its loss []."""
-    scenes, crowd = batch
-    augmented, shortened = jax.random.split(jax.random.fold_in(key, state.step))
-    (scenes,) = augment((scenes,), augmented, recipe)
-    scenes = jax.tree.map(jnp.asarray, scenes)
-    scenes = shorten(scenes, shortened)
-    crowd_people = company(scenes.valid, crowd)
-
-    def loss(layers: Any) -> Array:
-        params = {"params": {**trunk, **layers}}
-        apply = functools.partial(apply_anchors, config, params)
-        forecast = jax.vmap(apply)(scenes.replace(future=None), crowd_people)
-        return anchor_loss(forecast, scenes.known_future, scenes.valid, crowd, recipe)
-
-    value, gradient = jax.value_and_grad(loss)(state.params)
-    return update(recipe, state, gradient), value
-
-
 def with_histories(model: Model, windows: Windows, recipe: AnchorRecipe) -> Model:
     """`model` with layers for incomplete histories, trained on `windows`."""
-    forecaster = model.forecaster
-    forecaster = type(forecaster)(dataclasses.replace(model.config, short=True))
+    config = dataclasses.replace(model.config, short=True)
+    forecaster = type(model.forecaster)(config)
     first, key = jax.random.split(jax.random.key(recipe.seed))
-    trunk = model.params["params"]
-    initial = short_params(forecaster.init(first)["params"])
-    state = new_state(recipe, first_params(trunk, initial))
-    batch = AnchorStream(windows, recipe).batch
-    for number in range(recipe.steps):
-        state, value = step(forecaster.config, recipe, trunk, key, state, batch(number))
-        if (number + 1) % 100 == 0:
-            print(f"  step {number + 1}: {float(value):.3f}", flush=True)
-    params = {"params": {**trunk, **jax.device_get(state.average)}}
-    return dataclasses.replace(model, config=forecaster.config, params=params)
+    initial = layers_of(forecaster.init(first)["params"], PREFIX)
+    layers = first_layers(model.params["params"], initial)
+
+    def loss(params: Any, batch: Any, key: Array) -> Array:
+        return forecaster.loss(params, batch, key, recipe)[0]
+
+    learning = Learning(windows, recipe, key)
+    return with_layers(model, config, layers, loss, learning)
 
 
 def train(
@@ -120,17 +80,8 @@ def train(
 ) -> None:
     """Write the models `names`, by default all that ship."""
     recipe = dataclasses.replace(RECIPE, seed=seed, steps=steps)
-    for name in names or sorted(path.name for path in CHECKPOINTS.glob("anchors_*")):
-        if (out / name).exists():
-            continue
-        print(name, flush=True)
-        model = load_model(CHECKPOINTS / name)
-        windows = learned_windows(data, hermes, model)
-        changed = with_histories(model, windows, recipe)
-        card = (CHECKPOINTS / name / CARD).read_text(encoding="utf-8")
-        card = card.split("\n## Histories")[0].rstrip()
-        facts = {"steps": steps, "seed": seed, "obs_len": model.config.obs_len}
-        save_model(out / name, changed, card + "\n" + NOTE.format(**facts))
+    note = NOTE.format(steps=steps, seed=seed)
+    write_models(Folders(data, hermes, out), names, with_histories, recipe, note)
 
 
 def cut_histories(windows: Windows, steps: int) -> Windows:
