@@ -242,8 +242,8 @@ def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
     """`positions [N, T, 2]` in float64; messages call them `name`.
 
     Raises:
-        InputError: for a wrong shape, no agent, or a coordinate that is masked or
-            beyond `FAR`.
+        InputError: for a wrong shape, no agent or step, or a coordinate that is masked
+            or beyond `FAR`.
     """
     refuse_masked({name: positions})
     try:
@@ -258,6 +258,8 @@ def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
         )
     if len(positions) == 0:
         raise InputError(f"{name}: a scene needs at least one agent")
+    if positions.shape[1] == 0:
+        raise InputError(f"{name}: a scene needs at least one step")
     wrong = np.argwhere(~(np.abs(positions) <= FAR))
     if len(wrong):
         agent, step, _ = wrong[0]

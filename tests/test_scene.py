@@ -78,6 +78,7 @@ def test_identity():
             r"observed must be \[agents, steps, 2\], not \[3, 2\]",
         ),
         (np.zeros((0, 8, 2)), None, "at least one agent"),
+        (np.zeros((3, 0, 2)), None, "at least one step"),
         (
             np.where(np.arange(48).reshape(3, 8, 2) == 20, np.nan, 0),
             None,

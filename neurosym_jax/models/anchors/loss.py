@@ -7,6 +7,7 @@ them. The points of a person are scored for that person alone, by a proper score
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -202,7 +203,7 @@ def batch_loss(
     if short:
         key, cut = jax.random.split(key)
     (scenes,) = augment((scenes,), key, recipe)
-    scenes = jax.tree.map(jnp.asarray, scenes)
+    scenes: Any = jax.tree.map(jnp.asarray, scenes)
     if cut is not None:
         # At last: nobody's tracking errs where nobody was seen.
         scenes = shorten(scenes, cut)
