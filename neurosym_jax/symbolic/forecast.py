@@ -258,12 +258,15 @@ def format_pairs(codes: np.ndarray, people: np.ndarray, period: float) -> str:
     """
     texts = [*state_texts(), ""]
     head = [f"{period * (step + 1):>5.1f}" for step in range(codes.shape[-1])]
-    lines = ["pair (k, l)     s " + " ".join(head)]
-    for i, j in zip(*np.triu_indices(len(people), 1)):
+    ends = list(zip(*np.triu_indices(len(people), 1)))
+    pairs = [printable(f"({people[i]}, {people[j]})") for i, j in ends]
+    width = max(len("pair (k, l)     s"), *map(len, pairs))
+    lines = [f"{'pair (k, l)':{width - 1}}s " + " ".join(head)]
+    for (i, j), pair in zip(ends, pairs):
         steps = itertools.pairwise([-1, *codes[i, j]])
         cells = ("." if now == last else texts[now] for last, now in steps)
-        pair = printable(f"({people[i]}, {people[j]})")
-        lines.append(f"{pair:18}" + " ".join(f"{cell:>5}" for cell in cells))
+        row = " ".join(f"{cell:>5}" for cell in cells)
+        lines.append(f"{pair:{width}} {row}")
     return "\n".join(lines)
 
 

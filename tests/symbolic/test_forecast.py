@@ -194,6 +194,13 @@ def test_tables_of_pairs(crowd):
         ["(7,", "3)", texts[1], ".", texts[2]],
     ]
 
+    names = np.array(["Müller, José", "O'Brien", "Al"])
+    lines = format_pairs(np.ones((3, 3, 3), int), names, 0.4).splitlines()
+    assert lines[1].startswith("(Müller, José, O'Brien) ")
+    # Under the end of each time stands the end of its cell, whatever the names are.
+    assert {len(line) for line in lines} == {len(lines[0])}
+    assert {line.index(texts[1]) for line in lines[1:]} == {lines[0].index("0.4") - 1}
+
 
 def test_events_that_do_not_happen_have_no_time():
     parting, together = (
