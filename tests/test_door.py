@@ -13,6 +13,7 @@ import polars as pl
 import pytest
 
 from neurosym_jax.data.recordings import read_any
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.foreign import (
     read_arrays,
@@ -166,12 +167,15 @@ def test_a_database_runs_nothing_of_its_own_and_has_no_giant_field(tmp_path):
         read_any(path)
 
 
-def test_a_rate_of_nothing_in_a_comment_is_refused(tmp_path):
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_rate_of_nothing_in_a_comment_is_refused_and_can_be_said(tmp_path):
     rows = [f"{f},{p},{0.4 * f},{p}" for f in range(20) for p in range(2)]
     path = tmp_path / "a.csv"
     path.write_text("\n".join(["# frame rate: 0", "frame,id,x,y", *rows]))
-    with pytest.raises(InputError, match=r"a\.csv: "):
+    with pytest.raises(InputError, match=r"a\.csv: the comment .* say fps=25"):
         read_any(path)
+    (tracks,) = read_any(path, ReadOptions(fps=2.5))
+    assert tracks.stamp.max() == pytest.approx(19 / 2.5)
 
 
 @pytest.mark.skipif(

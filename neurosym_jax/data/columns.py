@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import glob
 import itertools
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
@@ -1005,7 +1006,11 @@ def stamps_of(
 def _stated_rates(
     table: Table, options: ReadOptions, period: float, facts: Mapping[str, str]
 ) -> list[Witness]:
-    """The rates that the user and the file say."""
+    """The rates that the user and the file say.
+
+    Raises:
+        InputError: where the file says a rate of nothing, and the user none.
+    """
     witnesses = []
     rate = options.fps_of(table.path.stem)
     if rate:
@@ -1014,7 +1019,14 @@ def _stated_rates(
         rate = options.eth_stride / period
         witnesses.append(Witness(option("eth_stride"), rate, is_option=True))
     if "fps" in facts:
-        witnesses.append(Witness(facts["fps_by"], float(facts["fps"])))
+        rate = float(facts["fps"])
+        if 0 < rate < math.inf:
+            witnesses.append(Witness(facts["fps_by"], rate))
+        elif not witnesses:
+            raise InputError(
+                f"{table.path}: {facts['fps_by']} says {facts['fps']} frames a second: "
+                f"say {option('fps', 25)}, or what it is"
+            )
     return witnesses
 
 
