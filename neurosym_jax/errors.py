@@ -2,9 +2,13 @@
 
 import contextlib
 import importlib
+import os
 import reprlib
 import shlex
+import sys
+import warnings
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 __all__ = [
@@ -15,7 +19,7 @@ __all__ = [
     "option",
     "optional_module",
 ]
-__all__ += ["printable", "refuse_masked", "spoken_as_flags"]
+__all__ += ["printable", "refuse_masked", "spoken_as_flags", "warn_caller"]
 
 _spoken = {"flags": False}  # of the process: threads read for a command, too
 
@@ -26,6 +30,17 @@ class InputError(ValueError):
 
 class InputWarning(UserWarning):
     """Input that can be used but looks wrong; the message names the file."""
+
+
+def warn_caller(text: str) -> None:
+    """Warn of the line outside this package that led here, however many calls lie between."""
+    package = f"{Path(__file__).parent}{os.sep}"
+    level = 1
+    frame: Any = sys._getframe()
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
+        frame = frame.f_back
+        level += 1
+    warnings.warn(text, InputWarning, level)
 
 
 class TrainingError(InputError):

@@ -7,7 +7,6 @@ import hashlib
 import itertools
 import json
 import reprlib
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -20,7 +19,7 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, Seed, differences, refuse, to_json
 from neurosym_jax.data.windows import Batch, Windows, bucket_of, make_batches
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputError, warn_caller
 from neurosym_jax.models.forecaster import (
     FORECASTERS,
     Forecaster,
@@ -332,13 +331,11 @@ def checked_scene(
     refuse_other_length(model, scene.observed, "observed")
     if repair or model.forecaster.repairs:
         observed = np.asarray(scene.observed)
-        warn_of_tracking_errors(observed, model.config.period, "observed", 4)
+        warn_of_tracking_errors(observed, model.config.period, "observed")
     return scene.replace(seen=seen)
 
 
-def warn_of_tracking_errors(
-    observed: np.ndarray, period: float, name: str, stacklevel: int = 3
-) -> None:
+def warn_of_tracking_errors(observed: np.ndarray, period: float, name: str) -> None:
     """Warn of agents in `observed [N, T, 2]`, called `name`, whose tracks are repaired.
 
     Warns:
@@ -360,7 +357,7 @@ def warn_of_tracking_errors(
             "forecast to go anywhere (are positions in metres?)"
         )
     if texts:
-        warnings.warn(f"{name}: {'; '.join(texts)}", InputWarning, stacklevel)
+        warn_caller(f"{name}: {'; '.join(texts)}")
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
@@ -521,6 +518,11 @@ class _Part:
     valid: np.ndarray | None
     """[N] bool, n true; None for a scene without padding."""
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether all of it is padding."""
+        return self.valid is not None and not self.valid.any()
+
     def placed(self, futures: np.ndarray) -> np.ndarray:
         """Futures [k, n, ...] in the slots of the scene, [k, N, ...]: NaN in padding."""
         if self.valid is None:
@@ -549,7 +551,8 @@ def _parts(
     for number, (scene, present) in enumerate(pairs):
         if scene is missing or present is missing:
             raise InputError(f"valid: has another length than the scenes, at {number}")
-        positions, mask = np.asarray(scene), np.asarray(present)
+        # A masked array stays one, for the check of those who are there.
+        positions, mask = np.asanyarray(scene), np.asarray(present)
         if mask.dtype != bool or mask.shape != positions.shape[:1]:
             raise InputError(
                 f"valid of {name.format(number)} must be bool "
@@ -666,39 +669,36 @@ def _predict_parts(
 ) -> list[np.ndarray]:
     """`predict_scenes` of parts; a scene that is all padding needs no forecast."""
     count = model.forecaster.count(samples)
-    nobody = np.empty((count, 0, model.forecaster.pred_len, 2))
-    futures = [nobody] * len(parts)
-    chosen = []
-    for number, part in enumerate(parts):
-        if part.valid is None or part.valid.any():
-            chosen.append(number)
-    if chosen:
-        named = {parts[number].name: parts[number].people for number in chosen}
-        forecasts = _predict_named(
-            model,
-            named,
-            [frames[number] for number in chosen],
-            samples=samples,
-            seed=seed,
-            recording=recording,
-            repair=repair,
-        )
-        for number, forecast in zip(chosen, forecasts):
+    futures = [np.empty((count, 0, model.forecaster.pred_len, 2))] * len(parts)
+    filled = [number for number, part in enumerate(parts) if not part.is_empty]
+    if filled:
+        named = {parts[number].name: parts[number].people for number in filled}
+        identity = scene_identity(recording, np.asarray([frames[n] for n in filled]))
+        windows = _windows_of(model, named, identity)
+        period = model.config.period
+        repaired = repair_tracks(windows.position, period) if repair else None
+        if repair or model.forecaster.repairs:
+            warn_of_tracking_errors(windows.position, period, "observed")
+        if repaired is not None:
+            windows = dataclasses.replace(windows, position=repaired.tracks)
+        batches = make_batches(windows)
+        together, _ = forecast_windows(model, windows, batches, samples, seed)
+        if repaired is not None:
+            together = settle(together, repaired, period)
+        forecasts = np.split(together, windows.bounds[1:-1], axis=1)
+        for number, forecast in zip(filled, forecasts):
             futures[number] = forecast
     return [part.placed(future) for part, future in zip(parts, futures)]
 
 
-def _predict_named(
-    model: Model,
-    named: Mapping[str, ArrayLike],
-    frames: Sequence[int],
-    *,
-    samples: int,
-    seed: int,
-    recording: str,
-    repair: bool,
-) -> list[np.ndarray]:
-    """`predict_scenes` of scenes by the names that messages call them."""
+def _windows_of(
+    model: Model, named: Mapping[str, ArrayLike], identity: np.ndarray
+) -> Windows:
+    """Observed windows of scenes by the names that messages call them.
+
+    Raises:
+        InputError: as `predict_scenes`.
+    """
     seen = None
     if model.forecaster.shortest < model.config.obs_len:
         named, seen = _whole_histories(named, model.config.obs_len)
@@ -706,20 +706,8 @@ def _predict_named(
     for name, scene in zip(named, scenes):
         refuse_other_length(model, scene, name)
     bounds = np.cumsum([0, *map(len, scenes)])
-    identity = scene_identity(recording, np.asarray(frames))
-    agents = np.arange(bounds[-1])
-    tracks = np.concatenate(scenes)
-    period = model.config.period
-    repaired = repair_tracks(tracks, period) if repair else None
-    if repair or model.forecaster.repairs:
-        warn_of_tracking_errors(tracks, period, "observed")
-    if repaired is not None:
-        tracks = repaired.tracks
-    windows = Windows(tracks, agents, bounds, identity, model.config.obs_len, seen=seen)
-    futures, _ = forecast_windows(model, windows, make_batches(windows), samples, seed)
-    if repaired is not None:
-        futures = settle(futures, repaired, period)
-    return np.split(futures, bounds[1:-1], axis=1)
+    tracks, agents = np.concatenate(scenes), np.arange(bounds[-1])
+    return Windows(tracks, agents, bounds, identity, model.config.obs_len, seen=seen)
 
 
 def _whole_histories(

@@ -122,6 +122,20 @@ def test_padded_arrays_are_forecast_without_their_padding():
     np.testing.assert_allclose(first, forecasts[0], atol=1e-6)
 
 
+def test_masked_people_are_refused_and_masked_padding_is_padding():
+    model = random_model(CONFIGS["SGAN"])
+    valid = np.array([True, True, False])
+    for agent in range(3):
+        scene = np.ma.array(WALKS, mask=False)
+        scene[agent, 0] = np.ma.masked
+        if valid[agent]:
+            with pytest.raises(InputError, match="some values are masked"):
+                nj.predict_scenes(model, [scene], valid=[valid])
+        else:
+            (forecast,) = nj.predict_scenes(model, [scene], valid=[valid])
+            assert np.isfinite(forecast[:, valid]).all()
+
+
 @pytest.mark.parametrize(
     ("valid", "message"),
     [

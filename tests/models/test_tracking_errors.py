@@ -249,6 +249,19 @@ def test_predict_names_the_agents_and_equals_predict_scenes(recommended):
     np.testing.assert_array_equal(forecast, again)
 
 
+def test_the_warning_is_of_the_line_that_calls(recommended):
+    walks = np.stack([WALK, WALK + np.array([0, 2.0])])
+    walks[1, 7] += [0, 50.0]
+    for call in (
+        lambda: nj.predict(recommended, walks),
+        lambda: nj.predict_scenes(recommended, [walks]),
+        lambda: list(nj.predict_batches([walks], recommended)),
+    ):
+        with pytest.warns(InputWarning, match="tracking errors") as caught:
+            call()
+        assert [warning.filename for warning in caught] == [__file__]
+
+
 def test_published_networks_take_positions_as_they_are(model, recwarn):
     """On every path, for tracks that would be repaired: `nj.forecast` of all of them."""
     walks = np.random.default_rng(0).normal(0, 2, (5, 4, 2)).cumsum(1)
