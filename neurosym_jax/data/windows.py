@@ -73,42 +73,54 @@ def resample(
         InputError: for a period, gap or start that does not suit the recording.
     """
     first = float(tracks.stamp.min()) if start is None else float(start)
-    if not (np.isfinite([period, first]).all() and period > 2 * SNAP and max_gap >= 0):
-        options = f"period {period}, start {first}, longest gap {max_gap} s"
-        raise InputError(f"{tracks.recording}: no usable grid: {options}")
-    stamp, position = tracks.stamp, tracks.position
+    _refuse_grid(tracks, period, first, max_gap)
+    stamp = tracks.stamp
     joined = np.append(np.diff(tracks.id) == 0, False)
     joined[:-1] &= np.diff(stamp) <= max_gap + 2 * SNAP
     if start is None:
         piece, origins = phases(stamp, joined, period)
         joined[:-1] &= np.diff(piece) == 0
     else:
-        piece, origins = np.zeros(len(stamp), int), np.array([first])
+        piece = np.zeros(len(stamp), int)
+        origins = np.array([first])
     origin = origins[piece]
     # Steps of two pieces never follow each other: no window goes across.
     steps = np.floor(np.diff(origins) / period + SNAP) + 2
     base = np.append(0, np.cumsum(steps)).astype(np.int64)
+
     row, grid, exact = _grid_points(tracks, period, origin, joined)
-    grid_stamp = origin[row] + grid * period
     after = np.where(exact, row, row + 1)
+    grid_stamp = origin[row] + grid * period
     since = grid_stamp - stamp[row]
-    weight = np.clip(since / np.where(exact, 1.0, stamp[after] - stamp[row]), 0.0, 1.0)[
-        :, None
-    ]
+    gap = stamp[after] - stamp[row]
+    weight = np.clip(since / np.where(exact, 1.0, gap), 0.0, 1.0)
+    here = tracks.position[row]
     # In this form a standing person stays exactly still, which QTC's zero symbols need.
-    between = position[row] + weight * (position[after] - position[row])
-    ahead = position[row] + since[:, None] * _velocity(tracks, joined, period)[row]
-    filled = int(np.sum(stamp[after] - stamp[row] > GAP * period))
+    between = here + weight[:, None] * (tracks.position[after] - here)
+    velocity = _velocity(tracks, joined, period)[row]
+    ahead = here + since[:, None] * velocity
+
+    reading = tracks.reading
+    if reading:
+        filled = int(np.sum(gap > GAP * period))
+        reading = dataclasses.replace(reading, filled=filled)
     return dataclasses.replace(
         tracks.take(row),
-        reading=tracks.reading and dataclasses.replace(tracks.reading, filled=filled),
+        reading=reading,
         stamp=grid_stamp,
-        position=np.where(exact[:, None], position[row], between),
+        position=np.where(exact[:, None], here, between),
         known=np.where(exact, grid_stamp, stamp[after]),
-        foreseen=np.where(exact[:, None], position[row], ahead),
+        foreseen=np.where(exact[:, None], here, ahead),
         period=period,
         step=base[piece[row]] + grid.astype(np.int64),
     )
+
+
+def _refuse_grid(tracks: Tracks, period: float, first: float, max_gap: float) -> None:
+    is_usable = np.isfinite([period, first]).all() and period > 2 * SNAP
+    if not (is_usable and max_gap >= 0):
+        options = f"period {period}, start {first}, longest gap {max_gap} s"
+        raise InputError(f"{tracks.recording}: no usable grid: {options}")
 
 
 def phases(
@@ -130,57 +142,77 @@ def phases(
         [R] number of each row's piece, in order of time, and [P] seconds: a point of
         each grid, at or before the first row of the piece.
     """
-    votes = joined | np.append(False, joined[:-1])
-    votes = np.flatnonzero(votes) if votes.any() else np.arange(len(stamp))
-    votes = votes[np.argsort(stamp[votes], kind="stable")]
+    votes = _voters(stamp, joined)
     moment = stamp[votes]
     residue, label = _residues(moment, period)
     major = _is_majority(moment, label, period)
     # A pause: no track lasts from before it to after it.
-    end = np.where(joined[votes], stamp[np.minimum(votes + 1, len(stamp) - 1)], moment)
+    following = stamp[np.minimum(votes + 1, len(stamp) - 1)]
+    end = np.where(joined[votes], following, moment)
     pause = moment[1:] > np.maximum.accumulate(end)[:-1] + SNAP
+
     rows = np.flatnonzero(major)
-    jump = np.abs(np.diff(residue[label[rows]])) / period
-    jumps = [
-        at
-        for at in rows[1:][np.minimum(jump, 1 - jump) > SHIFT]
-        if _jumps(stamp, joined, float(moment[at]), period)
-    ]
-    cuts = np.unique(np.array([0, *(np.flatnonzero(pause) + 1), *jumps, len(votes)]))
+    change = np.abs(np.diff(residue[label[rows]])) / period
+    change = np.minimum(change, 1 - change)
+    jumps = []
+    for at in rows[1:][change > SHIFT]:
+        if _jumps(stamp, joined, float(moment[at]), period):
+            jumps.append(at)
+    pauses = np.flatnonzero(pause) + 1
+    cuts = np.unique(np.array([0, *pauses, *jumps, len(votes)]))
+
     begins, origins = list[float](), list[float]()
     previous = -1
     for low, high in itertools.pairwise(cuts):
-        ballot = label[low:high][major[low:high]]
-        if 2 * len(ballot) > high - low:
-            choice = int(common(ballot))
-        else:
-            kinds, first, counts = np.unique(
-                label[low:high], return_index=True, return_counts=True
-            )
-            frequent = counts >= counts.max() / 4
-            choice = int(kinds[frequent][np.argmin(first[frequent])])
-            choice = previous if previous in kinds else choice
+        labels = label[low:high]
+        choice = _phase_of(labels, major[low:high], previous)
         if choice == previous:
             continue
-        previous, start = choice, stamp.min() if low == 0 else moment[low]
-        example = moment[low:high][label[low:high] == choice][0]
-        origins.append(
-            float(example - np.ceil((example - start) / period - SNAP) * period)
-        )
+        previous = choice
+        start = stamp.min() if low == 0 else moment[low]
+        example = moment[low:high][labels == choice][0]
+        steps = np.ceil((example - start) / period - SNAP)
+        origins.append(float(example - steps * period))
         begins.append(float(start))
-    return np.searchsorted(begins, stamp + SNAP, side="right") - 1, np.array(origins)
+    piece = np.searchsorted(begins, stamp + SNAP, side="right") - 1
+    return piece, np.array(origins)
+
+
+def _voters(stamp: np.ndarray, joined: np.ndarray) -> np.ndarray:
+    """[V] rows that have a neighbour in time, else all, in order of time."""
+    has_neighbour = joined | np.append(False, joined[:-1])
+    rows = np.arange(len(stamp))
+    if has_neighbour.any():
+        rows = np.flatnonzero(has_neighbour)
+    return rows[np.argsort(stamp[rows], kind="stable")]
+
+
+def _phase_of(labels: np.ndarray, major: np.ndarray, previous: int) -> int:
+    """The number of the phase of a piece whose rows have phases `labels` [V]."""
+    ballot = labels[major]
+    if 2 * len(ballot) > len(labels):
+        return int(common(ballot))
+    kinds, first, counts = np.unique(labels, return_index=True, return_counts=True)
+    if previous in kinds:
+        return previous
+    frequent = counts >= counts.max() / 4
+    return int(kinds[frequent][np.argmin(first[frequent])])
 
 
 def _jumps(stamp: np.ndarray, joined: np.ndarray, moment: float, period: float) -> bool:
     """Whether most of the tracks that go on at a moment change phase there, and not before."""
     over = np.flatnonzero(joined & (stamp < moment))
     over = over[stamp[over + 1] >= moment]
-    change, earlier = (
-        np.mod((stamp[over + lag] - stamp[over + lag - 1]) / period + SHIFT, 1)
-        > 2 * SHIFT
-        for lag in (1, 0)
-    )
-    return bool(np.mean(change & ~earlier) > 0.5) if len(over) else False
+    if not len(over):
+        return False
+    change = _is_shift(stamp[over + 1] - stamp[over], period)
+    earlier = _is_shift(stamp[over] - stamp[over - 1], period)
+    return bool(np.mean(change & ~earlier) > 0.5)
+
+
+def _is_shift(step: np.ndarray, period: float) -> np.ndarray:
+    """[K] bool: whether steps in seconds [K] are no whole number of periods."""
+    return np.mod(step / period + SHIFT, 1) > 2 * SHIFT
 
 
 def _residues(stamp: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
@@ -203,17 +235,19 @@ def _is_majority(stamp: np.ndarray, label: np.ndarray, period: float) -> np.ndar
     tick = np.rint((stamp - stamp[0]) / period * 100).astype(np.int64)
     # Else of two phases that alternate, each has 5 of 9 rows around one.
     reach = NEAR * 100 - 1
-    total = np.searchsorted(tick, tick + reach, "right") - np.searchsorted(
-        tick, tick - reach
-    )
+    total = _counts_around(tick, reach)
+    # Ticks of one phase, far from those of all others.
     key = label * (tick[-1] + 4 * reach) + tick
-    ordered = np.sort(key)
-    same_phase, now = (
-        np.searchsorted(ordered, key + width, "right")
-        - np.searchsorted(ordered, key - width)
-        for width in (reach, 1)
-    )
+    same_phase = _counts_around(key, reach)
+    now = _counts_around(key, 1)
     return (2 * same_phase > total) & (same_phase > now)
+
+
+def _counts_around(values: np.ndarray, reach: int) -> np.ndarray:
+    """[R] how many of `values` [R] lie within `reach` of each."""
+    ordered = np.sort(values)
+    end = np.searchsorted(ordered, values + reach, "right")
+    return end - np.searchsorted(ordered, values - reach)
 
 
 def _grid_points(
@@ -226,12 +260,15 @@ def _grid_points(
     on.
     """
     stamp = tracks.stamp
-    nearest = np.rint((stamp - origin) / period)
+    place = (stamp - origin) / period
+    nearest = np.rint(place)
     snaps = np.abs(stamp - (origin + nearest * period)) <= SNAP
-    place = np.where(snaps, nearest, (stamp - origin) / period)
+    place = np.where(snaps, nearest, place)
     first = np.ceil(place)
-    last = np.where(joined, np.append(first[1:], 0.0), np.floor(place) + 1)
-    first, last = np.maximum(first, 0), np.maximum(last, 0)
+    next_first = np.append(first[1:], 0.0)
+    last = np.where(joined, next_first, np.floor(place) + 1)
+    first = np.maximum(first, 0)
+    last = np.maximum(last, 0)
     total = float(np.sum(last - first))
     if not 0 < total <= DENSE * len(stamp):
         points = f"{total:,.0f} points of {len(stamp):,}"
@@ -239,7 +276,8 @@ def _grid_points(
     count = (last - first).astype(np.int64)
     row = np.repeat(np.arange(len(stamp)), count)
     before = np.cumsum(count) - count
-    grid = first[row] + (np.arange(len(row)) - before[row])
+    number = np.arange(len(row)) - before[row]
+    grid = first[row] + number
     return row, grid, grid == place[row]
 
 
@@ -254,8 +292,10 @@ def on_grid(tracks: Tracks, period: float = PERIOD, max_gap: float = 1.0) -> Tra
             f"{tracks.recording}: the period must be positive, not {period}"
         )
     place = (tracks.stamp - tracks.stamp.min()) / period
-    steps = np.diff(np.rint(place))[np.diff(tracks.id) == 0]
-    if np.all(steps == 1) and np.all(np.abs(place - np.rint(place)) <= SNAP / period):
+    nearest = np.rint(place)
+    steps = np.diff(nearest)[np.diff(tracks.id) == 0]
+    snaps = np.abs(place - nearest) <= SNAP / period
+    if np.all(steps == 1) and np.all(snaps):
         return dataclasses.replace(tracks, period=period)
     return resample(tracks, period, max_gap)
 
@@ -264,15 +304,16 @@ def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
     """[R, 2] m/s: mean velocity over the last `period` seconds before each row, since the last gap
     (`joined [R]`: the next row continues this one); zero at the first row."""
     step = np.where(joined[:-1], np.diff(tracks.stamp), 2 * period)
-    clock = np.concatenate([[0.0], np.cumsum(step)])  # ascending over all agents
-    first = np.maximum.accumulate(
-        np.where(np.append(True, ~joined[:-1]), np.arange(len(clock)), 0)
-    )
+    clock = np.append(0.0, np.cumsum(step))  # ascending over all agents
+    begins = np.append(True, ~joined[:-1])
+    first = np.where(begins, np.arange(len(clock)), 0)
+    first = np.maximum.accumulate(first)
     since = np.searchsorted(clock, clock - period + SNAP, side="right") - 1
     since = np.maximum(since, first)
-    span = (tracks.stamp - tracks.stamp[since])[:, None]
+    span = tracks.stamp - tracks.stamp[since]
     moved = tracks.position - tracks.position[since]
-    return np.divide(moved, span, out=np.zeros_like(moved), where=span > 0)
+    still = np.zeros_like(moved)
+    return np.divide(moved, span[:, None], out=still, where=span[:, None] > 0)
 
 
 # Windows of people who are present together, SGAN's exactly, and batches of their
@@ -287,13 +328,11 @@ def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
 class Windows:
     """Windows of one or more recordings: A agent windows, grouped into S scenes."""
 
-    position: (
-        np.ndarray
-    )  # [A, obs_len + pred_len, 2] float64 metres in the recording's frame
+    position: np.ndarray
+    """[A, obs_len + pred_len, 2] float64 metres in the recording's frame."""
     agent: np.ndarray  # [A] ids as the recording has them: int64, or texts
-    bounds: (
-        np.ndarray
-    )  # [S + 1] int64; scene s holds the rows `bounds[s]:bounds[s + 1]`
+    bounds: np.ndarray
+    """[S + 1] int64; scene s holds the rows `bounds[s]:bounds[s + 1]`."""
     identity: np.ndarray  # [S, 2] uint32 (recording digest, index of the first stamp)
     obs_len: int  # observed steps; the others are the future
     period: float = PERIOD  # seconds between steps
@@ -324,22 +363,34 @@ class Windows:
         """[A'] the agent windows of `scenes` [S'] (indices), scene after scene."""
         sizes = self.sizes[scenes]
         before = np.cumsum(sizes) - sizes
-        return np.repeat(self.bounds[scenes] - before, sizes) + np.arange(sizes.sum())
+        shift = self.bounds[scenes] - before
+        return np.repeat(shift, sizes) + np.arange(sizes.sum())
 
     def take(self, scenes: np.ndarray | slice) -> Self:
         """Select scenes: [S] bool mask, [S'] indices (any order, repeats allowed), or a slice."""
         chosen = np.arange(self.scenes)[scenes]
         rows = self.rows(chosen)
+        stamp = self.stamp
+        if stamp is not None:
+            stamp = stamp[chosen]
+        seen = self.seen
+        if seen is not None:
+            seen = seen[rows]
         return dataclasses.replace(
             self,
             position=self.position[rows],
             agent=self.agent[rows],
-            bounds=np.concatenate([[0], np.cumsum(self.sizes[chosen])]),
+            bounds=_bounds(self.sizes[chosen]),
             identity=self.identity[chosen],
-            stamp=None if self.stamp is None else self.stamp[chosen],
-            seen=None if self.seen is None else self.seen[rows],
+            stamp=stamp,
+            seen=seen,
             extras={name: values[rows] for name, values in self.extras.items()},
         )
+
+
+def _bounds(sizes: np.ndarray) -> np.ndarray:
+    """[S + 1] first row of each of S scenes of `sizes` [S] agents, and the number of rows."""
+    return np.append(0, np.cumsum(sizes))
 
 
 def cut_windows(
@@ -363,94 +414,130 @@ def cut_windows(
     refuse(Count, {**lengths, "skip": skip, "min_agents": min_agents})
     recordings = list(recordings)
     names = ", ".join(tracks.recording for tracks in recordings[:3]) or "no recordings"
-    periods = [period for tracks in recordings if (period := _period(tracks)) < np.inf]
+    periods = [_period(tracks) for tracks in recordings]
+    periods = [period for period in periods if period < np.inf]
     if periods and max(periods) - min(periods) > 0.01 * min(periods):
-        raise InputError(
-            f"{names}: steps of {min(periods):g} to {max(periods):g} s: choose one"
-        )
+        steps = f"steps of {min(periods):g} to {max(periods):g} s"
+        raise InputError(f"{names}: {steps}: choose one")
     if len({frozenset(tracks.extras) for tracks in recordings}) > 1:
         raise InputError(f"{names}: their extras differ")
-    parts = [_cut(tracks, obs_len, pred_len, skip, min_agents) for tracks in recordings]
+    parts = []
+    for tracks in recordings:
+        parts.append(_cut(tracks, obs_len, pred_len, skip, min_agents))
     if not any(part.scenes for part in parts):
         raise InputError(
             f"{names}: no {obs_len + pred_len} consecutive steps have at least {min_agents} people "
             f"throughout (longer gaps than {option('max_gap')} are not filled)"
         )
-    sizes = np.concatenate([part.sizes for part in parts])
+    windows = _joined(parts)
+    if not periods:
+        return windows
+    return dataclasses.replace(windows, period=common(np.array(periods)))
+
+
+def _joined(parts: list[Windows]) -> Windows:
+    """The windows of several recordings, one after the other."""
+    readings = itertools.chain.from_iterable(part.reading for part in parts)
+    extras = {}
+    for name in parts[0].extras:
+        extras[name] = np.concatenate([part.extras[name] for part in parts])
+    stamps = [part.stamp for part in parts if part.stamp is not None]
     return Windows(
         position=np.concatenate([part.position for part in parts]),
         agent=np.concatenate([part.agent for part in parts if part.scenes]),
-        bounds=np.concatenate([[0], np.cumsum(sizes)]),
+        bounds=_bounds(np.concatenate([part.sizes for part in parts])),
         identity=np.concatenate([part.identity for part in parts]),
-        obs_len=obs_len,
-        period=common(np.array(periods)) if periods else PERIOD,
-        reading=tuple(reading for part in parts for reading in part.reading),
-        extras={
-            name: np.concatenate([part.extras[name] for part in parts])
-            for name in parts[0].extras
-        },
-        stamp=np.concatenate([part.stamp for part in parts if part.stamp is not None]),
+        obs_len=parts[0].obs_len,
+        reading=tuple(readings),
+        extras=extras,
+        stamp=np.concatenate(stamps),
     )
 
 
 def _period(tracks: Tracks) -> float:
     """Seconds of one step; infinite if there is only one."""
+    if tracks.period:
+        return tracks.period
     steps = np.diff(np.unique(tracks.stamp)).round(6)
-    return tracks.period or (max(common(steps), SNAP) if len(steps) else np.inf)
+    return max(common(steps), SNAP) if len(steps) else np.inf
 
 
 def _cut(
     tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int
 ) -> Windows:
     """The windows of one recording, possibly none."""
-    length = obs_len + pred_len
-    exact = (tracks.stamp - tracks.stamp.min()) / _period(tracks)
-    # Two agents' stamps may be rounded differently on one grid.
-    place = np.rint(exact) if tracks.step is None else tracks.step
-    if tracks.step is None and np.any(np.abs(exact - place) > 0.05):
-        raise InputError(
-            f"{tracks.recording}: its stamps are on no one grid: use data.on_grid"
-        )
+    place = _places(tracks)
     places, step = np.unique(place, return_inverse=True)
-    # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that
-    # span `length - 1` steps are all there.
-    last = np.arange(length - 1, len(step))
-    first = last - (length - 1)
-    is_complete = (tracks.id[first] == tracks.id[last]) & (
-        place[last] - place[first] == length - 1
-    )
-    first = first[is_complete & (step[first] % skip == 0)]
+    first = _complete_rows(tracks, place, obs_len + pred_len)
+    first = first[step[first] % skip == 0]
     first = first[np.argsort(step[first], kind="stable")]
 
     starts, sizes = np.unique(step[first], return_counts=True)
     enough = sizes >= min_agents
     first = first[np.repeat(enough, sizes)]
-    rows = first[:, None] + np.arange(length)
-    position = tracks.position[rows]
+    starts, sizes = starts[enough], sizes[enough]
+    rows = first[:, None] + np.arange(obs_len + pred_len)
     interpolated = 0
     if tracks.known is not None and tracks.foreseen is not None:
         used = np.unique(rows)
         interpolated = int(np.sum(tracks.known[used] > tracks.stamp[used]))
-        # Observed points that depend on later observations become what was foreseen.
-        seen = rows[:, :obs_len]
-        late = tracks.known[seen] > tracks.stamp[seen[:, -1:]] + 2 * SNAP
-        position[:, :obs_len][late] = tracks.foreseen[seen[late]]
-    reading = tracks.reading or Reading(tracks.recording, rows=len(tracks.id))
     gaps = int(np.sum(np.diff(places) > 1))
+    reading = tracks.reading or Reading(tracks.recording, rows=len(tracks.id))
+    reading = dataclasses.replace(reading, gaps=gaps, interpolated=interpolated)
+    now = first + obs_len - 1
     return Windows(
-        position=position,
+        position=_foreseen(tracks, rows, obs_len),
         agent=tracks.ids_as_given(first),
-        bounds=np.append(0, np.cumsum(sizes[enough])),
-        identity=scene_identity(tracks.recording, starts[enough]),
+        bounds=_bounds(sizes),
+        identity=scene_identity(tracks.recording, starts),
         obs_len=obs_len,
-        reading=(dataclasses.replace(reading, gaps=gaps, interpolated=interpolated),),
-        extras={
-            name: values[first + obs_len - 1] for name, values in tracks.extras.items()
-        },
-        stamp=tracks.stamp[first + obs_len - 1][
-            np.cumsum(sizes[enough]) - sizes[enough]
-        ],
+        reading=(reading,),
+        extras={name: values[now] for name, values in tracks.extras.items()},
+        stamp=tracks.stamp[now][_bounds(sizes)[:-1]],
     )
+
+
+def _places(tracks: Tracks) -> np.ndarray:
+    """[R] number of each row's step on the recording's one grid.
+
+    Raises:
+        InputError: for stamps on no one grid.
+    """
+    if tracks.step is not None:
+        return tracks.step
+    exact = (tracks.stamp - tracks.stamp.min()) / _period(tracks)
+    # Two agents' stamps may be rounded differently on one grid.
+    place = np.rint(exact)
+    if np.any(np.abs(exact - place) > 0.05):
+        raise InputError(
+            f"{tracks.recording}: its stamps are on no one grid: use data.on_grid"
+        )
+    return place
+
+
+def _complete_rows(tracks: Tracks, place: np.ndarray, length: int) -> np.ndarray:
+    """[F] rows from which the same agent is seen at `length` consecutive steps `place` [R].
+
+    Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that
+    span `length - 1` steps are all there.
+    """
+    last = np.arange(length - 1, len(place))
+    first = last - (length - 1)
+    same_agent = tracks.id[first] == tracks.id[last]
+    span = place[last] - place[first]
+    return first[same_agent & (span == length - 1)]
+
+
+def _foreseen(tracks: Tracks, rows: np.ndarray, obs_len: int) -> np.ndarray:
+    """[A, T, 2] positions of `rows` [A, T], the observed ones as foreseen where they depend on
+    what is observed later."""
+    position = tracks.position[rows]
+    if tracks.known is None or tracks.foreseen is None:
+        return position
+    seen = rows[:, :obs_len]
+    late = tracks.known[seen] > tracks.stamp[seen[:, -1:]] + 2 * SNAP
+    position[:, :obs_len][late] = tracks.foreseen[seen[late]]
+    return position
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -458,18 +545,18 @@ class Batch:
     """Padded scenes of one bucket of sizes, filled up with empty scenes (no valid agent)."""
 
     scene: Scene  # arrays with a leading axis of B scenes and N = bucket agent slots
-    index: (
-        np.ndarray
-    )  # [B] int64 index of each scene in the windows; -1 for an empty scene
+    index: np.ndarray
+    """[B] int64 index of each scene in the windows; -1 for an empty scene."""
 
 
 def bucket_of(agents: np.ndarray | int) -> np.ndarray:
     """Padded size of scenes with `agents` [...] agents: a power of two, at least 4; for more than
     1,024 a multiple of these."""
-    power = 2 ** np.ceil(np.log2(np.clip(agents, 4, 1024))).astype(int)
-    return np.where(
-        np.asarray(agents) > 1024, -(-np.asarray(agents) // 1024) * 1024, power
-    )
+    agents = np.asarray(agents)
+    exponent = np.ceil(np.log2(np.clip(agents, 4, 1024)))
+    power = 2 ** exponent.astype(int)
+    multiple = -(-agents // 1024) * 1024  # rounded up
+    return np.where(agents > 1024, multiple, power)
 
 
 def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:
@@ -481,19 +568,18 @@ def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:
         size = max(1, slots // bucket)
         for at in range(0, len(chosen), size):
             part = chosen[at : at + size]
-            index = np.pad(part, (0, size - len(part)), constant_values=-1)
-            batches.append(
-                Batch(gather_scenes(windows, part, int(bucket), size), index)
-            )
+            index = np.full(size, -1)
+            index[: len(part)] = part
+            scene = gather_scenes(windows, part, int(bucket), size)
+            batches.append(Batch(scene, index))
     return batches
 
 
 def single_scene(windows: Windows, index: int) -> Scene:
     """Scene `index` of `windows`, padded to its bucket, with the same numbers as in its batch."""
     slots = int(bucket_of(windows.sizes[index]))
-    return jax.tree.map(
-        lambda array: array[0], gather_scenes(windows, np.array([index]), slots)
-    )
+    scenes = gather_scenes(windows, np.array([index]), slots)
+    return jax.tree.map(lambda array: array[0], scenes)
 
 
 def gather_scenes(
@@ -508,15 +594,17 @@ def gather_scenes(
     slot = rows - windows.bounds[chosen][scene]
     position = windows.position[rows]
     last = position[:, windows.obs_len - 1]
+    first = _bounds(sizes)[:-1]
+    low = np.minimum.reduceat(last, first)
+    high = np.maximum.reduceat(last, first)
     origin = np.zeros((count, 2))
-    first = np.cumsum(sizes) - sizes
-    low, high = np.minimum.reduceat(last, first), np.maximum.reduceat(last, first)
     origin[: len(chosen)] = (low + high) / 2  # As `make_scene`.
     step = displacements(position[:, : windows.obs_len])
     position = relative_positions(position, origin[scene, None])
 
     def padded(values: np.ndarray, dtype: np.dtype | None = None) -> np.ndarray:
-        out = np.zeros((count, slots, *values.shape[1:]), dtype or values.dtype)
+        shape = (count, slots, *values.shape[1:])
+        out = np.zeros(shape, dtype or values.dtype)
         out[scene, slot] = values
         return out
 
@@ -546,6 +634,11 @@ CELL = 0.01  # metres to which moves are rounded
 OFFSET = 0.337  # of the cells' bounds, so that no position in tenths of millimetres lies on one
 KEPT = 512  # hashes that a model keeps: the smallest
 BYTES = 6  # of a hash
+_SPLITMIX64 = (
+    (30, 0xBF58476D1CE4E5B9),
+    (27, 0x94D049BB133111EB),
+)
+"""Shifts and factors of the last two steps of splitmix64."""
 
 
 def fingerprint(windows: Windows) -> str:
@@ -565,21 +658,26 @@ def _encoded(hashes: np.ndarray) -> str:
 
 def _decoded(stored: str) -> np.ndarray:
     data = np.frombuffer(base64.b64decode(stored), np.uint8).reshape(-1, BYTES)
-    return np.pad(data, ((0, 0), (8 - BYTES, 0))).view(">u8").ravel().astype(np.uint64)
+    words = np.zeros((len(data), 8), np.uint8)
+    words[:, 8 - BYTES :] = data
+    return words.view(">u8").ravel().astype(np.uint64)
 
 
 def seen_before(stored: str, windows: Windows) -> tuple[int, int]:
     """How many shapes in `windows` are in a fingerprint, and how many were looked for there."""
-    stored_hashes, hashes = _decoded(stored), _hashes(windows)
+    stored_hashes = _decoded(stored)
+    hashes = _hashes(windows)
     if len(stored_hashes) == KEPT:
         hashes = hashes[hashes <= stored_hashes.max()]
-    return int(np.isin(hashes, stored_hashes).sum()), len(hashes)
+    is_stored = np.isin(hashes, stored_hashes)
+    return int(is_stored.sum()), len(hashes)
 
 
 def shared_shapes(windows: Windows, others: Windows) -> tuple[int, int]:
     """How many shapes in `windows` are in `others`, and how many there are."""
     hashes = _hashes(windows)
-    return int(np.isin(hashes, _hashes(others)).sum()), len(hashes)
+    is_shared = np.isin(hashes, _hashes(others))
+    return int(is_shared.sum()), len(hashes)
 
 
 def chance_shapes(windows: Windows) -> float:
@@ -592,9 +690,11 @@ def chance_shapes(windows: Windows) -> float:
     hashes, rows = _shapes(windows)
     recording = np.repeat(windows.identity[:, 0], windows.sizes)[rows]
     _, person = np.unique(windows.agent[rows], return_inverse=True)
-    people = np.unique(np.stack([hashes, recording, person.astype(np.uint64)]), axis=1)
-    _, others = np.unique(people[:2], axis=1, return_counts=True)
-    return float(others[others > 1].sum() / max(others.sum(), 1))
+    person = person.astype(np.uint64)
+    people = np.unique(np.stack([hashes, recording, person]), axis=1)
+    _, counts = np.unique(people[:2], axis=1, return_counts=True)
+    shared = counts[counts > 1].sum()
+    return float(shared / max(counts.sum(), 1))
 
 
 def is_fingerprint(value: object) -> bool:
@@ -614,16 +714,15 @@ def _shapes(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     cells = np.floor(moves / CELL + OFFSET).astype(np.int64)
     far = np.linalg.norm(moves, axis=-1).sum(axis=1) > 1.0
     # Straight ways at one pace, as annotators draw them, are alike in many recordings.
-    turns = np.sum(np.any(np.diff(cells, axis=1) != 0, axis=-1), axis=1)
+    is_turn = np.any(np.diff(cells, axis=1) != 0, axis=-1)
+    turns = np.sum(is_turn, axis=1)
     rows = np.flatnonzero(far & (turns >= STEPS - 3))
-    chosen = cells[rows].reshape(len(rows), cells.shape[1] * 2).astype(np.uint64)
-    factors = (
-        np.random.default_rng(0).integers(1, 2**63, chosen.shape[1], np.uint64) * 2 + 1
-    )
+    columns = cells.shape[1] * 2
+    chosen = cells[rows].reshape(len(rows), columns).astype(np.uint64)
+    random = np.random.default_rng(0)
+    factors = random.integers(1, 2**63, columns, np.uint64) * 2 + 1
     mixed = (chosen * factors).sum(axis=1, dtype=np.uint64)
-    for shift, factor in (
-        (30, 0xBF58476D1CE4E5B9),
-        (27, 0x94D049BB133111EB),
-    ):  # splitmix64
-        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
+    for shift, factor in _SPLITMIX64:
+        mixed ^= mixed >> np.uint64(shift)
+        mixed *= np.uint64(factor)
     return mixed >> np.uint64(16), rows
