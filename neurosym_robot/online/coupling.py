@@ -1,30 +1,23 @@
 """Draws of scenes from each person's points, in numpy: `models.anchors.draws` without JAX.
 
-The formulas and numbers are those of that module, and a test compares the draws. Pairs
-who cannot meet, and do not walk together, are left out beforehand.
+The formulas are those of that module, and a test compares the draws. Pairs who cannot
+meet, and do not walk together, are left out beforehand.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from neurosym_jax.models.anchors.pair_constants import (
+    COHESION,
+    COMPANY,
+    DISTANCE,
+    FAR,
+    NEAREST,
+    REPULSION,
+    SWEEPS,
+)
 from neurosym_jax.models.tracking_errors import repair_tracks
-
-DISTANCE = 0.3
-"""Distance of two people's centres below which they overlap, metres."""
-REPULSION = 8.0
-"""How much less probable a scene is for each complete overlap of two people, in nats."""
-COHESION = 3.0
-"""How much less probable it is for two who walk together and part by `FAR`, in nats."""
-FAR = 1.0
-"""Root mean square change of two people's offset beyond which they have parted, metres."""
-COMPANY = 1.2, 0.25
-"""Distance in metres and difference of velocity in m/s at which two people hardly walk together."""
-SWEEPS = 2
-"""Times that each person's points are chosen anew, given everybody else's."""
-NEAREST = 16
-"""People on whom a person's choice depends: those who come nearest to its mean path."""
-
 
 SLACK = 0.05
 """Metres for errors of rounding, where pairs that cannot meet are left out."""
@@ -88,11 +81,15 @@ def pair_terms(
     parting = COHESION * np.minimum(partings(moved, first, second) / FAR, 1)
     terms: dict[int, list[Term]] = {}
     for pair, (one, other) in enumerate(zip(first.tolist(), second.tolist())):
-        for person, companion, turn in ((one, other, False), (other, one, True)):
+        for person, companion in ((one, other), (other, one)):
+            if not related[person, companion]:
+                continue
             cost = overlap[pair] + together[person, companion] * parting[pair]
-            if related[person, companion] and cost.any():
-                term = Term(companion, cost.T if turn else cost)
-                terms.setdefault(person, []).append(term)
+            if not cost.any():
+                continue
+            if person == other:
+                cost = cost.T
+            terms.setdefault(person, []).append(Term(companion, cost))
     return dict(sorted(terms.items()))
 
 
@@ -159,13 +156,15 @@ def overlaps(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nd
     close = gap.min(axis=1) < np.square(reach)[:, None, None]
 
     pair, theirs, own = np.nonzero(close)
-    offset = ways[first[pair], :, own] - ways[second[pair], :, theirs]  # [C, T, 2]
-    before, change = offset[:, 1:], offset[:, :-1] - offset[:, 1:]
-    length = np.square(change).sum(axis=-1) + 1e-12
-    back = np.clip(-(before * change).sum(axis=-1) / length, 0, 1)
-    closest = np.square(before + back[..., None] * change).sum(axis=-1)
-    least = closest.min(axis=1, initial=np.inf)
-    least = np.minimum(least, np.square(offset[:, 0]).sum(axis=-1))
+    steps = points.transpose(3, 2, 1, 0)  # [2, T, N, P]
+    # Offsets [T, C]: numpy is slow over short last axes.
+    x, y = steps[:, :, first[pair], own] - steps[:, :, second[pair], theirs]
+    dx, dy = x[:-1] - x[1:], y[:-1] - y[1:]
+    back = -(x[1:] * dx + y[1:] * dy) / (dx * dx + dy * dy + 1e-12)
+    back = np.clip(back, 0, 1)
+    closest = np.square(x[1:] + back * dx) + np.square(y[1:] + back * dy)
+    start = np.square(x[0]) + np.square(y[0])
+    least = np.minimum(closest.min(axis=0, initial=np.inf), start)
     overlap = np.zeros(close.shape, points.dtype)
     overlap[pair, theirs, own] = np.maximum(1 - np.sqrt(least) / DISTANCE, 0)
     return overlap
