@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.commands import export
 from neurosym_jax.errors import InputError
+from neurosym_jax.models.anchors import draws
 from neurosym_jax.models.anchors.config import AnchorConfig
 from neurosym_jax.models.anchors.draws import _lots
 from neurosym_jax.models.anchors.draws import draw_scenes as draw_in_jax
@@ -88,6 +89,44 @@ def test_scenes_are_drawn_as_in_jax(people):
     assert differs.mean() < 0.01
     alone = points[(lots[0].T * 6).astype(int), np.arange(people)]
     assert (np.abs(alone - expected).max(axis=(2, 3)) > 1e-4).mean() > 0.1
+
+
+def test_what_pairs_say_is_what_they_say_in_jax():
+    """Three companions, one of them lost at last; and two who run across each other's way."""
+    time = np.arange(20)[:, None] * PERIOD
+    ways = [[0.0, row] + np.array([0.5, 0.1 * row]) * time for row in (0.0, 0.6, 1.2)]
+    # They meet between two steps, at (0, 9).
+    ways += [[-13.8, 9.0] + np.array([3.0, 0.0]) * time]
+    ways += [[0.0, 22.8] - np.array([0.0, 3.0]) * time]
+    ways = np.array(ways)
+    ways[1, 7:] += [2.0, -1.0]  # A tracking error.
+    rng = np.random.default_rng(0)
+    points = ways[:, 8:] + rng.normal(0, 0.05, (6, 5, 12, 2)).cumsum(axis=2)
+
+    scene = make_scene(ways[:, :8])
+    relative = jnp.asarray(points - scene.origin, jnp.float32)
+    near, present = draws.nearest(relative, jnp.asarray(scene.valid))
+    compute = jax.jit(draws.pair_terms, static_argnums=4)
+    overlap, parting = compute(relative, scene.bare(), near, present, PERIOD)
+    nats = np.asarray(8.0 * overlap + 3.0 * parting)
+    expected = np.zeros((5, 5, 6, 6))
+    for person, others in enumerate(np.asarray(near)):
+        expected[person, others] = nats[person]
+    assert expected[0, 1].max() > 0.3
+    assert expected[3, 4].max() > 4
+
+    terms = coupling.pair_terms(points.astype(np.float32), ways[:, :8], PERIOD)
+    costs = np.zeros_like(expected)
+    for person, others in terms.items():
+        for term in others:
+            costs[person, term.other] = term.cost
+    assert_allclose(costs, expected, atol=1e-3)
+
+
+def test_people_overlap_at_a_single_step():
+    points = np.array([[[[0.0, 0.0]], [[0.15, 0.0]]]], np.float32)
+    overlap = coupling.overlaps(points, np.array([0]), np.array([1]))
+    assert_allclose(overlap, [[[0.5]]], atol=1e-6)
 
 
 def test_each_lot_has_a_part_of_its_own():
