@@ -3,6 +3,8 @@
 The numbers stand apart from `draws`, because a robot without JAX draws by them, too.
 """
 
+__all__ = ["COHESION", "COMPANY", "DISTANCE", "FAR", "NEAREST", "REPULSION", "SWEEPS"]
+
 DISTANCE = 0.3
 """Distance of two people's centres below which they overlap, metres."""
 REPULSION = 8.0
