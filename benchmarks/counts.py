@@ -72,7 +72,7 @@ def _programs() -> dict[str, float]:
             "figures": False,
             "collisions": False,
         }
-        run(Options(checkpoint=names, dataset="cross-path", **options))
+        run(Options(model=names, dataset="cross-path", **options))
     done("the evaluation of two models on a scene")
     windows = _windows()
     with tempfile.TemporaryDirectory() as folder:

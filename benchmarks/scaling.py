@@ -50,7 +50,7 @@ def measure(options: Any) -> dict[str, Any]:
                 *command,
                 "--json",
                 "rows.json",
-                "--checkpoint",
+                "--model",
                 *names[:count],
             ]
             seconds = []

@@ -89,7 +89,7 @@ def measure(options: Any) -> dict[str, Any]:
             "--no-collisions",
             "--json",
             "rows.json",
-            "--checkpoint",
+            "--model",
         ]
         published = sorted(map(str, options.checkpoints.resolve().glob("*/*_model.pt")))
         zara1 = [

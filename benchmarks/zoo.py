@@ -106,7 +106,7 @@ def _commands(options: Any, paths: list[Path]) -> list[Row]:
         str(options.data.resolve()),
     ]
     command += ["--no-figures", "--json", "rows.json"]
-    checkpoints = ["--checkpoint", *(str(path.resolve()) for path in paths)]
+    checkpoints = ["--model", *(str(path.resolve()) for path in paths)]
     with tempfile.TemporaryDirectory() as folder:
         run = functools.partial(
             subprocess.run, cwd=folder, check=True, stdout=subprocess.DEVNULL, text=True

@@ -2,7 +2,7 @@
 
 It works in each agent's own frame (ahead, left). Its output is vectors, rotated back
 into the scene's axes, and scalars, so a rotated scene gives rotated vectors and the
-same scalars. Use it by `neurosym train --plugin examples/encounter_pooling.py --model
+same scalars. Use it by `neurosym train --plugin examples/encounter_pooling.py --family
 neurosym --pooling encounter`.
 """
 

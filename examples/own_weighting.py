@@ -5,7 +5,7 @@
 Trains two small models on the simulations, one with `cnd` and one with `nearness`, and
 compares them. On the command line this file is a plugin:
 
-    python train.py --plugin examples/own_weighting.py --model neurosym --weighting nearness
+    python train.py --plugin examples/own_weighting.py --family neurosym --weighting nearness
 """
 
 import tempfile

@@ -4,7 +4,7 @@ WHAT="energy_score central_ade coverage_50 coverage_90 draw_collisions truth_col
 for T in 8 12; do
     HOW="--pred-len $T --no-figures --metrics $WHAT"
     python evaluate.py $HOW --data DATA --all --json R/eth_ucy_$T.json
-    HOW="$HOW --checkpoint anchors_general_$T anchor_table_general_$T"
+    HOW="$HOW --model anchors_general_$T anchor_table_general_$T"
     HOW="$HOW --baselines constant_velocity_sampled"
     python evaluate.py $HOW --data THOR --json R/thor_$T.json
     names() { (cd $1 && ls $2* | sed 's/.txt$//; s/.csv$//'); }  # one test set of all recordings

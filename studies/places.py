@@ -107,7 +107,7 @@ def train(
         call(
             *(
                 "train.py",
-                "--model",
+                "--family",
                 model,
                 *LENGTHS,
                 "--seed",
@@ -139,7 +139,7 @@ def test(
                 "1",
             ),
             *(
-                "--checkpoint",
+                "--model",
                 *map(str, runs),
                 "--baselines",
                 *BASELINES,

@@ -2,16 +2,16 @@
 
 PUBLISHED is sgan-20v/*.pt sgan-20vp/*.pt, where `neurosym download sgan-checkpoints`
 put them. Trainings that differ in their seed become one row: RUNS has five of each
-`anchors`, by `neurosym train --model anchors --dataset eth --pred-len 8 --seed 1` and
+`anchors`, by `neurosym train --family anchors --dataset eth --pred-len 8 --seed 1` and
 so on, and three of SGAN and NeuroSyM for eth and zara1 (`--steps 5000`); those of seed
 0 ship.
 
 python evaluate.py --data DATA --seeds 5 --metrics central_ade neighbour_share \\
     --baselines constant_velocity constant_velocity_sampled \\
-    --checkpoint checkpoints/{anchor_table,n,s}*_[ehuz]*_* RUNS/*_seed[0-4] PUBLISHED \\
+    --model checkpoints/{anchor_table,n,s}*_[ehuz]*_* RUNS/*_seed[0-4] PUBLISHED \\
     --json docs/results.json
 python evaluate.py --data DATA --seeds 5 --protocol joint-metrics \\
-    --checkpoint checkpoints/*_[ehuz]*_12 sgan-20v*/*_12_model.pt \\
+    --model checkpoints/*_[ehuz]*_12 sgan-20v*/*_12_model.pt \\
     --json docs/results_joint_metrics.json
 python -m studies.results docs/results.json docs/results_joint_metrics.json docs
 """

@@ -35,7 +35,7 @@ TABLES: tuple[dict[str, Any], ...] = (FORMATS, METRICS, FORECASTERS, WEIGHTINGS)
 LACK = re.compile(
     r"\b[A-Z]{2,}[A-Z_0-9]*\b|eth-ucy|download|sgan-|my_checkpoint|recording\.bag|--jobs|\bros[12]\b"
     r"|tests/golden|examples/|recipe\.yaml|recommended model\.|evaluate$|train *$|train --set"
-    r"|--model neurosym|--init|report |replay "
+    r"|--family neurosym|--init|report |replay "
 )
 """Words of commands that need data, a bag, a robot or a clone, or that take half a minute."""
 SKIPPED = {

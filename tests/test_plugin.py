@@ -39,12 +39,12 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
         return line
 
     needs = "; it was trained with --plugin near.py"
-    assert refusal("evaluate", "--checkpoint", "model").endswith(needs)
+    assert refusal("evaluate", "--model", "model").endswith(needs)
     assert refusal("symbols", "--model", "model").endswith(needs)
     words = ("--weighting", "nearness")
     for line in (
-        refusal("train", "--model", "neurosym", *words),
-        refusal("sweep", "--model", "neurosym", "--weighting", "nearness"),
+        refusal("train", "--family", "neurosym", *words),
+        refusal("sweep", "--family", "neurosym", "--weighting", "nearness"),
         refusal("symbols", *words),
     ):
         assert "(--plugin FILE adds one)" in line

@@ -33,7 +33,7 @@ TRAIN = (
     "run",
     "--dataset",
     "cross-path",
-    "--model",
+    "--family",
     "sgan",
     "--set",
 )

@@ -13,6 +13,7 @@ import json
 import re
 import shutil
 import textwrap
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -23,13 +24,14 @@ from tyro.conf import OmitArgPrefixes, Positional
 
 from neurosym_jax.data.recordings import Source, Synthetic, open_source
 from neurosym_jax.data.tables import ReadOptions
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.plugins import loaded
 from neurosym_jax.runtime.foreign import read_yaml
 
 __all__ = [
     "Positional",
     "Reading",
+    "current_names",
     "description",
     "every_option",
     "flag_names",
@@ -202,7 +204,7 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
     kinds = {flag: kind for flag, *kind in [*listed, PLUGIN.split()]}
     read: list[str] = []
     for name, value in values.items():
-        flag = f"--{name.replace('_', '-')}"
+        flag = current_name(options, f"--{name.replace('_', '-')}")
         if flag not in kinds:
             near = difflib.get_close_matches(flag, kinds, 1) or [", ".join(kinds)]
             raise InputError(
@@ -223,6 +225,33 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
         else:
             read += [flag, *texts]
     return [*read, *others]
+
+
+def current_names(options: Callable[..., Any], words: Sequence[str]) -> list[str]:
+    """`words` with every option by its name of today, see `current_name`."""
+    renamed = []
+    for word in words:
+        flag, equals, value = word.partition("=")
+        renamed.append(current_name(options, flag) + equals + value)
+    return renamed
+
+
+def current_name(options: Callable[..., Any], flag: str) -> str:
+    """The option that `flag` names, which may be its name in the last release.
+
+    `options.RENAMED` has today's names by the old ones.
+
+    Warns:
+        InputWarning: where the name is an old one.
+    """
+    names = getattr(options, "RENAMED", {})
+    name = flag.removeprefix("--")
+    if not flag.startswith("--") or name not in names:
+        return flag
+    current = f"--{names[name]}"
+    line = f"{flag} is called {current} now; the next release knows that name alone"
+    warnings.warn(line, InputWarning, stacklevel=2)
+    return current
 
 
 def flag_names(words: Sequence[str]) -> list[str]:

@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 import tyro
 
 from neurosym_jax.commands._options import (
+    current_names,
     description,
     every_option,
     flag_names,
@@ -113,6 +114,7 @@ def _run(
     with warnings.catch_warnings():
         warnings.showwarning = _show
         words = sys.argv[1:] if arguments is None else arguments
+        words = current_names(options, words)
         _refuse_repeated(options, words)
         arguments = load_plugins(with_file(options, prepare(words)))
         if {"-h", "--help"} & set(arguments):

@@ -6,7 +6,7 @@ import itertools
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from neurosym_jax.commands._options import Reading, given, open_data, refuse_unused
 from neurosym_jax.configuration import Count, Seed, refuse
@@ -28,8 +28,8 @@ from neurosym_jax.evaluation.forecasts import ForecastFile, read_named
 from neurosym_jax.evaluation.tables import rows_frame
 from neurosym_jax.models.disk import (
     RECOMMENDED,
-    find_checkpoints,
     find_model,
+    find_models,
     load_model,
     shipped_models,
     shipped_name,
@@ -64,7 +64,7 @@ step. Constant velocity makes one guess, the networks make {}, and the best one
 counts. These people are simulated, and so are those the networks learned from:
 the numbers say nothing about real people. Next:
 
-    neurosym evaluate --data my_tracks.csv --checkpoint recommended"""
+    neurosym evaluate --data my_tracks.csv --model recommended"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +74,8 @@ class Options:
     Without arguments: one SGAN and one NeuroSyM that ship, on the embedded simulations.
     """
 
-    checkpoint: tuple[str, ...] = ()
+    RENAMED: ClassVar[dict[str, str]] = {"checkpoint": "model"}
+    model: tuple[str, ...] = ()
     """Models to evaluate: folder, .pt file or name (see `neurosym models`); of a folder of models,
     those that match. Default: `recommended` for recordings, SGAN and NeuroSyM for simulations."""
     forecasts: tuple[Path, ...] = ()
@@ -148,7 +149,7 @@ class Options:
 def run(options: Options) -> list[Row]:
     """Evaluate, print and write as `options` say; returns the rows of the report."""
     _validate(options)
-    default = not (options.checkpoint or options.forecasts or options.all)
+    default = not (options.model or options.forecasts or options.all)
     is_text = options.table == "text"
     files = read_named(options.forecasts)
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
@@ -156,7 +157,7 @@ def run(options: Options) -> list[Row]:
     source = run_tests = None
     with contextlib.ExitStack() as stack:
         recordings = options.data or options.dataset
-        if files and not (recordings or options.checkpoint or options.all):
+        if files and not (recordings or options.model or options.all):
             name, file = next(iter(files.items()))
             windows = given(options)
             tests = [
@@ -220,13 +221,13 @@ def _paths(tests: Sequence[compare.Test]) -> list[str]:
 
 def _recommended(options: Options, tests: Sequence[compare.Test]) -> list[str]:
     """Names of the networks that `recommended` stands for, or that are the default."""
-    asked = not options.checkpoint or RECOMMENDED in options.checkpoint
+    asked = not options.model or RECOMMENDED in options.model
     if options.all or not asked:
         return []
     shipped = {
         path.name for path in shipped_models() if path.name.startswith("anchors_")
     }
-    names = shipped.intersection(_paths(tests)).difference(options.checkpoint)
+    names = shipped.intersection(_paths(tests)).difference(options.model)
     return sorted(names)
 
 
@@ -272,7 +273,7 @@ def _written(
         from neurosym_jax.plotting.evaluation import draw_figures
 
         use_style(options.style)
-        default = not (options.checkpoint or options.forecasts or options.all)
+        default = not (options.model or options.forecasts or options.all)
         first, *others = draw_figures(options.plots, results, together=default)
         if others:
             yield f"figures: {1 + len(others)} in {first.parent}"
@@ -338,7 +339,7 @@ def _plan(
     lengths |= protocol.lengths
     arguments = options.data, options.read, options.dataset, options.test_on
     source = open_data(*arguments, period=options.period)
-    names = options.checkpoint
+    names = options.model
     if options.all:
         # Baselines are tested beside every model.
         shipped = (path.name for path in shipped_models())
@@ -351,9 +352,9 @@ def _plan(
     # On ETH/UCY, `recommended` is the model of each data set.
     every_set = options.dataset is None and isinstance(source, EthUcy)
     datasets = source.scenes if every_set else (options.dataset,)
-    paths = find_checkpoints(names, datasets, lengths["pred_len"])
+    paths = find_models(names, datasets, lengths["pred_len"])
     models = [(path, load_model(path)) for path in paths]
-    if options.checkpoint:
+    if options.model:
         source = open_data(
             *arguments, model_scene=models[0][1].dataset, period=options.period
         )
@@ -368,7 +369,7 @@ def _plan(
         baselines=baselines,
         samples=options.samples,
         # A folder of models, or what ships, is not named model by model.
-        only_matching=len(models) != len(options.checkpoint),
+        only_matching=len(models) != len(options.model),
     )
     return source, models, entries, protocol.min_agents if least is None else least
 
@@ -404,14 +405,14 @@ def _validate(options: Options) -> None:
         (options.seeds - 1, "--seed and --seeds: the last seed"),
     ):
         refuse(Seed, {option: options.seed + seed})
-    if not (options.checkpoint or options.forecasts or options.baselines != ()):
+    if not (options.model or options.forecasts or options.baselines != ()):
         raise InputError(
-            "neither --checkpoint nor --baselines: there is nothing to evaluate"
+            "neither --model nor --baselines: there is nothing to evaluate"
         )
     if not options.forecasts:
         refuse_unused(options, ["partial"], "without --forecasts")
     if options.all:
-        refuse_unused(options, ["checkpoint"], "with --all")
+        refuse_unused(options, ["model"], "with --all")
     if not options.online:
         refuse_unused(options, ["place"], "without --online")
     elif not options.data and options.forecasts:

@@ -151,9 +151,7 @@ def _print_next(
     words = shlex.join(flags(options))
     file = shlex.quote(str(path))
     print("\nnext:")
-    print(
-        f"  neurosym evaluate --data {file} --checkpoint {RECOMMENDED} {words}".rstrip()
-    )
+    print(f"  neurosym evaluate --data {file} --model {RECOMMENDED} {words}".rstrip())
     if people > 1:
         print(
             f"  neurosym symbols {file} --model {RECOMMENDED} --forecast {words}".rstrip()

@@ -22,7 +22,7 @@ HEAD += ("test on", "learned from", "where")
 
 
 def run(all: bool = False) -> None:
-    """Say which model to take, and list the models that --checkpoint and --model take by name.
+    """Say which model to take, and list the models that --model takes by name.
 
     `recommended` is the anchors model for the data set and horizon asked for.
     `sgan-20v` and `sgan-20vp` name all of SGAN's published models, without and with

@@ -30,8 +30,8 @@ class Options(train.Options):
     file.
     """
 
-    model: tuple[str, ...] = ("sgan", "neurosym")
-    """Networks, see `neurosym train`."""
+    family: tuple[str, ...] = ("sgan", "neurosym")
+    """Families of networks, see `neurosym train`."""
     pooling: tuple[str, ...] = ()
     """Poolings, a model each of every network that has it; default: the papers'."""
     weighting: tuple[str, ...] = ()
@@ -84,7 +84,7 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         InputError: for nothing to train, an unknown data set, a pooling, a weighting or
             a change that no model takes, or two runs of one name.
     """
-    for name in ("model", "seed"):
+    for name in ("family", "seed"):
         if not getattr(options, name):
             raise InputError(f"--{name}: at least one is needed")
     first = options.dataset[0] if options.dataset else None
@@ -173,28 +173,28 @@ def _values(change: str) -> list[str]:
 def _models(options: Options) -> list[dict[str, Any]]:
     """Each network with each pooling and each weighting that it takes; or the --init model's."""
     if options.init is not None:
-        names = ("model", "pooling", "weighting", "network")
+        names = ("family", "pooling", "weighting", "network")
         refuse_unused(options, names, "with --init, which has its network")
-        return [dict.fromkeys(("model", "pooling", "weighting"))]
+        return [dict.fromkeys(("family", "pooling", "weighting"))]
     taken: dict[str, dict[str, list[Any]]] = {}
     for option in ("pooling", "weighting"):
-        taken[option] = {model: [] for model in options.model}
+        taken[option] = {family: [] for family in options.family}
         for value in getattr(options, option):
             refused = []
-            for model in options.model:
+            for family in options.family:
                 try:
-                    make_config(model, changes=[f"{option}={value}"])
-                    taken[option][model].append(value)
+                    make_config(family, changes=[f"{option}={value}"])
+                    taken[option][family].append(value)
                 except InputError as error:
                     refused.append(error)
-            if len(refused) == len(options.model):
+            if len(refused) == len(options.family):
                 raise refused[-1]
     networks = []
-    for model in options.model:
-        poolings = taken["pooling"][model] or [None]
-        weightings = taken["weighting"][model] or [None]
+    for family in options.family:
+        poolings = taken["pooling"][family] or [None]
+        weightings = taken["weighting"][family] or [None]
         for pooling, weighting in itertools.product(poolings, weightings):
             networks.append(
-                {"model": model, "pooling": pooling, "weighting": weighting}
+                {"family": family, "pooling": pooling, "weighting": weighting}
             )
     return networks

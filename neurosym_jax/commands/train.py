@@ -5,7 +5,7 @@ import dataclasses
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from neurosym_jax.commands._options import (
     Reading,
@@ -37,6 +37,7 @@ from neurosym_jax.plugins import loaded
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.preparation import describe_parts, prepare
 from neurosym_jax.training.run import (
+    OLD_NAMES,
     Run,
     make_config,
     make_recipe,
@@ -54,9 +55,10 @@ class Options:
     `neurosym train FILE.yaml` reads options from a file; options after it prevail.
     """
 
-    model: str | None = None
-    """Network to train: sgan (default), neurosym (weights pairs of people by symbols), anchors
-    (learned residuals with probabilities), anchor_table (its baseline), or a plugin's."""
+    RENAMED: ClassVar[dict[str, str]] = OLD_NAMES
+    family: str | None = None
+    """Family of the model: sgan (default), neurosym (weights pairs of people by symbols),
+    anchors (learned residuals with probabilities), anchor_table (its baseline), or a plugin's."""
     pooling: str | None = None
     """Pooling of SGAN: pool_net (default), none or social, or of NeuroSyM: as_described (default)
     or neurosym_ros; or one that a plugin registers."""
@@ -152,7 +154,7 @@ def closing_line(options: Options, run: Run, source: Source, folder: Path) -> st
         datasets = _unseen(run, source) if options.data else ()
     elif not {*datasets} <= {*source.scenes}:
         datasets = ()
-    words = ["neurosym", "evaluate", "--checkpoint", str(folder)]
+    words = ["neurosym", "evaluate", "--model", str(folder)]
     options_of_run = []
     if run.config.period != PERIOD:
         options_of_run += ["--period", f"{run.config.period:g}"]
@@ -244,11 +246,13 @@ def configured(options: Options) -> tuple[Any, Any, Model | None]:
     if options.init is None:
         init = None
         config = make_config(
-            options.model or "sgan", **lengths, changes=[*changes, *options.network]
+            options.family or "sgan", **lengths, changes=[*changes, *options.network]
         )
     else:
         refuse_unused(
-            options, ["model", *chosen, "network"], "with --init, which has its network"
+            options,
+            ["family", *chosen, "network"],
+            "with --init, which has its network",
         )
         init = load_model(
             options.init, dataset=options.dataset, pred_len=options.pred_len

@@ -33,8 +33,8 @@ from neurosym_jax.runtime.files import new_folder, replaced_folder
 __all__ = [
     "DOWNLOADED",
     "RECOMMENDED",
-    "find_checkpoints",
     "find_model",
+    "find_models",
     "load_model",
     "models_at_hand",
     "replace_card",
@@ -103,7 +103,7 @@ def state_of_run(path: str, step: int) -> str:
     return f"{path}: the state after {step} steps of its training{unfinished}"
 
 
-def find_checkpoints(
+def find_models(
     names: Sequence[Path | str],
     datasets: Sequence[str | None] = (None,),
     pred_len: int | None = None,
@@ -302,7 +302,7 @@ def load_model(
             if near
             else "`neurosym models --all` lists those here"
         )
-        raise InputError(f"{path}: no such checkpoint ({hint})")
+        raise InputError(f"{path}: no such model ({hint})")
     try:
         return _read(path)
     except OSError as error:

@@ -82,17 +82,17 @@ def make_recipe(
 
 
 def make_config(
-    model: str = "sgan",
+    family: str = "sgan",
     *,
     obs_len: int = 8,
     pred_len: int = 8,
     period: float = 0.4,
     changes: Sequence[str] = (),
 ) -> Any:
-    """The configuration of a model by name: `sgan`, `neurosym`, `anchors`, or a plugin's.
+    """The configuration of a family: `sgan`, `neurosym`, `anchors`, or a plugin's.
 
     Args:
-        model: which.
+        family: its name.
         obs_len: observed steps.
         pred_len: steps to forecast.
         period: seconds between steps.
@@ -100,18 +100,18 @@ def make_config(
             configuration, such as `pooling=social` or `weighting=cnd`.
 
     Raises:
-        InputError: for an unknown model, a change that does not fit, or one that makes
-            it another model.
+        InputError: for an unknown family, a change that does not fit, or one that
+            makes it another family.
     """
     configs = known_configs()
-    refuse(Literal[*configs], {"model": model})
+    refuse(Literal[*configs], {"family": family})
     lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
     config = changed(
-        dataclasses.replace(configs[model], **lengths), changes, "config", model
+        dataclasses.replace(configs[family], **lengths), changes, "config", family
     )
     other = forecaster_of(config).model
-    if other != model:
-        raise InputError(f"model {model!r}: {', '.join(changes)} makes it {other!r}")
+    if other != family:
+        raise InputError(f"family {family!r}: {', '.join(changes)} makes it {other!r}")
     return config
 
 
@@ -177,13 +177,15 @@ SLOWER = 10
 """By what the learning rate is divided once numbers are not finite."""
 EXTENDED = {"steps", "patience"}
 """What of the recipe may be changed on resumption."""
+OLD_NAMES = {"model": "family"}
+"""Options of `neurosym train` by the names that they had in the last release."""
 RESULTS = ("forecaster", "config", "training", "scene", "init", "data")
 """What of a record makes the results of a run."""
 
 CARD = """\
 # {title}
 
-Forecasts {pred_len} steps from {obs_len} observed ones. `neurosym_jax.load_model` reads this folder, and `neurosym evaluate --checkpoint` tests it.
+Forecasts {pred_len} steps from {obs_len} observed ones. `neurosym_jax.load_model` reads this folder, and `neurosym evaluate --model` tests it.
 
 ## Errors
 

@@ -35,7 +35,7 @@ from neurosym_jax.runtime.ending import when_ended
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.runtime.foreign import read_arrays, read_json, reading
 from neurosym_jax.runtime.process import cpu_cores, progress_of, provenance
-from neurosym_jax.training.run import differences_between, model_card
+from neurosym_jax.training.run import OLD_NAMES, differences_between, model_card
 
 __all__ = ["SweepRun", "compare_sweep", "run_sweep", "unfinished", "write_errors"]
 
@@ -286,8 +286,11 @@ class SweepRun(NamedTuple):
 
 def _results_options(text: str) -> dict[str, Any]:
     """The options in a `recipe.yaml` on which results depend."""
-    options = yaml.safe_load(text) or {}
-    return {name: value for name, value in options.items() if name not in FREE}
+    options = {}
+    for name, value in (yaml.safe_load(text) or {}).items():
+        if name not in FREE:
+            options[OLD_NAMES.get(name, name)] = value
+    return options
 
 
 def unfinished(runs: Sequence[SweepRun]) -> list[SweepRun]:

@@ -11,7 +11,7 @@ Networks that learned from THÖR and MAGNI, THOR being a folder with their three
 recordings:
 
 for M in sgan neurosym; do
-    neurosym train --model $M --obs-len 8 --pred-len 8 --data THOR --out RUNS/$M --train-on \
+    neurosym train --family $M --obs-len 8 --pred-len 8 --data THOR --out RUNS/$M --train-on \
         CLiFF-LHMP_thor1_exp-1-run-2 CLiFF-LHMP_thor3_exp-3-run-2 THOR-MAGNI_Scenario_5
 done
 python -m studies.experiment --out OUT --models RUNS/sgan RUNS/neurosym

@@ -32,7 +32,7 @@ def options(tmp_path):
     def make(**fields):
         names = ("constant_velocity", "constant_velocity_sampled")
         usual = {"json": tmp_path / "rows.json", "figures": False, "baselines": names}
-        if "checkpoint" not in fields:
+        if "model" not in fields:
             usual["pred_len"] = 7
         return Options(**(usual | fields))
 
@@ -56,10 +56,7 @@ def test_the_first_minute(tmp_path, capsys):
     begins = tuple(f"{model}  " for model in models)
     assert sum(line.startswith(begins) for line in lines) == 6
     assert "the networks make 3," in out
-    assert (
-        lines[-1]
-        == "    neurosym evaluate --data my_tracks.csv --checkpoint recommended"
-    )
+    assert lines[-1] == "    neurosym evaluate --data my_tracks.csv --model recommended"
     assert err.splitlines()[-1].startswith("[6/6] NeuroSyM, cnd on cross-path (")
     report = json.loads((tmp_path / "rows.json").read_text())
     provenance = report["provenance"]
@@ -160,9 +157,7 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
     save_model(tmp_path / "folder", load_model(SMALL))
     paths = (str(SMALL), f"{tmp_path}/./folder/")
     rows = run(
-        options(
-            checkpoint=paths, samples=2, dataset="cross-path", collisions=False, seed=5
-        )
+        options(model=paths, samples=2, dataset="cross-path", collisions=False, seed=5)
     )
     assert [(row["checkpoint"], row["seed"]) for row in rows] == [
         (path, 5) for path in (None, None, *paths)
@@ -189,7 +184,7 @@ def test_recommended_has_one_name(checkpoint, labels):
     """A network that is asked for by its own name keeps it, and so does another's folder."""
     entries = [("anchors_general_8", None), ("anchors_mine", None), ("", None)]
     test: Any = SimpleNamespace(entries=entries)
-    assert _labels(Options(checkpoint=checkpoint), {}, [test]) == labels
+    assert _labels(Options(model=checkpoint), {}, [test]) == labels
     assert _labels(Options(all=True), {}, [test]) == {}
 
 
@@ -221,7 +216,7 @@ def test_another_rate_than_in_training_is_told(options, tmp_path):
     config = dataclasses.replace(model.config, period=0.2)
     save_model(tmp_path / "m", dataclasses.replace(model, config=config))
     fields = {
-        "checkpoint": (str(tmp_path / "m"),),
+        "model": (str(tmp_path / "m"),),
         "samples": 2,
         "dataset": "cross-path",
     }
@@ -245,7 +240,7 @@ def test_joint_metrics_matter_counts_these_windows(shared, options):
     scenes = "eth", "hotel", "univ", "zara1", "zara2"
     # The fastest that forecast 12 steps, each tested on the scene it has not learned from.
     tables = tuple(f"anchor_table_{scene}_12" for scene in scenes)
-    tested = run(options(checkpoint=tables, data=shared / "data/eth_ucy", **fields))
+    tested = run(options(model=tables, data=shared / "data/eth_ucy", **fields))
     rows = [row for row in tested if row["checkpoint"] is None]
     assert [row["scenes"] for row in rows] == [253, 445, 947, 705, 998]
     # Its mean over scenes, and of the five: .539 / 1.152, see docs/evaluate.md.
@@ -261,7 +256,7 @@ def test_joint_metrics_matter_counts_these_windows(shared, options):
 def test_published_numbers(shared, options, name):
     checkpoint = (str(shared / f"checkpoints/{name}_model.pt"),)
     *_, row = run(
-        options(checkpoint=checkpoint, data=shared / "data/eth_ucy", collisions=False)
+        options(model=checkpoint, data=shared / "data/eth_ucy", collisions=False)
     )
     assert (row["joint_ade"], row["joint_fde"]) == pytest.approx(ZOO[name], abs=0.02)
     assert row["samples"] == 20

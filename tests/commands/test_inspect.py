@@ -35,7 +35,7 @@ def test_the_next_command_reads_the_file_as_it_was_read(tmp_path, capsys, name):
     assert inspect.run(path, figure=None, read=ReadOptions(**stated)) == 0
     evaluate, symbols = capsys.readouterr().out.split("next:\n")[1].splitlines()
     words = shlex.split(evaluate)
-    start = ["neurosym", "evaluate", "--data", str(path), "--checkpoint", RECOMMENDED]
+    start = ["neurosym", "evaluate", "--data", str(path), "--model", RECOMMENDED]
     assert words[:6] == start
     assert shlex.split(symbols)[-len(words[6:]) or 99 :] == words[6:]
     (again,) = read_any(path, tyro.cli(ReadOptions, args=words[6:]))
@@ -115,7 +115,7 @@ def test_a_folder(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "bad.txt: row 1: 3 columns" in out
     assert "altogether 2 recordings of 3 files" in out
-    assert out.endswith(f"--data {tmp_path} --checkpoint recommended --min-agents 1\n")
+    assert out.endswith(f"--data {tmp_path} --model recommended --min-agents 1\n")
 
 
 @pytest.mark.parametrize(

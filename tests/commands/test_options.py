@@ -58,7 +58,7 @@ BASE = {
 }
 ALL = "--data {d}/a --dataset walk"
 TWO = f"--data {{d}}/a {LENGTHS}"
-NEURO = f"{BASE['train']} --model neurosym"
+NEURO = f"{BASE['train']} --family neurosym"
 WALK, N = "{d}/a/walk.txt", "neurosym_zara1_8"
 LATEX = f"{BASE['evaluate']} --table latex"
 FIGURE = f"{WALK} --figure f.png"
@@ -78,7 +78,7 @@ def added(arguments: str, base: str = "") -> dict[str, Case]:
 
 
 TRAINING = added(
-    "--model anchors --pooling none --obs-len 5 --period 0.5 --recipe sgan --steps 7 --set ema=0.5 "
+    "--family anchors --pooling none --obs-len 5 --period 0.5 --recipe sgan --steps 7 --set ema=0.5 "
     "--network encoder_h_dim=16 --out here --log tensorboard"
 )
 CASES: dict[str, dict[str, Case]] = {
@@ -106,7 +106,7 @@ CASES: dict[str, dict[str, Case]] = {
     },
     "evaluate": {
         **added(
-            "--checkpoint sgan_simulations_8 --all --data {d}/b/walk.txt --obs-len 5 --pred-len 5 "
+            "--model sgan_simulations_8 --all --data {d}/b/walk.txt --obs-len 5 --pred-len 5 "
             "--period 0.5 --samples 3 --seed 1 --seeds 2 --protocol joint-metrics --min-agents 1 "
             "--baselines constant_velocity_sampled --metrics crps --symbols --no-collisions "
             "--table csv --json here.json --figures --save-forecasts here.npz --cluster tcp://there"
@@ -116,7 +116,7 @@ CASES: dict[str, dict[str, Case]] = {
         **added("--intervals", LATEX),
         **added(
             "--label mine=sgan_simulations_8",
-            f"--data {WALK} --checkpoint sgan_simulations_8",
+            f"--data {WALK} --model sgan_simulations_8",
         ),
         # Their effects are tested by tests/evaluation/test_forecasts.py.
         "--forecasts": (
@@ -293,7 +293,7 @@ FILES = {
 }
 REFUSED = {
     "train --weighting quantised --steps 1": "pooling 'pool_net' has no symbols",
-    "train --model neurosym --pooling none": "neurosym: pooling 'none' has no symbols",
+    "train --family neurosym --pooling none": "neurosym: pooling 'none' has no symbols",
     "train --variant encounter": "--variant",
     "train --recipe anchors": "recipe: does not fit sgan, which takes ['ours', 'sgan']",
     "train --train-on a --validate-on b --dataset c": "--dataset: has no effect with --train-on",
@@ -304,8 +304,8 @@ REFUSED = {
     "evaluate --test-on=a --test_on b": "--test-on: is given twice",
     "train --set learning_rate=0.1,0.01": "learning_rate must be a finite number",
     "sweep --set ema=0.5 ema=0.9": "set ema=0.9: ema is given twice",
-    "train --init absent": "absent: no such checkpoint",
-    "train --init sgan_zara1_8 --model anchors": "--model: has no effect with --init, which",
+    "train --init absent": "absent: no such model",
+    "train --init sgan_zara1_8 --family anchors": "--family: has no effect with --init, which",
     "train --init sgan_zara1_8 --pred-len 12": "--pred-len 12: the model sgan_zara1_8 has 8",
     "train --init sgan_zara1_8 --period 0.2": "--period 0.2: the model sgan_zara1_8 has 0.4",
     "train --init sgan_zara1_8 --freeze own": "freeze: no module 'own' in context_mlp, ",
@@ -331,7 +331,7 @@ REFUSED = {
     "sweep --seed": "--seed: at least one is needed",
     "sweep --jobs 0": "--jobs must be at least 1",
     "sweep --pooling lstm": "unknown pooling 'lstm'",
-    "sweep --model sgan --pooling none as_described": "pooling=as_described makes it 'neurosym'",
+    "sweep --family sgan --pooling none as_described": "pooling=as_described makes it 'neurosym'",
     "sweep --dataset moon": "unknown dataset 'moon': there are all-forward, cross-path",
     "sweep --set emma=1": "set emma=1",
     "sweep --network emma=1": "config emma=1",
@@ -340,7 +340,7 @@ REFUSED = {
     "evaluate {d}/nothing.csv": "nothing.csv",
     "sweep --recipe anchors": "recipe: does not fit sgan, which takes ['ours', 'sgan']",
     "evaluate --max-gap 2": "--max-gap: has no effect on simulations",
-    "evaluate --all --checkpoint a": "--checkpoint: has no effect with --all",
+    "evaluate --all --model a": "--model: has no effect with --all",
     "evaluate --no-figures --plots a.png": "--plots: has no effect with --no-figures",
     "evaluate --table csv --intervals": "--intervals: has no effect without --table latex",
     "evaluate --data absent": "absent: no such file or folder",
@@ -348,11 +348,11 @@ REFUSED = {
     "evaluate --data {d}/word.txt": "word.txt: row 2: y is not a number: 'abc'",
     "evaluate --data {d}/a --dataset zara9": "unknown dataset 'zara9'",
     "evaluate --data {d}/a --pred-len 999": "no 1007 consecutive steps",
-    "evaluate --checkpoint absent.pt": "absent.pt: no such checkpoint (`neurosym models --all`",
-    "evaluate --checkpoint recomended": "no such checkpoint (did you mean recommended?)",
-    "evaluate --checkpoint sgan": "sgan: no such checkpoint (did you mean sgan_eth_12?)",
-    "evaluate --checkpoint {d}/corrupt.pt": "corrupt.pt: ",
-    "evaluate --checkpoint {d}/a": "it has no config.json",
+    "evaluate --model absent.pt": "absent.pt: no such model (`neurosym models --all`",
+    "evaluate --model recomended": "no such model (did you mean recommended?)",
+    "evaluate --model sgan": "sgan: no such model (did you mean sgan_eth_12?)",
+    "evaluate --model {d}/corrupt.pt": "corrupt.pt: ",
+    "evaluate --model {d}/a": "it has no config.json",
     "evaluate --samples 0": "--samples must be at least 1, not 0",
     "evaluate --seed 4294967296": "--seed must lie in",
     "evaluate --period 0": "the period must be positive, not 0",
@@ -434,3 +434,38 @@ def test_a_file_is_a_command_line_that_options_override(data, inner, tmp_path, c
     # Changes of a recipe add to those of the file.
     assert outcomes[3] == outcomes[4]
     assert len({str(outcome) for outcome in outcomes}) == 4
+
+
+@pytest.mark.parametrize(
+    ("command", "old", "new"),
+    [
+        ("evaluate", "--checkpoint sgan_simulations_8", "--model sgan_simulations_8"),
+        ("evaluate", "--checkpoint=sgan_simulations_8", "--model sgan_simulations_8"),
+        ("train", "--model anchor_table", "--family anchor_table"),
+        ("train", "'model: anchor_table'", "--family anchor_table"),
+        ("sweep", "--model anchor_table sgan", "--family anchor_table sgan"),
+    ],
+)
+def test_an_option_is_known_by_its_old_name(
+    command, old, new, data, inner, tmp_path, capsys
+):
+    outcomes = []
+    for at, text in enumerate((old, new)):
+        words = shlex.split(text)
+        if " " in words[0]:
+            (tmp_path / "recipe.yaml").write_text(words[0])
+            words = [str(tmp_path / "recipe.yaml")]
+        words += shlex.split(BASE[command].replace("{d}", str(data)))
+        folder = tmp_path / str(at)
+        outcomes.append(done([command, *words], inner[command], folder, capsys))
+    assert outcomes[0] == outcomes[1]
+    assert not outcomes[0][1]
+
+
+def test_an_old_name_is_said_on_the_standard_error(tmp_path, capsys):
+    line = ["evaluate", "--checkpoint", "absent"]
+    (status, _, _, out), error = done(line, {}, tmp_path / "run", capsys)
+    assert (status, out) == (2, "")
+    note, message = error.splitlines()
+    assert note.startswith("warning: --checkpoint is called --model now")
+    assert message.startswith("error: absent: no such model")

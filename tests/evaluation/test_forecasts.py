@@ -259,7 +259,7 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     where = {"json": tmp_path / "rows.json", "figures": False, "samples": 3}
     saved = tmp_path / "saved.npz"
     data = {"data": recording, "baselines": ("constant_velocity_sampled",)}
-    model = {"checkpoint": ("anchor_table_general_8",)}
+    model = {"model": ("anchor_table_general_8",)}
     first = run(Options(**where, **data, **model, save_forecasts=saved))
     files = tuple(sorted(tmp_path.glob("saved_*.npz")))
     assert len(files) == 2

@@ -152,7 +152,7 @@ COMMANDS = [
     ["export", "{}", "{}.bin"],
     ["parity", "--torch-module", MODULE, "--checkpoint", "{}"],
     ["symbols", "--model", "{}", "--out", "{}.figures"],
-    ["evaluate", "--checkpoint", "{}", "--json", "{}.json", "--no-figures"],
+    ["evaluate", "--model", "{}", "--json", "{}.json", "--no-figures"],
     ["train", "--init", "{}", "--steps", "1", "--out", "{}.run", "--quiet"],
     ["replay", "walk.csv", "--model", "{}"],
 ]

@@ -190,7 +190,7 @@ def test_a_private_model_is_never_public(hub, tmp_path):
 
 
 def test_a_missing_model_is_named_in_one_line(monkeypatch):
-    with pytest.raises(InputError, match="absent: no such checkpoint"):
+    with pytest.raises(InputError, match="absent: no such model"):
         from_pretrained("absent")
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)
     with pytest.raises(

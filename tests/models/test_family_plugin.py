@@ -91,7 +91,7 @@ def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
 
 def test_commands_know_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    run("train", "--model", "attention", *TRAIN, "--steps", "4", "--out", "run")
+    run("train", "--family", "attention", *TRAIN, "--steps", "4", "--out", "run")
     quick = (
         "--dataset",
         "cross-path",
@@ -99,13 +99,13 @@ def test_commands_know_it(tmp_path, monkeypatch, capsys):
         "constant_velocity",
         "--no-figures",
     )
-    run("evaluate", "--checkpoint", "run/model", "--samples", "3", *quick)
+    run("evaluate", "--model", "run/model", "--samples", "3", *quick)
     assert "Attention over neighbours" in capsys.readouterr().out
     config = json.loads((tmp_path / "run/model/config.json").read_text())
     assert config["forecaster"] == "attention"
     assert "family_plugin.py" in config["plugins"]
 
-    models = ("--model", "attention", "anchor_table")
+    models = ("--family", "attention", "anchor_table")
     sweep = ("sweep", *models, *TRAIN, "--steps", "2", "--seed", "0", "--jobs", "1")
     run(*sweep, "--dry-run")
     for folder in sorted((tmp_path / "runs/sweep").iterdir()):

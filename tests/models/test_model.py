@@ -248,4 +248,4 @@ def test_the_earlier_release_forecasts_nothing_but_parity_cases(tmp_path):
     save_model(tmp_path / "m", model)
     assert load_model(tmp_path / "m").config == model.config
     with pytest.raises(InputError, match="m: neurosym_ijcnn does not weight pairs"):
-        run(Options(checkpoint=(str(tmp_path / "m"),), json=tmp_path / "r"))
+        run(Options(model=(str(tmp_path / "m"),), json=tmp_path / "r"))

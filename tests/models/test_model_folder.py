@@ -263,7 +263,7 @@ def test_other_files_are_no_model_and_are_not_overwritten(saved, tmp_path):
     ):
         with pytest.raises(InputError, match=message):
             save_model(folder, dataclasses.replace(MODEL, dataset=None))
-    assert "no such checkpoint" in refusal(tmp_path / "absent")
+    assert "no such model" in refusal(tmp_path / "absent")
     assert "it has no config.json" in refusal(tmp_path)
     for content in (bytes(range(256)) * 9, b""):
         (tmp_path / "noise.pt").write_bytes(content)

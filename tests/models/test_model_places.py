@@ -11,8 +11,8 @@ from neurosym_jax.models import disk
 from neurosym_jax.models.anchors.network import AnchorTableConfig
 from neurosym_jax.models.disk import (
     RECOMMENDED,
-    find_checkpoints,
     find_model,
+    find_models,
     save_model,
     shipped_models,
 )
@@ -44,18 +44,18 @@ def test_a_path_goes_before_a_name(downloads):
         shutil.rmtree(name)
     Path(RECOMMENDED).mkdir()  # Without a model in it, as of results.
     assert find_model(RECOMMENDED) == SHIPPED / "anchors_general_8"
-    assert find_checkpoints([RECOMMENDED]) == ["anchors_general_8"]
+    assert find_models([RECOMMENDED]) == ["anchors_general_8"]
     assert find_model(NAME) == SHIPPED / NAME
     assert find_model("nowhere") == Path("nowhere")
     for nowhere in ("nowhere", "x" * 300, "a\0b"):
-        assert find_checkpoints([nowhere]) == [nowhere]
+        assert find_models([nowhere]) == [nowhere]
         with pytest.raises(InputError, match="neurosym models"):
             load_model(nowhere)
 
 
 def test_folders_of_several(downloads):
     with pytest.raises(InputError, match="sgan-20vp: not here yet: `neurosym download"):
-        find_checkpoints(["sgan-20vp"])
+        find_models(["sgan-20vp"])
     (downloads / "sgan-p-models").mkdir(parents=True)
     for name in ("zara1_8_model.pt", "eth_12_model.pt", "notes.txt"):
         (downloads / "sgan-p-models" / name).write_text("")
@@ -64,9 +64,9 @@ def test_folders_of_several(downloads):
         for name in ("eth_12", "zara1_8")
     ]
     for name in ("sgan-20vp", "sgan-p-models", downloads / "sgan-p-models"):
-        assert find_checkpoints([name]) == paths
-    assert find_checkpoints([NAME, "sgan-20vp"]) == [NAME, *paths]
-    assert len(find_checkpoints([SHIPPED])) == len(shipped_models())
+        assert find_models([name]) == paths
+    assert find_models([NAME, "sgan-20vp"]) == [NAME, *paths]
+    assert len(find_models([SHIPPED])) == len(shipped_models())
 
 
 def test_shipped_and_downloaded_models_are_listed(downloads, shared, capsys):
@@ -109,8 +109,8 @@ def test_recommended_models_did_not_learn_from_the_data_set(shipped):
     assert (loaded.dataset, loaded.config.pred_len) == ("zara1", 12)
     assert loaded.data == {"ETH/UCY": "unstated"}
     assert load_model("recommended").dataset == "general"
-    assert find_checkpoints(["recommended", "x"], ["zara1", "eth"], 12) == [
+    assert find_models(["recommended", "x"], ["zara1", "eth"], 12) == [
         *("anchors_zara1_12", "anchors_eth_12", "x")
     ]
-    with pytest.raises(InputError, match="anchors_eth_12: no such checkpoint"):
+    with pytest.raises(InputError, match="anchors_eth_12: no such model"):
         load_model("recommended", dataset="eth", pred_len=12)

@@ -38,7 +38,7 @@ def test_a_pooling_and_a_cell_are_trained_saved_loaded_and_evaluated(
     train = ("train", "--dataset", "cross-path", *network, *sizes, "--out", "run")
     evaluate = (
         "evaluate",
-        "--checkpoint",
+        "--model",
         "run/model",
         "--samples",
         "1",

@@ -17,7 +17,7 @@ from neurosym_jax.data.windows import is_fingerprint, seen_before
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.models.disk import find_checkpoints, load_model, state_of_run
+from neurosym_jax.models.disk import find_models, load_model, state_of_run
 from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.state import new_state, update
@@ -194,7 +194,7 @@ def test_after_an_interruption_the_best_state_is_the_model(
         in (tmp_path / "model/README.md").read_text()
     )
     message = f"{tmp_path}: the state after {model.step} steps of its training"
-    (path,) = find_checkpoints([tmp_path])
+    (path,) = find_models([tmp_path])
     assert state_of_run(path, model.step) == f"{message}, which is not finished"
     train_run(with_recipe(table, steps=8), tmp_path, resume=True)
     assert "not finished" not in state_of_run(path, model.step)

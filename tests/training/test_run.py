@@ -38,7 +38,7 @@ def begin(files, out, *options):
         4,
         "--steps",
         100,
-        "--model",
+        "--family",
         "anchor_table",
     )
     changes = ("--set", "batch_scenes=4", "validate_every=25", "ema=0.9")
@@ -130,7 +130,7 @@ def test_one_recording_of_thor_left_out(shared):
     name = "CLiFF-LHMP_thor3_exp-3-run-2"
     with pytest.warns(InputWarning, match="goals_positions"):
         run, _ = make_run(
-            Options(model="neurosym", data=shared / "data/thor", dataset=name)
+            Options(family="neurosym", data=shared / "data/thor", dataset=name)
         )
     assert run.dataset == name
     counts = [(part.scenes, part.agents) for part in (run.training, run.validation)]
@@ -180,7 +180,7 @@ def last_line(tmp_path, **options):
 def test_the_last_line_tests_on_what_was_not_seen(files, tmp_path):
     """Point 2: it tested on training data after general, and on simulations after --train-on."""
     walk, check = str(files / "walk.txt"), str(files / "check.txt")
-    begin = f"test it: neurosym evaluate --checkpoint {tmp_path / 'run'}"
+    begin = f"test it: neurosym evaluate --model {tmp_path / 'run'}"
     nothing = "nothing is left to test on: test on a new recording: neurosym evaluate "
     for options, line in (
         ({}, begin),

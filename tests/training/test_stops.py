@@ -185,7 +185,7 @@ def test_every_stop_of_a_sweep_resumes_to_the_same_report(
     monkeypatch.setattr("neurosym_jax.commands._options.loaded", list)
     out = tmp_path / "sweep"
     chosen = sweep.Options(
-        model=("anchor_table",),
+        family=("anchor_table",),
         pooling=(),
         weighting=(),
         seed=(0,),

@@ -67,7 +67,7 @@ def test_lists_of_values_are_a_run_each(tmp_path):
     changes = {"set": ("learning_rate=0.01,0.001", "rotate=0", "label_real=[0.7,1.2]")}
     changes |= {
         "network": ("mlp_dim=8,16", "pooling=social,grid_size=9"),
-        "model": ("sgan",),
+        "family": ("sgan",),
     }
     changes |= {"weighting": (), "seed": (0,), "fold": (), "out": tmp_path}
     _, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
@@ -87,7 +87,7 @@ def small_sweep(files, tmp_path):
     """Options of two trainings of a second each, of SGAN without pooling."""
     return dataclasses.replace(
         CHOSEN,
-        model=("sgan",),
+        family=("sgan",),
         pooling=("none",),
         weighting=(),
         set=("batch_scenes=4", "best_k=2", "max_agents=4"),
@@ -144,6 +144,10 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(
         refusal = f"had other options: {message}.*: choose another out"
         with pytest.raises(InputError, match=refusal):
             run(dataclasses.replace(only, **changes))
+    # A run that was begun when `--family` was called `--model` goes on.
+    recipe = second.folder / "recipe.yaml"
+    recipe.write_text(recipe.read_text().replace("family: ", "model: "))
+    assert "model: " in recipe.read_text()
     run(dataclasses.replace(only, log="tensorboard", quiet=True, dry_run=True))
 
 
