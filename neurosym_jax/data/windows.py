@@ -625,15 +625,20 @@ def gather_scenes(
 
 # Whether windows were among those that a model was trained on, by their shapes.
 #
-# A model keeps hashes of some of its training windows: the rounded moves of eight steps
-# that go more than a metre and are not straight. A copy is found whatever its name, ids,
-# frames or origin are.
+# A model keeps hashes of some of its training windows: the rounded moves between eight
+# positions that go some way and are not straight. A copy is found whatever its name, ids,
+# frames, unit or origin are, and where its positions were rounded to millimetres or
+# centimetres: cells are wider, and moves last two steps where windows are long enough.
 
-STEPS = 8  # observed and predicted steps of a shape; models of all horizons share it
-CELL = 0.01  # metres to which moves are rounded
-OFFSET = 0.337  # of the cells' bounds, so that no position in tenths of millimetres lies on one
+POINTS = (
+    8  # positions of a shape, observed and predicted; models of all horizons share it
+)
+CELL = 0.05  # metres a step to which moves are rounded
+OFFSET = 0.35555  # of the cells' bounds, so that no move in tenths of millimetres lies on one
 KEPT = 512  # hashes that a model keeps: the smallest
 BYTES = 6  # of a hash
+VERSION = "2:"  # in front of a fingerprint: shapes of another kind cannot be compared
+ALIKE = 0.01  # share of shapes that people who are not the same may have in common
 _SPLITMIX64 = (
     (30, 0xBF58476D1CE4E5B9),
     (27, 0x94D049BB133111EB),
@@ -653,11 +658,12 @@ def merged_fingerprints(*stored: str) -> str:
 
 def _encoded(hashes: np.ndarray) -> str:
     data = hashes[:KEPT].astype(">u8").view(np.uint8).reshape(-1, 8)
-    return base64.b64encode(data[:, 8 - BYTES :].tobytes()).decode()
+    return VERSION + base64.b64encode(data[:, 8 - BYTES :].tobytes()).decode()
 
 
 def _decoded(stored: str) -> np.ndarray:
-    data = np.frombuffer(base64.b64decode(stored), np.uint8).reshape(-1, BYTES)
+    text = stored.removeprefix(VERSION)
+    data = np.frombuffer(base64.b64decode(text), np.uint8).reshape(-1, BYTES)
     words = np.zeros((len(data), 8), np.uint8)
     words[:, 8 - BYTES :] = data
     return words.view(">u8").ravel().astype(np.uint64)
@@ -699,7 +705,7 @@ def chance_shapes(windows: Windows) -> float:
 
 def is_fingerprint(value: object) -> bool:
     """Whether a value read from a file is what `fingerprint` returns."""
-    pattern = rf"([A-Za-z0-9+/]{{8}}){{0,{KEPT}}}"
+    pattern = rf"({VERSION})?([A-Za-z0-9+/]{{8}}){{0,{KEPT}}}"
     return isinstance(value, str) and re.fullmatch(pattern, value) is not None
 
 
@@ -710,13 +716,17 @@ def _hashes(windows: Windows) -> np.ndarray:
 
 def _shapes(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     """[R] uint64 below 2^48, and [R] their agent windows: of shapes that tell something."""
-    moves = np.diff(windows.position[:, :STEPS], axis=1)
+    stride = 1
+    if windows.position.shape[1] >= 2 * POINTS:
+        stride = 2
+    points = windows.position[:, : stride * POINTS : stride]
+    moves = np.diff(points, axis=1) / stride
     cells = np.floor(moves / CELL + OFFSET).astype(np.int64)
     far = np.linalg.norm(moves, axis=-1).sum(axis=1) > 1.0
     # Straight ways at one pace, as annotators draw them, are alike in many recordings.
     is_turn = np.any(np.diff(cells, axis=1) != 0, axis=-1)
     turns = np.sum(is_turn, axis=1)
-    rows = np.flatnonzero(far & (turns >= STEPS - 3))
+    rows = np.flatnonzero(far & (turns >= POINTS - 3))
     columns = cells.shape[1] * 2
     chosen = cells[rows].reshape(len(rows), columns).astype(np.uint64)
     random = np.random.default_rng(0)

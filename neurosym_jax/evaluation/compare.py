@@ -8,7 +8,6 @@ import itertools
 import json
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -24,6 +23,7 @@ from neurosym_jax.data.recordings import GENERAL, EthUcy, Source, recordings_in
 from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.data.windows import (
+    ALIKE,
     Batch,
     Windows,
     cut_windows,
@@ -32,7 +32,7 @@ from neurosym_jax.data.windows import (
     seen_before,
     single_scene,
 )
-from neurosym_jax.errors import InputError, InputWarning, option
+from neurosym_jax.errors import InputError, option, warn_caller
 from neurosym_jax.evaluation.forecasts import (
     ForecastFile,
     Forecasts,
@@ -131,6 +131,8 @@ class Test:
     """(file, forecasts) to test beside the models; those of a function have no file."""
     recordings: Sequence[Tracks] = ()
     """That the windows are cut from, where they are known."""
+    learned: frozenset[str] = frozenset()
+    """Models that were trained on these people: paths, or names of those without one."""
 
     @functools.cached_property
     def batches(self) -> list[Batch]:
@@ -342,17 +344,25 @@ def make_test(
     windows = cut_windows(
         recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents
     )
-    for path, model in entries:
+    return _told(Test(test_set, entries, windows, recordings=recordings))
+
+
+def _told(test: Test) -> Test:
+    """`test` with what is to be known of its models, see `make_test`."""
+    learned = set()
+    windows = test.windows
+    for path, model in test.entries:
         name = path or model.name
         period = model.config.period
         hits, looked = seen_before(model.seen, windows)
-        if hits:
+        if hits > ALIKE * looked:
+            learned.add(name)
             leak = (
                 f"{name}: was trained on these people: {hits} of {looked} windows that "
                 "were looked for are among its training windows, so its errors are too "
                 "small"
             )
-            warnings.warn(leak, InputWarning, stacklevel=2)
+            warn_caller(leak)
             first, *others = windows.reading
             first = dataclasses.replace(first, warnings=(*first.warnings, leak))
             windows = dataclasses.replace(windows, reading=(first, *others))
@@ -364,8 +374,8 @@ def make_test(
                 f"{name}: was trained on steps of {period:g} s and is tested on steps "
                 f"of {windows.period:g} s ({resample} resamples the recordings)"
             )
-            warnings.warn(line, InputWarning, stacklevel=2)
-    return Test(test_set, entries, windows, recordings=recordings)
+            warn_caller(line)
+    return dataclasses.replace(test, windows=windows, learned=frozenset(learned))
 
 
 # Results of an evaluation: every model of every test set, forecast, scored and timed.
@@ -531,6 +541,7 @@ def _evaluate_test(
         if online:
             name = f"{name}, online"
         facts = {"checkpoint": path, "model": name, **_identity(entry)}
+        facts["learned"] = (path or entry.name) in test.learned
         yield _result(
             test, settings, facts, evaluation, spread, timing, example, forecast
         )
@@ -1020,7 +1031,7 @@ def test_of_file(
     recordings = sorted({reading.recording for reading in windows.reading} - {""})
     test_set = TestSet("+".join(recordings) or name, obs_len, pred_len)
     entries = baselines_of(baselines, obs_len, pred_len, samples=samples)
-    return Test(test_set, entries, windows)
+    return _told(Test(test_set, entries, windows))
 
 
 def add_forecasts(
@@ -1116,7 +1127,8 @@ def with_tests(results: Sequence[Result]) -> list[Row]:
     """The rows of `results`, with the p value of each metric's paired test under `NAME_p`.
 
     The test is against the model of best mean on the same test set, which has None, and
-    p is adjusted by Holm's method for the number of models. Scenes are paired.
+    p is adjusted by Holm's method for the number of models. Scenes are paired. Models
+    that were trained on these people (`learned`) are not compared and have None, too.
     Trainings that differ in their seed alone count as one model and are paired, too; a
     single run with each of them.
     """
@@ -1155,7 +1167,9 @@ def _p_values(lines: list[list[Result]]) -> dict[str, list[float | None]]:
         means: list[float | None] = []
         for line in lines:
             trainings = [run.row[metric] for run in line]
-            means.append(None if None in trainings else float(np.mean(trainings)))
+            learned = any(run.row["learned"] for run in line)
+            is_compared = None not in trainings and not learned
+            means.append(float(np.mean(trainings)) if is_compared else None)
 
         def p_value(best: int, other: int, column: int = column) -> float:
             return difference(best, other).over_both.p_value(column)

@@ -121,7 +121,8 @@ def _line(cells: Sequence[str]) -> str:
 #
 # A line is the best of its test set where the paired test against each other line,
 # adjusted for their number, is significant at 5 %; for means over test sets the test is
-# Student's of the sets' means.
+# Student's of the sets' means. A model that was trained on the people of the test set is
+# compared with none, and its line says so.
 
 IDENTITY = ("model", "configuration", "training_data")
 """Columns that are the same for all trainings of a model, see `Model.configuration`."""
@@ -147,15 +148,16 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
         (number of test sets), `metric`, its `mean` (None where nothing was counted),
         the bounds `low` and `high` of its 95 % interval, `std` (between trainings or,
         of one, between seeds of the noise), `p` (of the test against the best,
-        adjusted; None for the best itself) and `best`, whether `p` of all other lines
-        of the test set is below 5 %.
+        adjusted; None for the best itself), `learned`, whether the model was trained
+        on these people, and `best`, whether `p` of all other lines of the test set is
+        below 5 %.
     """
     lines = _lines(rows)
     means = pl.DataFrame(_tested(list(_means(lines))), schema=lines.schema)
     lines = pl.concat([lines, means]).drop("means", "trained")
     group = ("dataset", *HORIZON, "metric")
     p = pl.col("p")
-    first = pl.col("mean").is_not_null() & p.is_null()
+    first = pl.col("mean").is_not_null() & p.is_null() & ~pl.col("learned")
     beyond = (first.sum().over(group) == 1) & (p.max().over(group) < 0.05)
     return lines.with_columns(best=(first & beyond).fill_null(False))
 
@@ -239,6 +241,7 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     rows = rows.with_columns(
         _optional(rows, "training_seed", pl.Int64),
         _optional(rows, "configuration", pl.String),
+        _optional(rows, "learned", pl.Boolean).fill_null(False),
         line=pl.Series(first_trainings(rows.to_dicts()), dtype=pl.Int64),
     )
     ends = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
@@ -250,7 +253,7 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
             column = _optional(rows, f"{name}{end}", pl.Float64)
             values.append(column.alias(value))
         table = rows.select(
-            pl.col("training_seed", "configuration", "checkpoint", "line"),
+            pl.col("training_seed", "configuration", "checkpoint", "line", "learned"),
             pl.col("latency", "forecasts_per_second", *FACTS),
             *values,
             metric=pl.lit(name),
@@ -261,6 +264,7 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
         pl.col("configuration", *FACTS, *ends).first(),
         pl.col("latency").max(),
         pl.col("forecasts_per_second").min(),
+        pl.col("learned").any(),
         paths=pl.col("checkpoint").cast(pl.String),
         trainings=pl.len().cast(pl.Int64),
         sets=pl.lit(1),
@@ -332,6 +336,7 @@ def _mean(sets: pl.DataFrame) -> dict[str, Any]:
     unknown = ("mean", "low", "high", "std", "p", "scenes", "agents", "blocks")
     line |= dict.fromkeys(unknown)
     line |= {"sets": len(sets), "checkpoint": path, "trainings": 1}
+    line["learned"] = sets["learned"].any()
     line["latency"] = sets["latency"].max()
     line["forecasts_per_second"] = sets["forecasts_per_second"].min()
     same_seeds = all(seeds == line["trained"] for seeds in sets["trained"].to_list())
@@ -367,7 +372,7 @@ def _tested(means: list[dict[str, Any]]) -> list[dict[str, Any]]:
             return student_p(changes)
 
         higher = known_metric(metric).higher_is_better
-        values = [line["mean"] for line in group]
+        values = [None if line["learned"] else line["mean"] for line in group]
         for line, p in zip(group, against_best(values, higher, p_value)):
             line["p"] = p
     return means
@@ -535,7 +540,7 @@ def _csv_table(lines: pl.DataFrame) -> str:
         "trainings",
         "samples",
     ]
-    facts += ["seeds", "scenes", "agents", "blocks"]
+    facts += ["seeds", "scenes", "agents", "blocks", "learned"]
     values = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
     wide = lines.pivot(
         "metric", index=["line", *facts], values=list(values), maintain_order=True
@@ -652,6 +657,11 @@ def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
     if len(several):
         number = ", ".join(map(str, several.sort()))
         notes.append(f"{number} trainings: Student's interval of their mean instead")
+    if lines["learned"].any():
+        notes.append(
+            "(learned): was trained on these people, so its errors are too small: "
+            "compared with none"
+        )
     if lines["best"].any():
         mark = "*" if intervals is None else "bold"
         notes.append(
@@ -672,6 +682,8 @@ def _by_test_set(lines: pl.DataFrame) -> Iterator[tuple[dict[str, Metric], list[
             facts = values[0]
             if facts["trainings"] > 1:
                 label += f" ({facts['trainings']} trainings)"
+            if facts["learned"]:
+                label += " (learned)"
             cells = {}
             for value in values:
                 metric = known_metric(value["metric"])

@@ -17,8 +17,8 @@ import yaml
 import neurosym_jax
 from neurosym_jax.configuration import Checked, from_json, parse_json, to_json
 from neurosym_jax.data.recordings import GENERAL, SCENES, data_folder, find
-from neurosym_jax.data.windows import is_fingerprint
-from neurosym_jax.errors import InputError, InputWarning, option
+from neurosym_jax.data.windows import VERSION, is_fingerprint
+from neurosym_jax.errors import InputError, InputWarning, option, warn_caller
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import FORECASTERS
 from neurosym_jax.models.parameters import (
@@ -370,6 +370,12 @@ def _read(folder: Path) -> Model:
         raise InputError(f"{PARAMS}: cannot be read ({error})") from None
     optional: dict[str, Any] = {name: getattr(fields, name) for name in OPTIONAL}
     optional["data"] = fields.data or {}
+    if fields.seen and not fields.seen.startswith(VERSION):
+        optional["seen"] = ""
+        warn_caller(
+            f"{folder}: an earlier version kept shapes of its training otherwise: a test "
+            "on people that it was trained on is not noticed"
+        )
     model = Model(
         config,
         parameters,

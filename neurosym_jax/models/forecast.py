@@ -94,7 +94,7 @@ class Model:
     assumed: tuple[str, ...] = ()
     """What its torch checkpoint does not say and was taken to be so, in words."""
     seen: str = ""
-    """Fingerprint of its training windows, see `data.leakage`; empty where it is not known."""
+    """Fingerprint of its training windows, see `data.windows`; empty where it is not known."""
     data: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """Licence of each data set that it learned from, by name; empty where not known."""
     step: int | None = None

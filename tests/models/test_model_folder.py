@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.models.disk import load_model, save_model
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import Lengths
@@ -209,6 +209,12 @@ def header(**entries):
 def test_wrong_values_under_a_right_digest(copy, change, message):
     sign(copy, params=change) if isinstance(change, bytes) else sign(copy, change)
     assert message in refusal(copy)
+
+
+def test_shapes_of_an_earlier_version_are_left_out(copy):
+    sign(copy, lambda all: all.update(seen="AAg0YAV/" * 3))
+    with pytest.warns(InputWarning, match="kept shapes of its training otherwise"):
+        assert load_model(copy).seen == ""
 
 
 def test_parameters_of_a_forecaster_that_has_no_initial_ones(tmp_path):
