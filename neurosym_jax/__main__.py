@@ -52,7 +52,8 @@ def _run(arguments: list[str]) -> None:
     name, *rest = arguments or ["--help"]
     modules = commands()
     if name in ("-h", "--help"):
-        print("usage: neurosym COMMAND [--help]\n       neurosym --version\n")
+        print("usage: neurosym COMMAND [--help]\n       neurosym --version")
+        print("       neurosym --completion bash|zsh|fish\n")
         width = max(map(len, modules))
         for command, module in modules.items():
             print(f"  {command:{width}}  {_summary(module)}")
@@ -60,6 +61,10 @@ def _run(arguments: list[str]) -> None:
         from importlib.metadata import version
 
         print(f"neurosym {version('neurosym-jax')}")
+    elif name == "--completion":
+        from neurosym_jax.commands._running import print_completion
+
+        print_completion(modules, " ".join(rest))
     elif name in modules:
         command = importlib.import_module(modules[name])
         from neurosym_jax.commands._running import run_command

@@ -158,7 +158,7 @@ REFUSED = [
     (
         make_config,
         "sgam",
-        "model must be one of sgan, neurosym, anchors, anchor_table, not",
+        "family must be one of sgan, neurosym, anchors, anchor_table, not",
     ),
     (make_recipe, "our", "recipe must be one of ours, sgan, anchors, not 'our'"),
     (change_recipe, "emma=0.9", "set emma=0.9: must be NAME=VALUE"),

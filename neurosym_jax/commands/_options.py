@@ -37,62 +37,119 @@ __all__ = [
     "flag_names",
     "flags",
     "given",
+    "help_text",
 ]
 __all__ += [
     "open_data",
     "options_text",
     "refuse_given",
     "refuse_unused",
-    "short_help",
     "with_file",
 ]
 
 PLUGIN = "--plugin FILE.py|MODULE"
+PLUGIN_MEANING = (
+    "Your own file or module, imported first. It registers metrics, forecasters, "
+    "poolings, weightings or formats; the option may be repeated."
+)
+ADVANCED = "advanced"
+"""Title of the options that are in none of a command's groups."""
 KEYED = {"--set", "--network", "--columns"}
 """Options with a list of KEY=VALUE."""
 Reading = Annotated[ReadOptions, OmitArgPrefixes]
 """How a command reads recordings: each field is an option of the command."""
 
 
-def short_help(command: Callable[..., Any], prog: str) -> str:
-    """About a screen of text on a command: a dataclass of its options, or a function of them.
+def help_text(command: Callable[..., Any], prog: str, everything: bool = False) -> str:
+    """What a command does and its options in groups: a dataclass of them, or a function.
 
-    Options that are dataclasses are groups, whose options are only named.
+    About a screen, in which `command.FIRST` are explained, by default all that are not
+    in a dataclass of their own, and the others are named. With `everything` all are
+    explained. `command.GROUPS` has the names of options by the title of their group.
     """
     width = min(shutil.get_terminal_size().columns, 100)
-    options = sorted(
-        every_option(command), key=lambda option: option[1].startswith("--")
-    )
-    options.append(("", PLUGIN, "Your own file or module, imported first", None))
+    options = [*every_option(command), ("", PLUGIN, PLUGIN_MEANING, None)]
     positional = [flag for _, flag, *_ in options if not flag.startswith("--")]
-    text = [
-        " ".join(["usage:", prog, *positional, "[OPTIONS]"]),
-        "",
-    ]
+    text = [" ".join(["usage:", prog, *positional, "[OPTIONS]"]), ""]
     for paragraph in description(command).split("\n\n"):
         text += [*textwrap.wrap(paragraph, width), ""]
-    groups: dict[str, list[str]] = {}
-    for group, flag, meaning, default in options:
-        if group:
-            groups.setdefault(group, []).append(flag.split(" ")[0])
-        else:
-            says = re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", meaning)[0].rstrip(".")
-            plain = (
-                isinstance(default, (int, float, str, Path)) and "default" not in says
-            )
-            if plain and str(default) not in ("", "False"):
-                says += (
-                    f" (default; --no-{flag[2:]})"
-                    if default is True
-                    else f" (default {default})"
-                )
+    for title, members in _sections(command, options).items():
+        shown, others = [], []
+        for option in members:
+            if everything or _is_first(command, option):
+                shown += _entry(option, everything, width)
+            else:
+                others.append(option[1].split(" ")[0])
+        if title and shown:
+            text.append(f"{title}:")
+        text += shown
+        if others:
+            also = "  also:" if shown else f"{title}:"
+            named = f"{also} {', '.join(others)}"
             text += textwrap.wrap(
-                f"  {flag:26}  {says}.", width, subsequent_indent=" " * 30
+                named, width, subsequent_indent="    ", break_on_hyphens=False
             )
-    for group, flags in groups.items():
-        named = f"{group}: {', '.join(flags)}"
-        text += ["", *textwrap.wrap(named, width, break_on_hyphens=False)]
-    return "\n".join([*text, "", f"`{prog} --help-all` explains every option."])
+        text.append("")
+    if not everything:
+        text.append(f"`{prog} --help-all` explains every option.")
+    return "\n".join(text).rstrip()
+
+
+Member = tuple[str, str, str, Any]
+"""An option, as `every_option` yields it."""
+
+
+def _sections(
+    command: Callable[..., Any], options: Sequence[Member]
+) -> dict[str, list[Member]]:
+    """Options by the title of their group, positional ones of no group first."""
+    groups: Mapping[str, str] = getattr(command, "GROUPS", {})
+    by_name: dict[str, list[Member]] = {}
+    for option in sorted(options, key=lambda option: option[1].startswith("--")):
+        by_name.setdefault(_key(option), []).append(option)
+    sections: dict[str, list[Member]] = {}
+    for title, names in groups.items():
+        sections[title] = []
+        for name in names.split():
+            sections[title] += by_name.pop(name, [])
+    for members in by_name.values():
+        title = ADVANCED if groups else members[0][0]
+        sections[title] = sections.get(title, []) + members
+    return sections
+
+
+def _key(option: Member) -> str:
+    """The field of an option, or of the dataclass that it is in."""
+    group, flag, *_ = option
+    return group or flag.split(" ")[0].removeprefix("--").replace("-", "_").lower()
+
+
+def _is_first(command: Callable[..., Any], option: Member) -> bool:
+    """Whether an option is explained on the first screen."""
+    first = getattr(command, "FIRST", None)
+    if first is None:
+        return not option[0]
+    return _key(option) in first.split()
+
+
+def _entry(option: Member, everything: bool, width: int) -> list[str]:
+    """The lines that explain an option: one sentence, or with `everything` all."""
+    _, flag, meaning, default = option
+    says = meaning
+    if not everything:
+        says = re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", meaning)[0]
+    says = says.rstrip(".")
+    if isinstance(default, tuple):
+        default = " ".join(map(str, default))
+    is_plain = isinstance(default, (int, float, str, Path)) and "default" not in says
+    if default is inspect.Parameter.empty and flag.startswith("--"):
+        says += " (required)"
+    elif default is True and is_plain:
+        says += f" (default; --no-{flag[2:]})"
+    elif is_plain and str(default) not in ("", "False"):
+        says += f" (default {default})"
+    indent = " " * 30
+    return textwrap.wrap(f"  {flag:26}  {says}.", width, subsequent_indent=indent)
 
 
 def description(command: Callable[..., Any]) -> str:

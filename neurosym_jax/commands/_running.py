@@ -4,22 +4,22 @@ import argparse
 import codecs
 import contextlib
 import errno
+import importlib
 import io
 import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 import tyro
 
 from neurosym_jax.commands._options import (
     current_names,
-    description,
     every_option,
     flag_names,
-    short_help,
+    help_text,
     with_file,
 )
 from neurosym_jax.errors import InputError, printable, spoken_as_flags
@@ -27,15 +27,12 @@ from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.ending import interruptible
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 
-__all__ = ["load_plugins", "run_command"]
+__all__ = ["load_plugins", "print_completion", "run_command"]
 
 OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO)
 """Errors of the disk, not of the code."""
+SHELLS = ("bash", "zsh", "fish")
 IN_ASCII = str.maketrans({"±": "+-", "−": "-"})
-PLUGIN = (
-    "--plugin FILE.py|MODULE, which may be repeated, imports your own file or module first, to "
-    "register metrics, forecasters, poolings, weightings or formats."
-)
 
 
 def run_command(
@@ -117,14 +114,14 @@ def _run(
         words = current_names(options, words)
         _refuse_repeated(options, words)
         arguments = load_plugins(with_file(options, prepare(words)))
-        if {"-h", "--help"} & set(arguments):
-            print(short_help(options, prog or "neurosym"))
+        everything = "--help-all" in arguments
+        if everything or {"-h", "--help"} & set(arguments):
+            print(help_text(options, prog or "neurosym", everything))
             sys.exit(0)
         value = tyro.cli(
             options,
-            args=["--help" if word == "--help-all" else word for word in arguments],
+            args=arguments,
             prog=prog,
-            description=f"{description(options)}\n\n{PLUGIN}",
             config=(tyro.conf.DisallowNone,),
         )
         return action(value) if action else value
@@ -145,6 +142,34 @@ def _refuse_repeated(options: Callable[..., Any], arguments: Sequence[str]) -> N
             raise InputError(
                 f"{name}: is given twice; give it once, with all its values"
             )
+
+
+def print_completion(modules: Mapping[str, str], shell: str) -> None:
+    """Print a script by which a shell completes commands and their options.
+
+    Args:
+        modules: module of each command, by name.
+        shell: bash, zsh or fish.
+    """
+    if shell not in SHELLS:
+        sys.exit(f"error: --completion {shell}: one of {', '.join(SHELLS)}")
+    subcommands: dict[str, Callable[..., Any]] = {}
+    for name, module in modules.items():
+        command = importlib.import_module(module)
+        subcommands[name] = getattr(command, "Options", command.run)
+    script = io.StringIO()
+    with contextlib.redirect_stdout(script), contextlib.suppress(SystemExit):
+        tyro.extras.subcommand_cli_from_dict(
+            subcommands,
+            prog="neurosym",
+            args=["--tyro-print-completion", shell],
+            config=(tyro.conf.DisallowNone,),
+        )
+    for line in script.getvalue().splitlines():
+        if line.startswith("COMPLETION_SPEC = "):
+            # tyro's script takes each line of a description for a word to complete.
+            line = line.replace(r"\n", " ")
+        print(line)
 
 
 def load_plugins(arguments: Sequence[str]) -> list[str]:

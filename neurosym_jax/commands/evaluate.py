@@ -75,6 +75,13 @@ class Options:
     """
 
     RENAMED: ClassVar[dict[str, str]] = {"checkpoint": "model"}
+    FIRST: ClassVar[str] = "data dataset model all pred_len samples metrics table"
+    GROUPS: ClassVar[dict[str, str]] = {
+        "data": "data dataset pred_len obs_len period test_on min_agents read",
+        "model": "model all samples baselines forecasts partial label",
+        "output": "metrics table intervals symbols json "
+        "figures plots style save_forecasts",
+    }
     model: tuple[str, ...] = ()
     """Models to evaluate: folder, .pt file or name (see `neurosym models`); of a folder of models,
     those that match. Default: `recommended` for recordings, SGAN and NeuroSyM for simulations."""

@@ -30,6 +30,10 @@ class Options(train.Options):
     file.
     """
 
+    FIRST: ClassVar[str] = "data dataset pred_len family weighting seed out jobs"
+    GROUPS: ClassVar[dict[str, str]] = train.Options.GROUPS | {
+        "output": "out jobs dry_run quiet log",
+    }
     family: tuple[str, ...] = ("sgan", "neurosym")
     """Families of networks, see `neurosym train`."""
     pooling: tuple[str, ...] = ()

@@ -56,6 +56,13 @@ class Options:
     """
 
     RENAMED: ClassVar[dict[str, str]] = OLD_NAMES
+    FIRST: ClassVar[str] = "data dataset pred_len family weighting init steps out"
+    GROUPS: ClassVar[dict[str, str]] = {
+        "data": "data dataset pred_len obs_len period fold "
+        "train_on validate_on train_also read",
+        "model": "family weighting pooling network init steps",
+        "output": "out resume quiet log",
+    }
     family: str | None = None
     """Family of the model: sgan (default), neurosym (weights pairs of people by symbols),
     anchors (learned residuals with probabilities), anchor_table (its baseline), or a plugin's."""

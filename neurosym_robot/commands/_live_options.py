@@ -60,6 +60,12 @@ class LiveOptions:
         "host": ("dashboard", "foxglove"),
         "map": ("dashboard",),
     }
+    GROUPS: ClassVar[dict[str, str]] = {
+        "data": "recording topic message fixed_frame robot_frame stitch links people "
+        "position id only reach max_gap read",
+        "model": "model samples place period hold min_seen",
+        "output": "dashboard port host map foxglove rate out html at_least status",
+    }
     model: tuple[Path, ...]
     """Models by name, folder, .pt or .onnx file; several forecast side by side. An .onnx file is one of
     `neurosym export MODEL FILE.onnx --points`."""
@@ -219,6 +225,10 @@ class LiveOptions:
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class NodeOptions(LiveOptions):
     """Options of the nodes of ROS 1 and ROS 2."""
+
+    FIRST: ClassVar[str] = (
+        "topic message fixed_frame stitch model samples place dashboard"
+    )
 
     name: str = NAME
     """Name of this node; on ROS 1 in $ROS_NAMESPACE, if that is set."""

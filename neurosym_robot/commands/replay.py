@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from neurosym_jax.commands._options import Positional, Reading, refuse_given
 from neurosym_jax.data.tables import AS_IT_SAYS
@@ -36,6 +36,7 @@ from neurosym_robot.ros.forecasting_node import ForecastBag
 class Options(LiveOptions):
     """Forecast a recording frame by frame, and score the forecasts."""
 
+    FIRST: ClassVar[str] = "recording fixed_frame stitch model dashboard rate out html"
     NEEDS = LiveOptions.NEEDS | {
         "map": ("dashboard", "html"),
         "at_least": ("out", "html", "dashboard", "foxglove"),

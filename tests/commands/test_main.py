@@ -12,13 +12,15 @@ import pytest
 import tyro
 
 from neurosym_jax.__main__ import commands, main
-from neurosym_jax.commands._options import short_help
-from neurosym_jax.commands.evaluate import Options
+from neurosym_jax.commands._options import every_option, help_text
 from tests.repository import ROOT, run_python
 
 NAMES = re.compile(r"--[a-z][a-z0-9.-]*")
 HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "rosbags", "scipy", "tyro"}
 
+LIVE = [
+    name for name in ("replay", "ros1", "ros2") if "robot" in commands().get(name, "")
+]
 PACKAGES = [
     ".".join(path.parent.relative_to(ROOT).parts)
     for path in ROOT.glob("neurosym_*/**/__init__.pyi")
@@ -81,22 +83,68 @@ def test_a_wrong_name_gets_a_hint():
         main(["evalute"])
 
 
+@pytest.mark.slow  # It imports every command.
+def test_a_shell_completes_commands_and_options(tmp_path):
+    """In a bash, which asks for the words after `neurosym ev` and `neurosym train --fam`."""
+    script = run_python("-m", "neurosym_jax", "--completion", "bash").stdout
+    (tmp_path / "neurosym").write_text(script)
+    lines = [f"source {tmp_path / 'neurosym'}", "complete -p neurosym"]
+    for words in ("ev", "train --fam", "evaluate --table la"):
+        given = ["neurosym", *words.split()]
+        lines.append(f"COMP_WORDS=({' '.join(given)}); COMP_CWORD={len(given) - 1}")
+        lines.append('COMPREPLY=(); _tyro_neurosym; echo "${COMPREPLY[*]}"')
+    bash = subprocess.run(
+        ["bash", "-c", "\n".join(lines)], capture_output=True, text=True, check=True
+    )
+    registered, *completions = bash.stdout.splitlines()
+    assert registered == "complete -F _tyro_neurosym neurosym"
+    assert completions == ["evaluate", "--family", "latex"]
+
+
+def test_an_unknown_shell_is_refused():
+    with pytest.raises(SystemExit, match="--completion csh: one of bash, zsh, fish"):
+        main(["--completion", "csh"])
+
+
 @pytest.mark.parametrize("name", commands())
 def test_help_fits_a_screen_and_names_every_option(name, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "90")
     module = importlib.import_module(commands()[name])
     options = getattr(module, "Options", module.run)
-    text = short_help(options, f"neurosym {name}")
+    text = help_text(options, f"neurosym {name}")
     lines = text.splitlines()
     assert len(lines) <= 52
     assert max(map(len, lines)) <= 90
     with pytest.raises(SystemExit):
         tyro.cli(options, args=["--help"])
     flags = set(
-        re.findall(r"^│ (--[a-z][a-z0-9.-]*)", capsys.readouterr().out, re.MULTILINE)
+        re.findall(r"^[│ ] (--[a-z][a-z0-9.-]*)", capsys.readouterr().out, re.MULTILINE)
     )
     assert flags - set(NAMES.findall(text)) == set()
     assert set(NAMES.findall(text)) >= {"--plugin", "--help-all"}
+    everything = help_text(options, f"neurosym {name}", everything=True)
+    explained = re.findall(r"^  (--[a-z][a-z0-9.-]*)", everything, re.MULTILINE)
+    # Each once, in the one group that it is in.
+    assert sorted(explained) == sorted(flags | {"--plugin"})
+
+
+@pytest.mark.parametrize("name", ["train", "sweep", "evaluate", *LIVE])
+def test_eight_options_are_explained_first_and_all_have_a_group(name, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "90")
+    options = importlib.import_module(commands()[name]).Options
+    text = help_text(options, f"neurosym {name}")
+    explained = re.findall(r"^  (--[a-z-]+|[A-Z]+) ", text, re.MULTILINE)
+    first = options.FIRST.split()
+    wanted = [f"--{field.replace('_', '-')}" for field in first]
+    names = {flag.split()[0] for _, flag, *_ in every_option(options)}
+    assert len(explained) <= 8
+    for flag in wanted:
+        # A positional one is in capitals, and `message` is of ROS 2 alone.
+        is_there = flag in names or flag[2:].upper() in names
+        assert is_there or flag == "--message"
+        assert not is_there or {flag, flag[2:].upper()} & set(explained)
+    titles = re.findall(r"^([a-z]+):", text.partition("\n")[2], re.MULTILINE)
+    assert titles == ["data", "model", "output", "advanced"]
 
 
 def test_help_says_what_the_main_options_do(capsys):
@@ -112,8 +160,10 @@ def test_help_says_what_the_main_options_do(capsys):
     assert re.search(r"--seed N +Random seed of the noise \(default 0\)\.", text)
     assert re.search(r"--forecast +Show [^(]*with\s+probabilities\.", text)
     assert re.search(
-        r"--figures +Draw figures \(default; --no-figures\)", short_help(Options, "")
+        r"--out PATH +Folder of the figures \(default results/symbols\)\.", text
     )
     with pytest.raises(SystemExit):
-        main(["symbols", "--help-all"])
-    assert "{None}" not in capsys.readouterr().out
+        main(["evaluate", "--help-all"])
+    text = capsys.readouterr().out
+    assert re.search(r"--figures +Draw figures \(default; --no-figures\)", text)
+    assert re.search(r"--json PATH +File of the report; rows are kept beside", text)

@@ -100,7 +100,7 @@ def events(folder):
 
 
 SMALL = {
-    "model": "anchor_table",
+    "family": "anchor_table",
     "steps": 2,
     "set": ("batch_scenes=4", "validate_every=1"),
 }
