@@ -56,10 +56,8 @@ __all__ = [
     "role_of",
     "schema_of",
     "stamps_of",
-    "unfolded",
     "usual_step",
     "vocabulary",
-    "with_frames_of_names",
 ]
 
 
@@ -332,9 +330,10 @@ def plain_name(name: str) -> tuple[str, str]:
 
 def role_of(name: str) -> str:
     """The role that a column's name says, else nothing."""
+    name = name.removeprefix("field.")  # Of `rostopic echo -p`.
     word = short = plain_name(name)[0]
     parts = name.split(".")
-    if len(parts) > 2:  # As `field.pose.position.x` of `rostopic echo -p`.
+    if len(parts) > 2:  # As `pose.position.x`.
         short = plain_name(".".join(parts[-2:]))[0]
     for role, words in vocabulary().items():
         if word in words or short in words:
@@ -386,68 +385,6 @@ def names_in_comments(comments: Sequence[str], width: int) -> list[str]:
             if len(names) == width and {"id", "x", "y"} <= roles:
                 return [name.strip() for name in names]
     return []
-
-
-IMAGE = r"^(.*?)(\d+)\.(?:jpe?g|png|bmp|tiff?|ppm|webp)$"
-"""The name of a picture that ends in the number of its frame."""
-_WIDE = re.compile(r"(.*?)[ _.-]?(\d+)[ _.-]?(.*)")
-
-
-def with_frames_of_names(table: Table) -> Table:
-    """The table with the frames of a column of names of pictures, unless it has a clock.
-
-    What stands before the numbers tells recordings apart, if it differs.
-    """
-    roles = list(map(role_of, table.names))
-    for at, role in enumerate(roles):
-        texts = table.column(at) if role in ("recording", "frame") else pl.Series([""])
-        if not texts.str.contains(IMAGE).all():
-            continue
-        names = list(table.names)
-        names[at] = f"name of {names[at]}"
-        table = dataclasses.replace(table, names=names)
-        if role == "frame" or not {"time", "frame"} & set(roles):
-            table = table.with_column("frame", texts.str.extract(IMAGE, 2))
-            table = table.noted(f"frames are in the names of {names[at][8:]!r}")
-        before = texts.str.extract(IMAGE, 1)
-        if before.n_unique() > 1:
-            table = table.with_column("recording", before)
-        return table
-    return table
-
-
-def unfolded(table: Table) -> Table:
-    """A row for each person, of a table whose columns x and y differ by an index and that has no
-    column of ids: `t, x1, y1, x2, y2`."""
-    people = dict[str, dict[str, int]]()
-    others = list[int]()
-    for at, name in enumerate(table.names):
-        match = _WIDE.fullmatch(name)
-        roles = {role_of(match[1]), role_of(match[3])} if match else set()
-        role = "x" if "x" in roles else "y" if "y" in roles else ""
-        if match and role:
-            people.setdefault(match[2], {})[role] = at
-        else:
-            others.append(at)
-    roles = {role_of(table.names[at]) for at in others}
-    is_wide = len(people) > 1 and all(len(places) == 2 for places in people.values())
-    if not is_wide or "id" in roles:
-        return table
-    parts = []
-    for person, places in people.items():
-        columns = [table.column(at) for at in (*others, places["x"], places["y"])]
-        columns.append(pl.Series([person]).new_from_index(0, len(table.row)))
-        columns = [texts.alias(str(at)) for at, texts in enumerate(columns)]
-        parts.append(pl.DataFrame(columns).select(pl.concat_list(pl.all())).to_series())
-    first = next(iter(people.values()))
-    names = [table.names[at] for at in others]
-    names += [_WIDE.sub(r"\1\3", table.names[first[role]]) for role in "xy"]
-    return dataclasses.replace(
-        table,
-        names=[*names, "id"],
-        fields=pl.concat(parts),
-        row=np.tile(table.row, len(people)),
-    ).noted(f"columns of {len(people)} people side by side")
 
 
 def schema_of(

@@ -58,6 +58,7 @@ __all__ = [
 # Endings of the files that are taken from a folder.
 SUFFIXES = (".txt", ".csv", ".tsv", ".ndjson", ".json", ".gz", ".parquet", ".feather")
 SUFFIXES += (
+    ".geojson",
     ".arrow",
     ".sqlite",
     ".db",

@@ -20,9 +20,7 @@ from neurosym_jax.data.columns import (
     role_of,
     schema_of,
     stamps_of,
-    unfolded,
     vocabulary,
-    with_frames_of_names,
 )
 from neurosym_jax.data.evidence import doubts_of, roughness
 from neurosym_jax.data.tables import (
@@ -35,6 +33,7 @@ from neurosym_jax.data.tables import (
     absent,
     read_table,
 )
+from neurosym_jax.data.tidy import tidy
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, option, printable
 
@@ -109,7 +108,7 @@ class Columns(Format):
         Raises:
             InputError: as `read`; a question has the answers that read the table.
         """
-        table = with_frames_of_names(unfolded(_named_by_comments(table)))
+        table = tidy(table)
 
         def take(columns: Iterable[str]) -> list[Tracks]:
             stated, _ = parse_columns(columns)
@@ -360,16 +359,6 @@ def _warned_of_cameras(
         f"{len(length)} times a person goes on in another recording: is it one that a column "
         f"splits ({unsplit} does not split)?"
     )
-
-
-def _named_by_comments(table: Table) -> Table:
-    """The table with the names that a comment before its first row has, if it has no header."""
-    width = len(table.names)
-    names = names_in_comments(table.comments, width)
-    if not names or list(table.names) != [str(at + 1) for at in range(width)]:
-        return table
-    notes = (*table.notes, f"columns named in a comment: {' '.join(names)}")
-    return dataclasses.replace(table, names=names, notes=notes)
 
 
 def _with_ids(table: Table, at: int) -> Table:

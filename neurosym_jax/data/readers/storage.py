@@ -96,7 +96,7 @@ class Storage(Columns):
 
 
 class Json(Columns):
-    """JSON: rows, or people with lists."""
+    """JSON: rows, people with lists, COCO's boxes, or GeoJSON."""
 
     title = "rows in JSON"
 
@@ -460,6 +460,11 @@ def _table_in_json(path: Path) -> Table:
             content = [json.loads(line) for line in lines]
         except (ValueError, RecursionError) as error:
             raise InputError(f"{path}: no JSON ({str(error)[:60]})") from None
+    if isinstance(content, dict) and content.get("type") == "FeatureCollection":
+        from neurosym_jax.data.readers.geojson import rows_of_features
+
+        rows, notes = rows_of_features(path, content)
+        return dataclasses.replace(_rows_table(path, rows), notes=tuple(notes))
     if isinstance(content, dict) and {"images", "annotations"} <= content.keys():
         content = _coco_rows(content)
     objects = content if isinstance(content, list) else _keyed(content)
@@ -470,6 +475,11 @@ def _table_in_json(path: Path) -> Table:
     rows = []
     for item in objects:
         rows += _rows(path, item)
+    return _rows_table(path, rows)
+
+
+def _rows_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The table of rows of values by name, which need not have the same names."""
     columns = {}
     for name in dict.fromkeys(itertools.chain(*rows)):
         columns[name] = _as_texts(row.get(name) for row in rows)

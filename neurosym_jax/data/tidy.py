@@ -1,0 +1,194 @@
+"""Tables of other shapes, turned into one row for each person and moment.
+
+A table may have its frames in names of pictures, people side by side, a point in one
+cell, or a time in two columns. Each is one function from a table to a table; a table
+that has nothing of the kind stays as it is.
+"""
+
+import dataclasses
+import re
+from collections.abc import Callable
+
+import numpy as np
+import polars as pl
+
+from neurosym_jax.data.columns import names_in_comments, role_of
+from neurosym_jax.data.tables import Table, absent
+
+__all__ = ["axes_of", "tidy"]
+
+IMAGE = r"^(.*?)(\d+)\.(?:jpe?g|png|bmp|tiff?|ppm|webp)$"
+"""The name of a picture that ends in the number of its frame."""
+_WIDE = re.compile(r"(.*?)[ _.-]?(\d+)[ _.-]?(.*)")
+
+_NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan)"
+POINT = rf"^(?:POINT ?Z? ?)?[\[(] *{_NUMBER}[ ,;]+{_NUMBER}(?:[ ,;]+{_NUMBER})? *[\])]$"
+"""A point in a cell: `(x, y)`, `[x y]`, and `POINT (x y)` of WKT."""
+PEOPLE_SPAN = 0.5
+"""Degrees, some 50 km, that no recording of people spans."""
+
+_SECONDS = re.compile(r"(.*?)(?:s|secs?|seconds?)", re.IGNORECASE)
+_PARTS = {
+    9: re.compile(r"(.*?)(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
+    6: re.compile(r"(.*?)(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
+    3: re.compile(r"(.*?)(?:ms|msecs?|millisecs?|milliseconds?)", re.IGNORECASE),
+}
+"""Names of columns of parts of a second, by their number of digits."""
+
+
+def tidy(table: Table) -> Table:
+    """The table with a row for each person and moment, and columns of names, if it says how."""
+    steps: tuple[Callable[[Table], Table], ...] = (
+        _named_by_comments,
+        _with_points_of_cells,
+        _with_whole_times,
+        _unfolded,
+        _with_frames_of_names,
+    )
+    for step in steps:
+        table = step(table)
+    return table
+
+
+def axes_of(x: np.ndarray, y: np.ndarray) -> tuple[str, str]:
+    """Names of two columns [R]: longitude and latitude, unless they are metres of a map.
+
+    In degrees people are within `PEOPLE_SPAN` of each other, few outliers apart; in
+    metres they are further apart than that.
+    """
+    points = np.column_stack([x, y])
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points) or (np.abs(points) > [180, 90]).any():
+        return "x", "y"
+    low, high = np.quantile(points, [0.05, 0.95], axis=0)
+    if (high - low).max() > PEOPLE_SPAN:
+        return "x", "y"
+    return "longitude", "latitude"
+
+
+def _named_by_comments(table: Table) -> Table:
+    """The table with the names that a comment before its first row has, if it has no header."""
+    width = len(table.names)
+    names = names_in_comments(table.comments, width)
+    if not names or list(table.names) != [str(at + 1) for at in range(width)]:
+        return table
+    notes = (*table.notes, f"columns named in a comment: {' '.join(names)}")
+    return dataclasses.replace(table, names=names, notes=notes)
+
+
+def _with_points_of_cells(table: Table) -> Table:
+    """The table with two columns more for each whose cells are points, as `(x, y)`."""
+    # Cells alone are looked at whose first one has a bracket.
+    columns = {}
+    for at, text in enumerate(table.fields[0]):
+        if text.strip(' "\t\r')[-1:] not in (")", "]"):
+            continue
+        texts = table.column(at)
+        if (texts.str.contains(POINT) | absent(texts)).all():
+            columns[at] = texts
+    for at, texts in columns.items():
+        name = table.names[at]
+        x, y = (texts.str.extract(POINT, part).fill_null("") for part in (1, 2))
+        axes = (f"{name}.x", f"{name}.y")
+        if texts.str.starts_with("POINT").any():
+            numbers = [part.cast(pl.Float64, strict=False) for part in (x, y)]
+            axes = axes_of(*(part.fill_null(np.nan).to_numpy() for part in numbers))
+        elif len(columns) == 1 and not role_of(axes[0]):
+            axes = ("x", "y")
+        for axis, part in zip(axes, (x, y)):
+            table = table.with_column(axis, part)
+        table = table.noted(f"points are in the cells of {name!r}")
+    return table
+
+
+def _with_whole_times(table: Table) -> Table:
+    """The table with the times of two columns, of whole seconds and of the rest of a second."""
+    names = list(table.names)
+    if "%time" in names:  # As `rostopic echo -p` writes them.
+        names[names.index("%time")] = "time [ns]"
+        return dataclasses.replace(table, names=names)
+    for at, name in enumerate(names):
+        seconds = _SECONDS.fullmatch(name)
+        if seconds is None:
+            continue
+        for digits, pattern in _PARTS.items():
+            for other, other_name in enumerate(names):
+                rest = pattern.fullmatch(other_name)
+                if rest and rest[1] == seconds[1]:
+                    return _with_whole_time(table, at, other, digits)
+    return table
+
+
+def _with_whole_time(table: Table, at: int, other: int, digits: int) -> Table:
+    """The table with the time of the columns `at` and `other`, if these are whole seconds and the
+    rest of a second, of so many digits; not where they are one time in two units."""
+    seconds = table.extra(at, texts=False)
+    rest = table.extra(other, texts=False)
+    is_whole = np.rint([seconds, rest]) == [seconds, rest]
+    if not is_whole.all() or (rest < 0).any() or (rest >= 10**digits).any():
+        return table
+    whole = pl.Series(seconds.astype(np.int64)).cast(pl.String)
+    part = pl.Series(rest.astype(np.int64)).cast(pl.String).str.zfill(digits)
+    names = list(table.names)
+    note = f"times are {names[at]} and {names[other]}"
+    names[at], names[other] = "whole seconds", "rest of seconds"
+    table = dataclasses.replace(table, names=names).noted(note)
+    return table.with_column("time [s]", whole + "." + part)
+
+
+def _unfolded(table: Table) -> Table:
+    """A row for each person, of a table whose columns x and y differ by an index and that has no
+    column of ids: `t, x1, y1, x2, y2`."""
+    people = dict[str, dict[str, int]]()
+    others = list[int]()
+    for at, name in enumerate(table.names):
+        match = _WIDE.fullmatch(name)
+        roles = {role_of(match[1]), role_of(match[3])} if match else set()
+        axes = [axis for axis in "xy" if axis in roles]
+        if match and axes:
+            people.setdefault(match[2], {})[axes[0]] = at
+        else:
+            others.append(at)
+    roles = {role_of(table.names[at]) for at in others}
+    is_wide = len(people) > 1 and all(len(places) == 2 for places in people.values())
+    if not is_wide or "id" in roles:
+        return table
+    parts = []
+    for person, places in people.items():
+        columns = [table.column(at) for at in (*others, places["x"], places["y"])]
+        columns.append(pl.Series([person]).new_from_index(0, len(table.row)))
+        columns = [texts.alias(str(at)) for at, texts in enumerate(columns)]
+        parts.append(pl.DataFrame(columns).select(pl.concat_list(pl.all())).to_series())
+    first = next(iter(people.values()))
+    names = [table.names[at] for at in others]
+    names += [_WIDE.sub(r"\1\3", table.names[first[axis]]) for axis in "xy"]
+    return dataclasses.replace(
+        table,
+        names=[*names, "id"],
+        fields=pl.concat(parts),
+        row=np.tile(table.row, len(people)),
+    ).noted(f"columns of {len(people)} people side by side")
+
+
+def _with_frames_of_names(table: Table) -> Table:
+    """The table with the frames of a column of names of pictures, unless it has a clock.
+
+    What stands before the numbers tells recordings apart, if it differs.
+    """
+    roles = list(map(role_of, table.names))
+    for at, role in enumerate(roles):
+        texts = table.column(at) if role in ("recording", "frame") else pl.Series([""])
+        if not texts.str.contains(IMAGE).all():
+            continue
+        name = table.names[at]
+        names = list(table.names)
+        names[at] = f"name of {name}"
+        table = dataclasses.replace(table, names=names)
+        if role == "frame" or not {"time", "frame"} & set(roles):
+            table = table.with_column("frame", texts.str.extract(IMAGE, 2))
+            table = table.noted(f"frames are in the names of {name!r}")
+        before = texts.str.extract(IMAGE, 1)
+        if before.n_unique() > 1:
+            table = table.with_column("recording", before)
+        return table
+    return table

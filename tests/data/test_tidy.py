@@ -1,0 +1,231 @@
+"""One recording in tables of other shapes, and as GeoJSON: the same tracks from each."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from neurosym_jax.data.recordings import read_any
+from neurosym_jax.data.tables import ReadOptions
+from neurosym_jax.errors import InputError
+
+START = 1_714_560_000  # seconds of a Unix clock
+STEPS, PEOPLE, PERIOD = 20, 3, 0.4
+EARTH = 6_371_008.8
+
+rng = np.random.default_rng(0)
+HEADING = rng.uniform(0, 6, PEOPLE) + rng.normal(0, 0.1, (STEPS, PEOPLE)).cumsum(axis=0)
+WALK = 0.5 * np.stack([np.cos(HEADING), np.sin(HEADING)], axis=-1).cumsum(axis=0)
+WALK = (WALK + rng.uniform(-5, 5, (PEOPLE, 2))).round(3)
+"""[STEPS, PEOPLE, 2] metres."""
+
+
+def rows():
+    """(step, person, x, y), each in turn."""
+    for step in range(STEPS):
+        for person in range(PEOPLE):
+            yield step, person, *WALK[step, person].tolist()
+
+
+def written(path, head, lines):
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(head)
+        table.writerows(lines)
+    return path
+
+
+def degrees(x, y):
+    """The longitude and latitude of a place in metres from 8.5, 48.1."""
+    north = np.degrees(y / EARTH)
+    east = np.degrees(x / EARTH / np.cos(np.radians(48.1)))
+    return 8.5 + east, 48.1 + north
+
+
+def is_walk(tracks):
+    """Whether a recording is `WALK`, wherever it begins."""
+    order = np.lexsort((tracks.id, tracks.stamp))
+    walk = tracks.position[order].reshape(STEPS, PEOPLE, 2)
+    steps = np.diff(np.unique(tracks.stamp))
+    same = np.allclose(walk - walk[0, 0], WALK - WALK[0, 0], atol=2e-3)
+    return same and np.allclose(steps, PERIOD, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        ("position", "({}, {})"),
+        ("position", "[{} {}]"),
+        ("where", "[{}, {}, 0.0]"),
+        ("centre", "( {} ; {} )"),
+        ("geometry", "POINT ({} {})"),
+        ("geometry", "POINT Z ({} {} 0)"),
+    ],
+)
+def test_points_in_cells(tmp_path, name, form):
+    lines = [(PERIOD * t, who, form.format(x, y)) for t, who, x, y in rows()]
+    path = written(tmp_path / "a.csv", ["time", "id", name], lines)
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+    assert tracks.reading.notes == (f"points are in the cells of {name!r}",)
+
+
+def test_points_in_two_columns_of_cells_are_told_apart_or_asked_for(tmp_path):
+    lines = [
+        (PERIOD * t, who, f"({x}, {y})", f"({y}, {-x})", "(a)")
+        for t, who, x, y in rows()
+    ]
+    head = ["time", "id", "center", "velocity", "text"]
+    (tracks,) = read_any(written(tmp_path / "a.csv", head, lines))
+    assert is_walk(tracks)
+    head[2:4] = "one", "other"
+    with pytest.raises(InputError, match=r"which column is x, y\? .* 'x=one\.x'"):
+        read_any(written(tmp_path / "a.csv", head, lines))
+    columns = ("x=one.x", "y=one.y")
+    (tracks,) = read_any(tmp_path / "a.csv", ReadOptions(columns=columns))
+    assert is_walk(tracks)
+
+
+def test_points_in_degrees(tmp_path):
+    lines = []
+    for t, who, x, y in rows():
+        east, north = degrees(x, y)
+        lines.append((PERIOD * t, who, f"POINT ({east:.9f} {north:.9f})"))
+    (tracks,) = read_any(written(tmp_path / "a.csv", ["time", "id", "wkt"], lines))
+    assert is_walk(tracks)
+
+
+def test_a_point_that_is_missing_is_a_row_without_a_position(tmp_path):
+    lines = [(PERIOD * t, who, f"({x}, {y})") for t, who, x, y in rows()]
+    lines += [(PERIOD * t, 9, text) for t, text in enumerate(["", "(nan, nan)"])]
+    path = written(tmp_path / "a.csv", ["time", "id", "xy"], lines)
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+    assert tracks.reading.left_out == ("2 rows without a position",)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "rest", "digits"),
+    [
+        ("secs", "nsecs", 9),
+        ("header.stamp.secs", "header.stamp.nsecs", 9),
+        ("stamp_sec", "stamp_nanosec", 9),
+        ("tv_sec", "tv_usec", 6),
+        ("seconds", "milliseconds", 3),
+    ],
+)
+def test_seconds_and_the_rest_of_a_second(tmp_path, seconds, rest, digits):
+    lines = []
+    for t, who, x, y in rows():
+        whole, part = divmod(round(PERIOD * t * 10**digits), 10**digits)
+        lines.append((START + whole, part, who, x, y))
+    path = written(tmp_path / "a.csv", [seconds, rest, "id", "x", "y"], lines)
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+    assert f"times are {seconds} and {rest}" in tracks.reading.notes
+
+
+def test_other_seconds_and_milliseconds_are_no_two_parts(tmp_path):
+    """A delay; and the same time in both units, of which one is asked for."""
+    lines = [(PERIOD * t, 3, who, x, y) for t, who, x, y in rows()]
+    path = written(tmp_path / "a.csv", ["secs", "delay_ms", "id", "x", "y"], lines)
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+    lines = [(PERIOD * t, 400 * t, who, x, y) for t, who, x, y in rows()]
+    path = written(tmp_path / "a.csv", ["t_s", "t_ms", "id", "x", "y"], lines)
+    with pytest.raises(InputError, match=r"'time=t_s', .* or .*'time=t_ms'"):
+        read_any(path)
+
+
+def test_rostopic(tmp_path):
+    """`rostopic echo -p`: nanoseconds, and names with dots."""
+    lines = []
+    for t, who, x, y in rows():
+        stamp = START * 10**9 + t * 400_000_000
+        lines.append((stamp + 12_000_000, t, stamp, "map", who, x, y, 0.0))
+    head = ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"]
+    head += ["field.id", *(f"field.pose.position.{axis}" for axis in "xyz")]
+    (tracks,) = read_any(written(tmp_path / "a.csv", head, lines))
+    assert is_walk(tracks)
+    assert tracks.reading.columns[0] == "time=time [ns]"
+
+
+def point(xy, **properties):
+    geometry = {"type": "Point", "coordinates": xy}
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def line(points, properties, **others):
+    geometry = {"type": "LineString", "coordinates": points}
+    return {"type": "Feature", "geometry": geometry, "properties": properties, **others}
+
+
+def collection(features, **others):
+    return {"type": "FeatureCollection", "features": features, **others}
+
+
+UTM = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25832"}}
+TIMES = [PERIOD * step for step in range(STEPS)]
+ON_EARTH = [
+    point(degrees(x, y), person=who, time=PERIOD * t) for t, who, x, y in rows()
+]
+ON_A_MAP = [point((x, y), person=who, time=PERIOD * t) for t, who, x, y in rows()]
+PATHS = [[degrees(*WALK[step, who]) for step in range(STEPS)] for who in range(PEOPLE)]
+GEO = {
+    "points": collection(ON_EARTH),
+    "map": collection(ON_A_MAP, crs=UTM),
+    "metres": collection(ON_A_MAP),
+    "lines": collection([line(path, {"times": TIMES}) for path in PATHS]),
+    "ids": collection(
+        [line(path, {"coordTimes": TIMES}, id=who) for who, path in enumerate(PATHS)]
+    ),
+    "inner": collection(
+        [line(path, {"coordinateProperties": {"times": TIMES}}) for path in PATHS]
+    ),
+    "four numbers": collection(
+        [
+            line([(*xy, 0, t) for xy, t in zip(path, TIMES)], {"name": "a"})
+            for path in PATHS
+        ]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", GEO)
+@pytest.mark.parametrize("indent", [None, 1])
+def test_geojson(tmp_path, name, indent):
+    path = tmp_path / "a.geojson"
+    path.write_text(json.dumps(GEO[name], indent=indent))
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+    assert tracks.reading.format == "json"
+    notes = " ".join(tracks.reading.notes)
+    assert ("degrees, as metres" in notes) == (name not in ("map", "metres"))
+    assert ("not that far apart" in notes) == (name == "metres")
+
+
+AREA = {"type": "Polygon", "coordinates": [[(0, 0), (1, 0), (1, 1), (0, 0)]]}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            collection([line(PATHS[0], {"name": "a"})]),
+            r"line without times: .*\(name, id",
+        ),
+        (collection([line(PATHS[0], {"times": [1, 2]})]), "is a list of 20"),
+        (collection([{**line([], {}), "geometry": AREA}]), "feature 0 is a Polygon"),
+        (collection([]), "has no points"),
+        (collection(3), "cannot be read as a recording"),
+        (collection([point(("a", 1))]), "cannot be read as a recording"),
+        (collection([point([])]), "cannot be read as a recording"),
+        (collection(ON_A_MAP, crs=[3]), "cannot be read as a recording"),
+        (collection([point((1, 2), time=0)] * 3), "which column is id"),
+    ],
+)
+def test_geojson_that_is_no_recording(tmp_path, content, message):
+    (tmp_path / "a.geojson").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=message):
+        read_any(tmp_path / "a.geojson")
