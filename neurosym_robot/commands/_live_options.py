@@ -8,6 +8,7 @@ overrides a parameter.
 import contextlib
 import dataclasses
 import functools
+import math
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -59,6 +60,7 @@ class LiveOptions:
         "port": ("dashboard",),
         "host": ("dashboard", "foxglove"),
         "map": ("dashboard",),
+        "half_life": ("place",),
     }
     GROUPS: ClassVar[dict[str, str]] = {
         "data": "recording topic message fixed_frame robot_frame stitch links people "
@@ -118,6 +120,8 @@ class LiveOptions:
     """File of what people did at this place (docs/place.md); begun where it is not there, kept while
     the stream is watched. Draws of the first model take from it; --fixed-frame is by default its
     frame."""
+    half_life: float = math.inf
+    """With --place: seconds of watching after which what people did counts for half."""
     map: Path | None = None
     """Floor map to draw on the page: the .yaml file of a ROS map."""
     at_least: float = AT_LEAST
@@ -152,7 +156,8 @@ class LiveOptions:
         """The place of --place; InputError as of `open_place`, or for another frame."""
         if self.place is None:
             return None
-        place = open_place(self.place, next(iter(self.models.values())))
+        model = next(iter(self.models.values()))
+        place = open_place(self.place, model, self.half_life)
         if place.frame and self.fixed_frame.strip("/") not in ("", place.frame):
             raise InputError(
                 f"{self.place}: is of the frame {place.frame!r}, "

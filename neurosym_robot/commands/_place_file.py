@@ -1,5 +1,6 @@
 """The file of a place: read before a stream, and written while it is watched."""
 
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -15,11 +16,17 @@ from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.online.onnx_network import OnnxModel
 from neurosym_robot.online.replay import ReplayEvent
 
+DROPPED = (
+    "the memory of the place was dropped, because forecasts had become worse with it: "
+    "was the camera moved, or is the map's frame another one?"
+)
 EVERY = 300.0  # seconds between two times that the file is written
 
 
-def open_place(file: Path, model: Model | OnnxModel) -> Place:
-    """The place of a file, or a new one where there is none.
+def open_place(
+    file: Path, model: Model | OnnxModel, half_life: float = math.inf
+) -> Place:
+    """The place of a file, or a new one where there is none, which forgets by `half_life` [s].
 
     Raises:
         InputError: if the file is not one of a place, is of another model, or cannot be
@@ -28,7 +35,9 @@ def open_place(file: Path, model: Model | OnnxModel) -> Place:
     if isinstance(model, OnnxModel):
         raise InputError("--place learns with a model in JAX, not with an .onnx file")
     refuse_unwritable(file)
-    return load_place(file, model) if file.exists() else Place(model)
+    if file.exists():
+        return load_place(file, model, half_life=half_life)
+    return Place(model, half_life=half_life)
 
 
 class PlaceFile(View):
@@ -52,10 +61,14 @@ class PlaceFile(View):
         self._file, self._place, self._source = file, place, source
         self._report, self._every = report, every
         self._known, self._saved = place.seconds, time.monotonic()
+        self._drops = place.drops
         self._writing: threading.Thread | None = None
 
     def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
-        """Note a frame."""
+        """Note a frame, and report if the memory was dropped."""
+        if self._place.drops != self._drops:
+            self._drops = self._place.drops
+            self._report(f"{self.where}: {DROPPED}")
         if time.monotonic() - self._saved >= self._every:
             self._saved = time.monotonic()
             self._write()

@@ -221,6 +221,8 @@ class Status:
             return ""
         share = 100 * (1 - place.shares["network"])
         text = f"memory of the place: up to {share:.0f} % of a forecast"
+        if place.drops:
+            text += f", dropped {place.drops} times since it made forecasts worse"
         people, alone, used = place.scored
         if not people:
             return f"{text}, not scored yet"

@@ -48,6 +48,7 @@ def live(base):
         "--min-seen": "--min-seen 1.5",
         "--stitch": "--stitch",
         "--place": "--place hall.npz",
+        **with_more(base, "--place hall.npz", {"--half-life": "--half-life 600"}),
         **with_more(base, "--stitch", LINKS),
         **with_more(
             base,

@@ -192,6 +192,18 @@ def test_its_file_is_begun_kept_and_gone_on_with(model, tmp_path):
     assert nj.load_place(path, model).seconds == pytest.approx(2 * PERIOD)
 
 
+def test_a_memory_that_was_dropped_is_reported(model, tmp_path):
+    path = tmp_path / "hall.npz"
+    place, file, said = file_of(path, model)
+    place.drops = 1
+    file.show(EVENT, {})
+    file.show(EVENT, {})
+    assert len(said) == 1
+    assert "was dropped" in said[0]
+    predictor = predictor_at(place, model)
+    assert "dropped" in Status(predictor, Analytics(predictor)).now()["place"]
+
+
 def test_a_file_that_cannot_be_written_is_reported(model, tmp_path):
     path = tmp_path / "folder" / "hall.npz"
     place, file, said = file_of(path, model)

@@ -121,7 +121,8 @@ class Recall(NamedTuple):
     onward: Array
     """[N, U, T, 2] offsets from the last position, metres."""
     weight: Array
-    """[N, K, U] probability of each by each kernel; sums to `min(1, people / ENOUGH)`."""
+    """[N, K, U] probability of each by each kernel; sums to `min(1, people / ENOUGH)`, where
+    a moment of one half-life ago counts for half a person."""
 
 
 def empty_memory(moments: int, steps: int, kernels: int = len(KERNELS)) -> Memory:
@@ -206,21 +207,41 @@ def remember(
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def recall(kernels: tuple[Kernel, ...], memory: Memory, moment: Array) -> Recall:
-    """What people did from moments like `moment [N, 6]`, by each of K kernels."""
-    recall_one = functools.partial(_recall_one, kernels, memory)
+def recall(
+    kernels: tuple[Kernel, ...],
+    memory: Memory,
+    moment: Array,
+    now: Array | float = 0.0,
+    half_life: Array | float = np.inf,
+) -> Recall:
+    """What people did from moments like `moment [N, 6]`, by each of K kernels.
+
+    A moment counts for half after `half_life` [] seconds before `now` [].
+    """
+    recall_one = functools.partial(_recall_one, kernels, memory, now, half_life)
     return jax.vmap(recall_one)(moment)
 
 
-def _recall_one(kernels: tuple[Kernel, ...], memory: Memory, moment: Array) -> Recall:
+def _recall_one(
+    kernels: tuple[Kernel, ...],
+    memory: Memory,
+    now: Array | float,
+    half_life: Array | float,
+    moment: Array,
+) -> Recall:
     rows = []
     for number, kernel in enumerate(kernels):
         slots = _around(memory, kernel, moment)
         rows.append(memory.table[number, slots].reshape(-1))
     row = jnp.concatenate(rows)
     others = memory.moment.at[row].get(mode="fill", fill_value=jnp.inf)
+    time = memory.time.at[row].get(mode="fill", fill_value=-jnp.inf)
+    # An empty row has an infinite age, of which an infinite half-life makes NaN.
+    age = jnp.where(time > -jnp.inf, now - time, 0)
+    kept = jnp.exp2(-jnp.maximum(age, 0) / half_life)
 
     weight = jnp.stack([_likeness(kernel, moment, others) for kernel in kernels])
+    weight = weight * kept
     total = jnp.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
     likeness = (weight / total).sum(axis=0)
     likeness, best = jax.lax.top_k(likeness, FOUND)
@@ -234,7 +255,7 @@ def _recall_one(kernels: tuple[Kernel, ...], memory: Memory, moment: Array) -> R
     best = best[order]
 
     weight = jnp.where(likeness > 0, weight[:, best], 0)
-    people = (weight > 0).sum(axis=1, keepdims=True)
+    people = jnp.where(weight > 0, kept[best], 0).sum(axis=1, keepdims=True)
     share = jnp.minimum(people / ENOUGH, 1)
     total = jnp.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
     onward = memory.onward.at[row[best]].get(mode="fill", fill_value=0)

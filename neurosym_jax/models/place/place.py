@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import json
+import math
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
@@ -74,6 +75,7 @@ class Place:
         *,
         frame: str = "",
         moments: int = 100_000,
+        half_life: float = math.inf,
     ):
         """A place where nobody was seen yet.
 
@@ -81,9 +83,18 @@ class Place:
             model: of any family.
             frame: name of the frame of the positions; empty where it has none.
             moments: most moments that are remembered. 100,000 take 17 MB.
+            half_life: seconds of watching after which what people did, and what that
+                brought, counts for half. By default it counts for ever; recordings of
+                minutes do not tell what is better.
+
+        Raises:
+            InputError: for numbers that are not positive.
         """
         refuse(Count, {"moments": moments})
         self.model, self.frame = model, frame
+        self.half_life = _checked_half_life(half_life)
+        self.drops = 0
+        """Times that the memory was dropped, because forecasts were worse with it."""
         self.scored = Scored(0, 0.0, 0.0)
         """Sums over all forecasts whose truth has come."""
         self.seconds = 0.0
@@ -215,6 +226,8 @@ class Place:
             "people": self._people,
             "gain": ledger.gain,
             "most": ledger.most,
+            "lost": ledger.lost,
+            "drops": self.drops,
         }
         arrays = {
             "facts": np.array(json.dumps(facts)),
@@ -259,8 +272,10 @@ class Place:
         if np.isnan(self._offset):
             # A stream may have a clock of its own; ours goes on.
             self._offset = self._now + period - step.time
+        before = self._now
         self._now = step.time + self._offset
         self.seconds += period
+        self._ledger = self._ledger.fade(2 ** ((before - self._now) / self.half_life))
         if self._origin is None and len(step.position):
             self._origin = step.position.mean(axis=0)
         self._followed.push(step)
@@ -295,6 +310,18 @@ class Place:
         distances = awaited.distances[seen]
         self._ledger, scored = self._ledger.learn(awaited.commitment, error, distances)
         self.scored = Scored(*np.add(self.scored, scored).tolist())
+        if self._ledger.lost > self.limit:
+            self._drop()
+
+    def _drop(self) -> None:
+        """Forget everybody: the memory lost as much as all forecasts of a horizon may.
+
+        A place that stays as it is never comes to that: the most was a quarter, in six
+        recordings. A camera that was moved and another map frame are what comes to it.
+        """
+        self.drops += 1
+        self.forget(0.0)
+        self._ledger = dataclasses.replace(self._ledger, lost=0.0)
 
     def _remember(self, number: int) -> None:
         """Remember the moments whose way on ends with step `number`."""
@@ -351,7 +378,8 @@ class Place:
         feature = np.full((slots, memories.FEATURES), np.inf, np.float32)
         past = observed[:, -BEFORE:] - origin
         feature[: len(observed)] = memories.features(past, self.model.config.period)
-        return memories.recall(KERNELS, self._memory, feature)
+        times = np.float32(self._now), np.float32(self.half_life)
+        return memories.recall(KERNELS, self._memory, feature, *times)
 
 
 def _consistent(tracks: Mapping[int, np.ndarray], period: float) -> list[int]:
@@ -386,12 +414,13 @@ def write_place(file: Path | str, contents: Mapping[str, Any]) -> None:
         np.savez_compressed(stream, **contents)
 
 
-def load_place(file: Path | str, model: Model) -> Place:
+def load_place(file: Path | str, model: Model, *, half_life: float = math.inf) -> Place:
     """The place that `Place.save` wrote, for the same model.
 
     Raises:
         InputError: for a file that is not one of a place, or of another model.
     """
+    _checked_half_life(half_life)
     with reading(file, "a file of a place"):
         arrays = read_arrays(file, "a file of a place")
         facts = json.loads(str(arrays["facts"]))
@@ -407,7 +436,9 @@ def load_place(file: Path | str, model: Model) -> Place:
         kernels = [dataclasses.asdict(kernel) for kernel in KERNELS]
         if facts["kernels"] != kernels:
             raise InputError("was learned with other kernels")
-        return _restored(model, facts, arrays)
+        place = _restored(model, facts, arrays)
+    place.half_life = half_life
+    return place
 
 
 def _restored(model: Model, facts: Any, arrays: dict[str, np.ndarray]) -> Place:
@@ -435,7 +466,10 @@ def _restored(model: Model, facts: Any, arrays: dict[str, np.ndarray]) -> Place:
         log_weight=arrays["log_weight"],
         gain=float(facts["gain"]),
         most=float(facts["most"]),
+        # Files of before these were written know neither.
+        lost=float(facts.get("lost", 0.0)),
     )
+    place.drops = int(facts.get("drops", 0))
     place._shares = arrays["shares"]
     place._origin = origin if len(origin) else None
     place._now, place._people = float(facts["now"]), int(facts["people"])
@@ -466,6 +500,12 @@ def steps_of(tracks: Tracks, period: float) -> list[Step]:
             Step(number, float(tracks.stamp[rows[0]]), tracks.id[rows], position[rows])
         )
     return steps
+
+
+def _checked_half_life(half_life: float) -> float:
+    if not half_life > 0:
+        raise InputError(f"half_life must be positive, not {half_life}")
+    return half_life
 
 
 def _checked_frame(

@@ -86,6 +86,8 @@ class Ledger:
     """Metres: the sum of `Commitment.expected` of these forecasts."""
     most: float = 0.0
     """The most that was awaited at once."""
+    lost: float = 0.0
+    """Metres lost against the network since the memory was last at its best."""
     rate: float = RATE
     loss: float = LOSS
 
@@ -124,6 +126,17 @@ class Ledger:
         reserved = self.reserved + commitment.risk.sum()
         return dataclasses.replace(ledger, reserved=reserved), commitment
 
+    def fade(self, kept: float) -> "Ledger":
+        """The ledger whose scores so far count for a part of what they did.
+
+        The bound does not depend on it: risk is taken of whatever is wanted.
+        """
+        if kept == 1:
+            return self
+        before = np.log(_first_weights(self.experts))
+        log_weight = before + kept * (self.log_weight - before)
+        return dataclasses.replace(self, log_weight=log_weight)
+
     def release(self, commitment: Commitment) -> "Ledger":
         """Give back the risk of forecasts, whether their truth came or not."""
         awaited = max(self.awaited - commitment.expected, 0.0)
@@ -145,8 +158,9 @@ class Ledger:
         used = energy(commitment.shares[None], error, distances)[:, 0].sum()
         network = score[:, 0].sum()
         gain = min(self.gain + network - used, self.limit)
+        lost = max(self.lost + used - network, 0.0)
         ledger = dataclasses.replace(
-            self, log_weight=log_weight - log_weight.max(), gain=gain
+            self, log_weight=log_weight - log_weight.max(), gain=gain, lost=lost
         )
         return ledger, Scored(len(error), float(network), float(used))
 
@@ -154,9 +168,14 @@ class Ledger:
 def new_ledger(kernels: int, rate: float = RATE, loss: float = LOSS) -> Ledger:
     """The ledger of a place where nothing was scored yet."""
     rows = experts(kernels)
+    return Ledger(rows, np.log(_first_weights(rows)), rate=rate, loss=loss)
+
+
+def _first_weights(rows: np.ndarray) -> np.ndarray:
+    """[E] weights of `experts` before anything was scored."""
     weight = np.full(len(rows), (1 - ALONE) / (len(rows) - 1))
     weight[0] = ALONE
-    return Ledger(rows, np.log(weight), rate=rate, loss=loss)
+    return weight
 
 
 def risk_of(

@@ -187,19 +187,88 @@ def test_broken_ids_cost_no_more_than_the_limit(model, seed):
     assert place.scored.used - place.scored.network <= place.limit
 
 
-def test_a_place_that_changes_at_noon_costs_no_more_than_the_limit(model):
-    place = nj.Place(model)
-    place.watch_tracks(crowd(16))
-    morning = place.scored
-    mirrored = crowd(16)
-    mirrored.position[:, 1] *= -1
-    place.watch_tracks(mirrored)
-    network = place.scored.network - morning.network
-    used = place.scored.used - morning.used
-    assert morning.used < morning.network
+@pytest.fixture
+def morning(model, watched, tmp_path):
+    """A place where 30 people turned left, as it is the next day."""
+    watched.save(tmp_path / "morning.npz")
+    return nj.load_place(tmp_path / "morning.npz", model)
+
+
+def brought(place, tracks):
+    """Energy score while these are watched, as a part of that of the model alone."""
+    before = place.scored
+    place.watch_tracks(tracks)
+    _people, network, used = np.subtract(place.scored, before)
     assert used - network <= 2 * place.limit
-    # By the evening it knows both.
-    assert used < network
+    return used / network
+
+
+def mirrored(people):
+    tracks = crowd(people)
+    tracks.position[:, 1] *= -1
+    return tracks
+
+
+@pytest.mark.parametrize("half_life", [60.0, np.inf])
+def test_a_place_that_flips_at_noon_recovers(morning, half_life):
+    morning.half_life = half_life
+    assert brought(morning, mirrored(10)) < 0.95
+    assert morning.drops == 1
+    assert brought(morning, mirrored(6)) < 0.6
+    assert morning.drops == 1
+
+
+def test_who_was_there_one_half_life_ago_counts_for_half(model):
+    places = [nj.Place(model, half_life=half_life) for half_life in (48.0, np.inf)]
+    for place in places:
+        place.watch_tracks(crowd(4, every=0.0, seconds=6.4))
+        for step in range(120):
+            place.watch([], [], PERIOD * step)
+    fading, lasting = (
+        np.asarray(place._recall(window(0, 1.6), 1).weight).sum() for place in places
+    )
+    assert lasting > 0.5
+    assert fading == pytest.approx(lasting / 2, rel=0.05)
+
+
+@pytest.mark.parametrize("degrees", [90, 180, -90])
+def test_a_camera_that_was_turned_costs_nothing(morning, degrees):
+    """What people did elsewhere is not recalled, and is learned anew."""
+    tracks = crowd(6)
+    angle = np.radians(degrees)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    tracks.position[:] = (tracks.position - [8, 0]) @ turn + [8, 0]
+    assert brought(morning, tracks) < 0.9
+    assert morning.drops == 0
+
+
+def test_a_place_that_stays_never_drops_its_memory(morning):
+    """Nor does one where the memory brings nothing: people who walk straight, anywhere."""
+    rng = np.random.default_rng(0)
+    tracks = crowd(10)
+    for person in range(10):
+        rows = tracks.id == person
+        way = np.arange(rows.sum())[:, None] * rng.normal(0, 0.4, 2)
+        tracks.position[rows] = rng.normal(0, 10, 2) + way
+    morning.watch_tracks(tracks)
+    assert brought(morning, crowd(10)) < 0.6
+    assert morning.drops == 0
+
+
+def test_people_of_hotel_never_drop_a_memory(model, shared):
+    place = nj.Place(model)
+    place.watch_tracks(shared / "data" / "eth_ucy" / "all" / "biwi_hotel.txt")
+    assert place.scored.used < 0.9 * place.scored.network
+    assert place.drops == 0
+
+
+@pytest.mark.parametrize("half_life", [0, -1.0, np.nan])
+def test_a_half_life_is_positive(model, watched, half_life, tmp_path):
+    with pytest.raises(InputError, match="half_life"):
+        nj.Place(model, half_life=half_life)
+    watched.save(tmp_path / "place.npz")
+    with pytest.raises(InputError, match="half_life"):
+        nj.load_place(tmp_path / "place.npz", model, half_life=half_life)
 
 
 def test_a_file_has_all_that_was_learned(model, watched, tmp_path):
@@ -214,6 +283,7 @@ def test_a_file_has_all_that_was_learned(model, watched, tmp_path):
     assert (loaded.frame, loaded.moments) == ("map", watched.moments)
     assert loaded.scored == watched.scored
     assert loaded.limit == watched.limit
+    assert (loaded.drops, loaded.half_life) == (watched.drops, np.inf)
     loaded.watch_tracks(crowd(3))
     assert loaded.moments > watched.moments
 

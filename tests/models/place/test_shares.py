@@ -1,5 +1,7 @@
 """Shares: bounds that hold for any stream, and what is learned from one."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -66,6 +68,7 @@ def test_no_stream_costs_more_than_the_limit(seed, people, near):
     rng = np.random.default_rng(seed)
     ledger = new_ledger(KERNELS)
     awaited, excess, lowest, noon = [], 0.0, 0.0, rng.integers(0, 60)
+    kept = rng.choice([1.0, 0.99, 0.5])  # What is forgotten changes no bound.
     for step in range(80):
         if len(awaited) == STEPS:
             points, filled, commitment, apart = awaited.pop(0)
@@ -81,6 +84,8 @@ def test_no_stream_costs_more_than_the_limit(seed, people, near):
             lowest = min(lowest, excess)
             assert excess <= ledger.limit + 1e-9
             assert excess - lowest <= 2 * ledger.limit + 1e-9
+            assert ledger.lost == pytest.approx(max(excess - lowest, 0))
+        ledger = ledger.fade(kept)
         points = forecasts(rng, people, near)
         filled = rng.uniform(0, 1, (people, KERNELS))
         apart = apart_of(points, filled)
@@ -164,6 +169,17 @@ def test_weights_go_to_the_component_that_is_right(best):
         ledger, _ = ledger.learn(commitment, error, apart)
     assert ledger.wanted.argmax() == best
     assert ledger.wanted[best] > 0.8
+
+
+def test_scores_of_long_ago_count_for_less():
+    ledger = new_ledger(KERNELS)
+    first = ledger.log_weight
+    learned = dataclasses.replace(ledger, log_weight=first - np.arange(len(first)))
+    assert learned.fade(1.0) is learned
+    assert learned.fade(0.5).log_weight == pytest.approx(
+        first - np.arange(len(first)) / 2
+    )
+    assert learned.fade(0.0).wanted == pytest.approx(ledger.wanted)
 
 
 def test_experts_are_mixtures_and_the_first_is_the_network():
