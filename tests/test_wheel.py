@@ -120,7 +120,7 @@ def test_what_pages_show_runs(installed, tmp_path):
     )
     assert count
     assert int(count[1]) >= 25
-    assert (tmp_path / "results/figures/tracks.png").is_file()
+    assert (tmp_path / "results/figures/tracks_my_tracks.png").is_file()
 
 
 @pytest.mark.slow

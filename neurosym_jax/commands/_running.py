@@ -158,13 +158,17 @@ def print_completion(modules: Mapping[str, str], shell: str) -> None:
         command = importlib.import_module(module)
         subcommands[name] = getattr(command, "Options", command.run)
     script = io.StringIO()
-    with contextlib.redirect_stdout(script), contextlib.suppress(SystemExit):
-        tyro.extras.subcommand_cli_from_dict(
-            subcommands,
-            prog="neurosym",
-            args=["--tyro-print-completion", shell],
-            config=(tyro.conf.DisallowNone,),
-        )
+    try:
+        with contextlib.redirect_stdout(script):
+            tyro.extras.subcommand_cli_from_dict(
+                subcommands,
+                prog="neurosym",
+                args=["--tyro-print-completion", shell],
+                config=(tyro.conf.DisallowNone,),
+            )
+    except SystemExit as end:
+        if end.code:  # This tyro has no script for the shell, and has said so.
+            raise
     for line in script.getvalue().splitlines():
         if line.startswith("COMPLETION_SPEC = "):
             # tyro's script takes each line of a description for a word to complete.

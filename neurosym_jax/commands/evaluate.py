@@ -42,6 +42,10 @@ from neurosym_jax.runtime.workers import map_for
 __all__ = ["Options", "run"]
 
 
+Models = Sequence[tuple[str, Model]]
+"""Models by the paths that find them, see `models.disk.find_models`."""
+
+
 class Protocol(NamedTuple):
     """What a published protocol of evaluation fixes."""
 
@@ -160,7 +164,7 @@ def run(options: Options) -> list[Row]:
     is_text = options.table == "text"
     files = read_named(options.forecasts)
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
-    models: list[tuple[str, Model]] = []
+    models: Models = []
     source = run_tests = None
     with contextlib.ExitStack() as stack:
         recordings = options.data or options.dataset
@@ -177,7 +181,11 @@ def run(options: Options) -> list[Row]:
             # Processes start while we read.
             run_tests = stack.enter_context(map_for(tasks, options.cluster))
             tests = compare.load_tests(
-                source, planned, test_on=options.test_on, min_agents=least
+                source,
+                planned,
+                test_on=options.test_on,
+                min_agents=least,
+                spoken=_spoken(options, models),
             )
         tests = add_forecasts(tests, files, partial=options.partial)
         settings = Settings(
@@ -186,7 +194,7 @@ def run(options: Options) -> list[Row]:
             metrics.metric_names(further, collisions=options.collisions),
             options.seeds,
             PROTOCOLS[options.protocol].by_scene,
-            _labels(options, files, tests),
+            _labels(options, files, tests, models),
             options.online,
             options.place,
         )
@@ -199,7 +207,7 @@ def run(options: Options) -> list[Row]:
     _write_report(options, rows, tests)
     style = {"intervals": options.intervals, "whole": not default or bool(further)}
     print(tables.format_table(rows_frame(rows), options.table, **style))
-    networks = _recommended(options, tests)
+    networks = _recommended(options, models)
     notes = [f"{RECOMMENDED}: {', '.join(networks)}"] if networks else []
     notes += _readings_and_models(tests, models)
     notes += _written(options, tests, results)
@@ -226,7 +234,7 @@ def _paths(tests: Sequence[compare.Test]) -> list[str]:
     return paths
 
 
-def _recommended(options: Options, tests: Sequence[compare.Test]) -> list[str]:
+def _recommended(options: Options, models: Models) -> list[str]:
     """Names of the networks that `recommended` stands for, or that are the default."""
     asked = not options.model or RECOMMENDED in options.model
     if options.all or not asked:
@@ -234,8 +242,14 @@ def _recommended(options: Options, tests: Sequence[compare.Test]) -> list[str]:
     shipped = {
         path.name for path in shipped_models() if path.name.startswith("anchors_")
     }
-    names = shipped.intersection(_paths(tests)).difference(options.model)
-    return sorted(names)
+    paths = [path for path, _ in models]
+    return sorted(shipped.intersection(paths).difference(options.model))
+
+
+def _spoken(options: Options, models: Models) -> dict[str, str]:
+    """What messages call the networks that `recommended` stands for."""
+    networks = _recommended(options, models)
+    return {network: f"{RECOMMENDED} ({network})" for network in networks}
 
 
 def _write_report(
@@ -253,7 +267,7 @@ def _write_report(
 
 
 def _readings_and_models(
-    tests: Sequence[compare.Test], models: Sequence[tuple[str, Model]]
+    tests: Sequence[compare.Test], models: Models
 ) -> Iterator[str]:
     """What is said of recordings and models, a line each."""
     text = describe_readings(_readings(tests))
@@ -304,11 +318,14 @@ def prepare_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def _labels(
-    options: Options, files: Mapping[str, ForecastFile], tests: Sequence[compare.Test]
+    options: Options,
+    files: Mapping[str, ForecastFile],
+    tests: Sequence[compare.Test],
+    models: Models,
 ) -> dict[str, str]:
     """Names by path: those of files of forecasts, and the ones that --label says."""
     labels = {str(file.path): name for name, file in files.items()}
-    labels |= dict.fromkeys(_recommended(options, tests), RECOMMENDED)
+    labels |= dict.fromkeys(_recommended(options, models), RECOMMENDED)
     paths = {*_paths(tests), *labels}
     for label in options.label:
         name, _, path = label.partition("=")
@@ -323,9 +340,7 @@ def _labels(
 
 def _plan(
     options: Options, steps: Sequence[int]
-) -> tuple[
-    Source, list[tuple[str, Model]], dict[compare.TestSet, compare.Entries], int
-]:
+) -> tuple[Source, Models, dict[compare.TestSet, compare.Entries], int]:
     """The source of recordings, the models (as given, all that ship, or one or two),
     what is tested on which test set, and the least number of people of a scene.
 
@@ -377,6 +392,7 @@ def _plan(
         samples=options.samples,
         # A folder of models, or what ships, is not named model by model.
         only_matching=len(models) != len(options.model),
+        spoken=_spoken(options, models),
     )
     return source, models, entries, protocol.min_agents if least is None else least
 

@@ -6,7 +6,7 @@ from tyro.conf import Positional
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.export import export_model, export_onnx
-from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.disk import find_model, load_model, spoken_name
 from neurosym_jax.runtime.files import new_file
 
 __all__ = ["run"]
@@ -35,7 +35,8 @@ def run(
     """
     if to.exists():
         raise InputError(f"{to}: exists already")
-    loaded = load_model(model)
+    place = find_model(model)
+    loaded = load_model(place)
     if to.suffix == ".onnx":
         program = export_onnx(loaded, samples, points)
     elif points:
@@ -46,4 +47,5 @@ def run(
         beside.write_bytes(program)
     free = to.suffix == ".onnx" and loaded.forecaster.noise.dim
     count = "any number of" if free else f"{samples}"
-    print(f"{to}: {loaded.name}, {count} forecasts of any number of people")
+    called = spoken_name(model, place, loaded)
+    print(f"{to}: {called}, {count} forecasts of any number of people")

@@ -1,5 +1,7 @@
 """Summarise recordings, and draw them with a forecast."""
 
+import hashlib
+import itertools
 import shlex
 import warnings
 from collections.abc import Sequence
@@ -23,10 +25,13 @@ from neurosym_jax.runtime.files import refuse_unwritable
 
 __all__ = ["describe", "run"]
 
+NAME = "NAME"
+"""In the name of a figure: the recording's."""
+
 
 def run(
     path: Positional[Path],
-    figure: Path | None = Path("results/figures/tracks.png"),
+    figure: Path | None = Path(f"results/figures/tracks_{NAME}.png"),
     underlay: Annotated[
         tuple[Path, Path] | None, tyro.conf.arg(metavar="IMAGE HOMOGRAPHY")
     ] = None,
@@ -40,7 +45,8 @@ def run(
 
     Args:
         path: A file, or a folder, which is searched with its subfolders.
-        figure: File of the figure: .png, .pdf or .svg.
+        figure: File of the figure: .png, .pdf or .svg. NAME in it is the recording's
+            name; the figure of another recording of this name is not overwritten.
         underlay: Image of the floor under the tracks, a map or a frame of a video, and
             a text file of 3 x 3 numbers that turn its pixels (column, row, 1) into
             metres; with FILE,row-column those of (row, column, 1), as EWAP's.
@@ -54,7 +60,9 @@ def run(
         InputError: for a single file that cannot be read, a folder without files, or a
             figure that cannot be written.
     """
+    source = hashlib.sha256(str(path.resolve()).encode()).hexdigest()
     if figure:
+        figure = _figure_of(figure, path, source)
         refuse_unwritable(figure)
     folder = is_folder(path)
     files = files_in(path, "**/*") if folder else [path]
@@ -72,12 +80,30 @@ def run(
         return 2
     moment = _busiest_moment(recordings, read.max_gap)
     if figure:
-        _draw(recordings, moment, underlay, style, figure)
+        _draw(recordings, moment, underlay, style, figure, source)
     if moment:
         _print_next(path, [] if folder else recordings, len(moment.agent), read)
     else:
         print("no forecast: nobody is seen for 6.4 s")
     return 0
+
+
+def _figure_of(figure: Path, path: Path, source: str) -> Path:
+    """`figure` with the recording's name for NAME, and a number if another has that file.
+
+    `source` is the digest of the recording's path, which a PNG of it holds.
+    """
+    from neurosym_jax.plotting.style import recording_of
+
+    if NAME not in figure.name:
+        return figure
+    named = figure.with_name(figure.name.replace(NAME, path.resolve().stem))
+    file = named
+    for number in itertools.count(2):
+        if not file.exists() or recording_of(file) == source:
+            break
+        file = named.with_stem(f"{named.stem}_{number}")
+    return file
 
 
 def _described(file: Path, read: ReadOptions) -> list[Tracks]:
@@ -99,6 +125,7 @@ def _draw(
     underlay: tuple[Path, Path] | None,
     style: Literal["paper", "talk"],
     figure: Path,
+    source: str,
 ) -> None:
     """Draw the tracks, and the forecast of `moment` if there is one."""
     from neurosym_jax.plotting import plot_tracks, read_underlay, save_figure, use_style
@@ -112,7 +139,8 @@ def _draw(
         past, future = np.split(moment.position, [moment.obs_len], axis=1)
         samples = predict(load_model(RECOMMENDED), past)
         scene = past, future, {RECOMMENDED: samples}
-    print(f"wrote {save_figure(plot_tracks(recordings, floor, scene), figure)}")
+    drawn = plot_tracks(recordings, floor, scene)
+    print(f"wrote {save_figure(drawn, figure, source)}")
 
 
 def _busiest_moment(recordings: Sequence[Tracks], max_gap: float) -> Windows | None:

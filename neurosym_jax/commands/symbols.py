@@ -16,7 +16,7 @@ from neurosym_jax.configuration import Count, Seed, component, refuse
 from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.disk import load_model
+from neurosym_jax.models.disk import find_model, load_model, spoken_name
 from neurosym_jax.models.distribution import predict_distribution
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import Lengths
@@ -77,7 +77,11 @@ def run(
         refuse_given("without --forecast", samples=samples != SAMPLES, seed=seed)
     refuse(Count, {"--samples": samples})
     refuse(Seed, {"--seed": seed})
-    network = model and load_model(model, dataset=dataset)
+    network, called = None, ""
+    if model:
+        place = find_model(model, dataset)
+        network = load_model(place)
+        called = spoken_name(model, place, network)
     lengths = network.config if network else Lengths()
     source = open_data(data, read, dataset, period=lengths.period)
     name = dataset or source.scenes[0]
@@ -91,6 +95,7 @@ def run(
             )
         _show_weights(network, weighting, style, title, example, out / "pairs.png")
     elif network:
+        title += f": {len(example.agent)} people, {samples} samples of {called}"
         _show_forecast(network, samples, seed, title, example, out / "forecast.jsonl")
     else:
         raise InputError("--forecast needs a --model that forecasts")
@@ -116,10 +121,7 @@ def _show_forecast(
         futures, observed, example.agent, SymbolSettings(example.period)
     )
     write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-    print(
-        f"{title}: {len(example.agent)} people, {len(futures)} samples of {model.name}\n"
-    )
-    print(f"{format_forecast(rows)}\n\n{path}")
+    print(f"{title}\n\n{format_forecast(rows)}\n\n{path}")
 
 
 def _show_weights(

@@ -110,6 +110,10 @@ Entries = list[tuple[str | None, Model]]
 """(path as given, model) of what is tested on one test set; baselines, first, have no path."""
 
 
+NAMED_BY_PATH: Mapping[str, str] = MappingProxyType({})
+"""Messages call models by their paths."""
+
+
 @dataclasses.dataclass(frozen=True)
 class TestSet:
     """A dataset at a horizon."""
@@ -151,6 +155,7 @@ def make_plan(
     baselines: Sequence[str] | None = None,
     samples: int = 20,
     only_matching: bool = False,
+    spoken: Mapping[str, str] = NAMED_BY_PATH,
 ) -> dict[TestSet, Entries]:
     """Plan the entries of each test set, by the source's order of datasets, then by horizon.
 
@@ -167,6 +172,7 @@ def make_plan(
         baselines: see `baselines_of`.
         samples: number of forecasts of each scene, k.
         only_matching: leave out models that would be refused.
+        spoken: what messages call models, by path, where it is not the path.
 
     Raises:
         InputError: for a model that does not match, or an unknown dataset or baseline.
@@ -178,7 +184,7 @@ def make_plan(
         if reason and only_matching:
             continue
         if reason:
-            raise InputError(f"{path}: {reason}")
+            raise InputError(f"{spoken.get(path, path)}: {reason}")
         names = everywhere
         if model.dataset in source.scenes and not test_on:
             names = (str(model.dataset),)
@@ -317,6 +323,7 @@ def load_tests(
     *,
     test_on: Sequence[str] = (),
     min_agents: int = 2,
+    spoken: Mapping[str, str] = NAMED_BY_PATH,
 ) -> list[Test]:
     """Read the test sets of a plan (see `make_plan`), each recording once."""
     names = list(dict.fromkeys(test_set.dataset for test_set in plan))
@@ -325,7 +332,7 @@ def load_tests(
     with ThreadPoolExecutor(cpu_cores()) as pool:
         recordings = dict(zip(names, pool.map(read, names)))
     return [
-        make_test(test_set, entries, recordings[test_set.dataset], min_agents)
+        make_test(test_set, entries, recordings[test_set.dataset], min_agents, spoken)
         for test_set, entries in plan.items()
     ]
 
@@ -335,30 +342,32 @@ def make_test(
     entries: Entries,
     recordings: Sequence[Tracks],
     min_agents: int = 2,
+    spoken: Mapping[str, str] = NAMED_BY_PATH,
 ) -> Test:
     """Cut `recordings` into windows; warn of models that were trained on them, or at other steps.
 
     The reading of the first recording keeps the warnings of training people, for
-    reports.
+    reports. Warnings say `spoken[path]` where they would say a model's path.
     """
     windows = cut_windows(
         recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents
     )
-    return _told(Test(test_set, entries, windows, recordings=recordings))
+    return _told(Test(test_set, entries, windows, recordings=recordings), spoken)
 
 
-def _told(test: Test) -> Test:
+def _told(test: Test, spoken: Mapping[str, str] = NAMED_BY_PATH) -> Test:
     """`test` with what is to be known of its models, see `make_test`."""
     learned = set()
     windows = test.windows
     for path, model in test.entries:
         name = path or model.name
+        called = spoken.get(name, name)
         period = model.config.period
         hits, looked = seen_before(model.seen, windows)
         if hits > ALIKE * looked:
             learned.add(name)
             leak = (
-                f"{name}: was trained on these people: {hits} of {looked} windows that "
+                f"{called}: was trained on these people: {hits} of {looked} windows that "
                 "were looked for are among its training windows, so its errors are too "
                 "small"
             )
@@ -371,7 +380,7 @@ def _told(test: Test) -> Test:
         if trained and abs(period - windows.period) > 0.01 * period:
             resample = option("period", round(period, 6))
             line = (
-                f"{name}: was trained on steps of {period:g} s and is tested on steps "
+                f"{called}: was trained on steps of {period:g} s and is tested on steps "
                 f"of {windows.period:g} s ({resample} resamples the recordings)"
             )
             warn_caller(line)

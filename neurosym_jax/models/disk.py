@@ -41,6 +41,7 @@ __all__ = [
     "save_model",
     "shipped_models",
     "shipped_name",
+    "spoken_name",
     "state_of_run",
 ]
 
@@ -93,6 +94,14 @@ def _model_of_run(path: Path) -> Path:
     """The model in the folder of a training; another path unchanged."""
     is_run = not os.path.exists(path / "config.json") and os.path.isdir(path / "model")
     return path / "model" if is_run else path
+
+
+def spoken_name(typed: Path | str, path: Path, model: Model) -> str:
+    """What messages call a model at `path` that was `typed`: `recommended (anchors_eth_8)`.
+
+    Others than `recommended` are called by their forecaster's title.
+    """
+    return f"{typed} ({path.name})" if str(typed) == RECOMMENDED else model.name
 
 
 def state_of_run(path: str, step: int) -> str:

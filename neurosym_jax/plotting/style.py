@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
+import PIL.Image
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -70,6 +71,8 @@ _OTHERS = (
     (SKY, (0, (2, 1))),
     (PURPLE, (0, (8, 3))),
 )
+RECORDING = "Recording"
+"""Key of a text in a PNG."""
 _UNDATED = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
 
 
@@ -157,8 +160,10 @@ def colour_bar(figure: Figure, image: Any, axes: Axes, label: str) -> Figure:
     return figure
 
 
-def save_figure(figure: Figure, path: str | Path) -> Path:
+def save_figure(figure: Figure, path: str | Path, recording: str = "") -> Path:
     """Write `figure` as PNG, PDF or SVG, by the ending of `path`, and make its folders.
+
+    A PNG keeps a text on its `recording`, see `recording_of`.
 
     Raises:
         InputError: for another ending, or a file that cannot be written.
@@ -169,9 +174,20 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
         raise InputError(f"{path}: a figure's name must end in .png, .pdf or .svg")
     kind = ending.removeprefix(".")
     metadata = _UNDATED.get(ending)
+    if recording and ending == ".png":
+        metadata = {RECORDING: recording}
     with new_file(path) as beside, _styled():
         figure.savefig(beside, format=kind, dpi=figure.dpi, metadata=metadata)
     return path
+
+
+def recording_of(path: Path) -> str:
+    """The text that `save_figure` has kept in a PNG; empty in another file."""
+    try:
+        with PIL.Image.open(path) as image:
+            return str(image.info.get(RECORDING, ""))
+    except (OSError, ValueError):
+        return ""
 
 
 def _styled() -> AbstractContextManager[None]:

@@ -182,10 +182,22 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
 )
 def test_recommended_has_one_name(checkpoint, labels):
     """A network that is asked for by its own name keeps it, and so does another's folder."""
-    entries = [("anchors_general_8", None), ("anchors_mine", None), ("", None)]
+    entries: Any = [("anchors_general_8", None), ("anchors_mine", None), ("", None)]
     test: Any = SimpleNamespace(entries=entries)
-    assert _labels(Options(model=checkpoint), {}, [test]) == labels
-    assert _labels(Options(all=True), {}, [test]) == {}
+    assert _labels(Options(model=checkpoint), {}, [test], entries) == labels
+    assert _labels(Options(all=True), {}, [test], entries) == {}
+
+
+def test_a_warning_says_recommended_where_that_was_typed(options, tmp_path, capsys):
+    data = tmp_path / "walk.csv"
+    data.write_text("\n".join(f"{frame},1,{0.2 * frame:.1f},0" for frame in range(20)))
+    few = {"data": data, "period": 0.2, "min_agents": 1, "samples": 2, "pred_len": 8}
+    for typed, called in (
+        ("recommended", r"recommended \(anchors_general_8\)"),
+        ("anchors_general_8", "anchors_general_8"),
+    ):
+        with pytest.warns(InputWarning, match=f"^{called}: was trained on steps of"):
+            run(options(**few, model=(typed,)))
 
 
 def test_one_step_and_one_agent(options, tmp_path):

@@ -105,6 +105,24 @@ def test_what_cannot_be_forecast_is_said(tmp_path, capsys):
         inspect.run(tmp_path / "walk.csv", tmp_path, read=read)
 
 
+def test_the_figure_of_another_recording_stays(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    figures = tmp_path / "results/figures"
+    for folder in ("a", "b", "a"):
+        path = tmp_path / folder / "walk.csv"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("time,x,y,id\n0,0,0,1\n1,1,0,1\n2,2,0,1\n")
+        assert inspect.run(path) == 0
+    out = capsys.readouterr().out
+    names = ["tracks_walk.png", "tracks_walk_2.png"]
+    assert re.findall(r"wrote results/figures/(.*)", out) == [*names, names[0]]
+    assert sorted(file.name for file in figures.iterdir()) == names
+    # Nor is a figure overwritten that says nothing of a recording.
+    (figures / names[0]).write_bytes(b"mine")
+    assert inspect.run(path) == 0
+    assert (figures / names[0]).read_bytes() == b"mine"
+
+
 def test_a_folder(tmp_path, capsys):
     (tmp_path / "bad.txt").write_text("0 1 2\n")
     assert inspect.run(tmp_path, None) == 2

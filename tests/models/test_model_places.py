@@ -15,6 +15,7 @@ from neurosym_jax.models.disk import (
     find_models,
     save_model,
     shipped_models,
+    spoken_name,
 )
 from tests.networks import random_model
 from tests.repository import ROOT
@@ -114,3 +115,10 @@ def test_recommended_models_did_not_learn_from_the_data_set(shipped):
     ]
     with pytest.raises(InputError, match="anchors_eth_12: no such model"):
         load_model("recommended", dataset="eth", pred_len=12)
+
+
+def test_recommended_is_called_what_was_typed():
+    place = find_model("recommended", "zara1", 12)
+    model = load_model(place)
+    assert spoken_name("recommended", place, model) == "recommended (anchors_zara1_12)"
+    assert spoken_name("anchors_zara1_12", place, model) == "anchors"
