@@ -90,7 +90,7 @@ class Options:
     """Models to evaluate: folder, .pt file or name (see `neurosym models`); of a folder of models,
     those that match. Default: `recommended` for recordings, SGAN and NeuroSyM for simulations."""
     forecasts: tuple[Path, ...] = ()
-    """Files of forecasts to evaluate, .npz or TrajNet++'s .ndjson, see docs/evaluate.md; without
+    """Files of forecasts to evaluate, .npz, .csv or TrajNet++'s .ndjson, see docs/evaluate.md; without
     --data on the windows that the first of them holds."""
     partial: bool = False
     """Leave out windows that not all files of --forecasts have."""
@@ -147,7 +147,7 @@ class Options:
     style: Literal["paper", "talk"] = "paper"
     """Look of the figures; a talk's have larger letters and lines."""
     save_forecasts: Path | None = None
-    """Also write forecasts, a file a model: .npz, .nc (xarray) or .ndjson (TrajNet++)."""
+    """Also write forecasts, a file a model: .npz, .csv, .nc (xarray) or .ndjson (TrajNet++)."""
     cluster: str | None = None
     """Address of a Dask scheduler whose workers evaluate sets."""
     online: bool = False

@@ -17,6 +17,7 @@ from neurosym_jax.data.readers.trajnet import read_predictions
 from neurosym_jax.data.tracks import Reading
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.evaluation.forecast_csv import read_csv_forecasts
 from neurosym_jax.evaluation.tables import unique_suffixes
 from neurosym_jax.runtime.foreign import read_arrays, reading
 from neurosym_jax.scene import scene_identity
@@ -29,7 +30,7 @@ JUMP = 5.0
 """Speed to the first forecast position, m/s, that no test set's median reaches."""
 SHIFT = 0.05
 """Metres of error at the first step above which a shift by one step can be told."""
-KINDS = ".npz or .ndjson"
+KINDS = ".npz, .csv or .ndjson"
 NEEDED = ("samples", "ids", "frames")
 """Arrays that a file must have."""
 KINDS_OF = {"recordings": "US", "ids": "iufU"}
@@ -81,14 +82,15 @@ def read_named(files: Any) -> dict[str, ForecastFile]:
         files = [files]
     if not isinstance(files, Mapping):
         paths = [Path(path) for path in files]
-        files = dict(
-            zip(unique_suffixes([path.with_suffix("") for path in paths]), paths)
-        )
+        stems = [path.with_suffix("") for path in paths]
+        if len(set(stems)) < len(set(paths)):
+            stems = paths  # They differ in their ending alone.
+        files = dict(zip(unique_suffixes(stems), paths))
     return {name: read_forecasts(Path(path)) for name, path in files.items()}
 
 
 def read_forecasts(path: Path) -> ForecastFile:
-    """Read forecasts from `.npz` (see docs/evaluate.md) or TrajNet++'s `.ndjson`.
+    """Read forecasts from `.npz` or `.csv` (see docs/evaluate.md), or TrajNet++'s `.ndjson`.
 
     Raises:
         InputError: naming the file and what is wrong.
@@ -96,6 +98,8 @@ def read_forecasts(path: Path) -> ForecastFile:
     with reading(path, KINDS):
         if path.suffix.lower() == ".ndjson":
             return ForecastFile(path, *read_predictions(path))
+        if path.suffix.lower() == ".csv":
+            return _checked(path, read_csv_forecasts(path))
         return _checked(path, read_arrays(path, KINDS))
 
 

@@ -1,4 +1,4 @@
-"""Forecasts in files: our own, xarray's, and TrajNet++'s."""
+"""Forecasts in files: our own, CSV, xarray's, and TrajNet++'s."""
 
 import json
 import re
@@ -16,6 +16,7 @@ from neurosym_jax.data.tracks import PERIOD
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.evaluation.compare import Test
+from neurosym_jax.evaluation.forecast_csv import csv_of_forecasts
 from neurosym_jax.evaluation.forecasts import last_frames, recording_names
 from neurosym_jax.models.forecast import Model, forecast_windows
 from neurosym_jax.runtime.files import new_file, refuse_unwritable
@@ -256,13 +257,13 @@ def _lines(rows: Any) -> str:
     return "".join(f"{json.dumps(row)}\n" for row in rows)
 
 
-# Forecasts of a whole test set in a file: NumPy arrays, xarray's netCDF, or TrajNet++
-# lines.
+# Forecasts of a whole test set in a file: NumPy arrays, CSV, xarray's netCDF, or
+# TrajNet++ lines.
 #
 # The test set is forecast again; with the same seed these are the forecasts that were
 # scored.
 
-ENDINGS = (".npz", ".nc", ".ndjson")
+ENDINGS = (".npz", ".csv", ".nc", ".ndjson")
 DIMENSIONS = {
     "samples": ("sample", "agent", "time", "xy"),
     "probabilities": ("sample", "agent"),
@@ -292,9 +293,9 @@ def save_forecasts(
 ) -> list[Path]:
     """Write `samples` forecasts for each model on each test set: `path`, or names beside it.
 
-    The ending of `path`, .npz, .nc (see `to_xarray`) or .ndjson (TrajNet++), is the
-    format; `seed` is the noise's. Returns the files; existing ones of the same name
-    were replaced.
+    The ending of `path`, .npz, .csv, .nc (see `to_xarray`) or .ndjson (TrajNet++), is
+    the format; `seed` is the noise's. Returns the files; existing ones of the same
+    name were replaced.
     """
     check_forecasts_file(path)
     is_only = sum(len(test.entries) for test in tests) == 1
@@ -322,12 +323,16 @@ def _path_beside(path: Path, test: Test, checkpoint: str | None, model: Model) -
 
 
 def _write_arrays(path: Path, arrays: dict[str, Any]) -> None:
-    """Write `forecasts_of` as .npz or .nc, by the ending."""
+    """Write `forecasts_of` as .npz, .csv or .nc, by the ending."""
     for name in ("samples", "truth", "observed"):
         arrays[name] = np.round(arrays[name], DECIMALS)
     with new_file(path) as beside:
         if path.suffix.lower() == ".nc":
             to_xarray(**arrays).to_netcdf(beside, engine="scipy")
+        elif path.suffix.lower() == ".csv":
+            others = ("truth", "observed", "scene", "start")
+            forecasts = {name: arrays[name] for name in arrays.keys() - others}
+            beside.write_text(csv_of_forecasts(**forecasts), encoding="utf-8")
         else:
             np.savez_compressed(beside, **arrays)
 

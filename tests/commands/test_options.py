@@ -122,7 +122,7 @@ CASES: dict[str, dict[str, Case]] = {
         "--forecasts": (
             BASE["evaluate"],
             f"{BASE['evaluate']} --forecasts {WALK}",
-            "walk.txt: cannot be read as .npz or .ndjson",
+            "walk.txt: cannot be read as .npz, .csv or .ndjson",
         ),
         "--partial": (
             BASE["evaluate"],
@@ -359,7 +359,7 @@ REFUSED = {
     "evaluate --metrics crsp": "unknown metric 'crsp': did you mean 'crps'?",
     "evaluate --baselines nobody": "unknown forecaster 'nobody'",
     "evaluate --baselines": "there is nothing to evaluate",
-    "evaluate --save-forecasts f.csv": "f.csv: forecasts are written as .npz, ",
+    "evaluate --save-forecasts f.xlsx": "f.xlsx: forecasts are written as .npz, ",
     "evaluate --json {d}/thesis": "thesis: is not a report of ours, so it is not overwritten",
     "evaluate --json {d}/rows.json": "rows.jsonl: is not a report of ours",
     "evaluate --cluster nowhere://x": "--cluster nowhere://x: no Dask scheduler answers",

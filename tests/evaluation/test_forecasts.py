@@ -13,6 +13,7 @@ from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.compare import TestSet as Case
 from neurosym_jax.evaluation.compare import baseline, make_test
+from neurosym_jax.evaluation.forecast_csv import read_csv_forecasts
 from neurosym_jax.evaluation.forecasts import read_forecasts, windows_of
 from neurosym_jax.evaluation.saved_forecasts import save_forecasts
 from neurosym_jax.evaluation.scores import DRAWS
@@ -222,7 +223,7 @@ def test_what_does_not_match_is_refused_with_counts(recording, file, tmp_path):
     np.savez(tmp_path / "less.npz", samples=arrays["samples"])
     for path, message in (
         (tmp_path / "less.npz", "array 'ids' is missing"),
-        (recording, "cannot be read as .npz or .ndjson"),
+        (recording, "cannot be read as .npz, .csv or .ndjson"),
         (tmp_path / "none.npz", "cannot be read"),
     ):
         with pytest.raises(InputError, match=message):
@@ -305,6 +306,43 @@ def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
             nj.evaluate(forecasts=files, **options)
 
 
+def test_csv_has_the_forecasts_that_are_saved(recording, tmp_path):
+    """In any order of rows, and with the columns that it needs alone."""
+    entries = [(None, baseline("anchor_table", 8, 8))]
+    test = make_test(Case("walk", 8, 8), entries, nj.data.read_any(recording))
+    path, other = tmp_path / "saved.csv", tmp_path / "saved.npz"
+    save_forecasts(path, [test], 3, 0)
+    save_forecasts(other, [test], 3, 0)
+    table = pl.read_csv(path)
+    assert table.row(1, named=True)["seconds"] == pytest.approx(0.8)
+    shuffled = table.sample(fraction=1.0, shuffle=True, seed=0)
+    shuffled.write_csv(tmp_path / "shuffled.csv")
+    found, truth = read_forecasts(tmp_path / "shuffled.csv"), read_forecasts(other)
+    order = np.lexsort((found.ids, found.frames))
+    own = np.lexsort((truth.ids, truth.frames))
+    np.testing.assert_array_equal(found.samples[:, order], truth.samples[:, own])
+    np.testing.assert_allclose(
+        found.probabilities[:, order], truth.probabilities[:, own]
+    )
+    options = {"baselines": [], "pred_len": 8}
+    rows = nj.evaluate((), recording, forecasts=[path, other], **options)
+    assert errors(rows, "saved.csv") == errors(rows, "saved.npz")
+
+    few = table.filter(pl.col("sample") == 0).select("frame", "id", "step", "x", "y")
+    few.write_csv(tmp_path / "few.csv")
+    assert read_forecasts(tmp_path / "few.csv").samples.shape[0] == 1
+    for damaged, message in (
+        (few.drop("step"), "column 'step' is missing"),
+        (few[1:], "rows, not each of 8 steps of 1 samples"),
+        (pl.concat([few[1:], few[1:2]]), "once"),
+        (few.with_columns(x=pl.lit("a")), r"few\.csv: cannot be read as"),
+        (few.with_columns(x=pl.lit(float("inf"))), "are not finite"),
+    ):
+        damaged.write_csv(tmp_path / "few.csv")
+        with pytest.raises(InputError, match=message):
+            read_forecasts(tmp_path / "few.csv")
+
+
 def test_people_whose_ids_are_texts_keep_them(recording, file, tmp_path):
     names = np.array(["anna", "Ben", "7", "$x$", "p 1", "zoë"])
     table = np.loadtxt(recording)
@@ -326,9 +364,11 @@ def test_people_whose_ids_are_texts_keep_them(recording, file, tmp_path):
 
     entries = [(None, baseline("constant_velocity", 8, 8))]
     test = make_test(Case("walk", 8, 8), entries, nj.data.read_any(data, read))
-    for ending in (".ndjson", ".npz"):
+    for ending in (".ndjson", ".csv", ".npz"):
         path = tmp_path / f"saved{ending}"
         save_forecasts(path, [test], 1, 0)
+    arrays = read_csv_forecasts(tmp_path / "saved.csv")
+    assert arrays["ids"].tolist() == windows.agent.tolist()
     with np.load(path) as arrays:
         assert arrays["ids"].tolist() == windows.agent.tolist()
     rows = nj.evaluate(forecasts=path, baselines=["constant_velocity"])
