@@ -2,25 +2,30 @@
 
 States of a scene's pairs over time as text, and alpha as a heat map over pairs and
 time. With --forecast, the probabilities of the pairs' events and states in the model's
-samples, as text and JSON lines.
+samples, as text and JSON lines. With --out FILE.csv, the states of all pairs over time as
+a table.
 """
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import polars as pl
 
 from neurosym_jax.commands._options import Positional, Reading, open_data, refuse_given
 from neurosym_jax.configuration import Count, Seed, component, refuse
 from neurosym_jax.data.tables import AS_IT_SAYS
+from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.tables import csv_text
 from neurosym_jax.models.disk import find_model, load_model, spoken_name
 from neurosym_jax.models.distribution import predict_distribution
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import Lengths
-from neurosym_jax.runtime.files import write_text
+from neurosym_jax.runtime.files import refuse_unwritable, write_text
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.forecast import (
     SymbolSettings,
@@ -28,7 +33,14 @@ from neurosym_jax.symbolic.forecast import (
     format_forecast,
     format_pairs,
 )
-from neurosym_jax.symbolic.weighting import WEIGHTINGS, initial_parameters, is_constant
+from neurosym_jax.symbolic.table import pairs_over_time, states_of_pairs
+from neurosym_jax.symbolic.weighting import (
+    WEIGHTINGS,
+    Parameters,
+    Weighting,
+    initial_parameters,
+    is_constant,
+)
 
 __all__ = ["run"]
 
@@ -64,7 +76,8 @@ def run(
             probabilities.
         samples: Number of forecasts of the scene, k.
         seed: Random seed of the noise.
-        out: Folder of the figures.
+        out: Folder of the figures; or FILE.csv, for the states of all pairs over time:
+            recording, seconds, k, l, q1 to q4.
         style: Look of the figure; a talk's has larger letters and lines.
         read: How files are read.
 
@@ -75,6 +88,15 @@ def run(
         refuse_given("with --forecast", weighting=weighting, style=style != "paper")
     else:
         refuse_given("without --forecast", samples=samples != SAMPLES, seed=seed)
+    is_table = out.suffix.lower() == ".csv"
+    if is_table:
+        refuse_given(
+            f"with --out {out}",
+            window=window is not None,
+            forecast=forecast,
+            style=style != "paper",
+        )
+        refuse_unwritable(out)
     refuse(Count, {"--samples": samples})
     refuse(Seed, {"--seed": seed})
     network, called = None, ""
@@ -85,14 +107,13 @@ def run(
     lengths = network.config if network else Lengths()
     source = open_data(data, read, dataset, period=lengths.period)
     name = dataset or source.scenes[0]
+    if is_table:
+        _write_states(network, weighting, source.recordings(name), lengths.period, out)
+        return
     windows = cut_windows(source.recordings(name), lengths.obs_len, lengths.pred_len)
     window, example = _example(windows, window)
     title = f"{name}, window {window}"
     if not forecast:
-        if weighting is None and network and network.config.weighting is None:
-            raise InputError(
-                f"{model}: {network.name} weighs no pairs: name a --weighting"
-            )
         _show_weights(network, weighting, style, title, example, out / "pairs.png")
     elif network:
         title += f": {len(example.agent)} people, {samples} samples of {called}"
@@ -124,6 +145,52 @@ def _show_forecast(
     print(f"{title}\n\n{format_forecast(rows)}\n\n{path}")
 
 
+def _weighting(model: Model | None, text: str | None) -> tuple[Weighting, Parameters]:
+    """The weighting that `text` names, else the model's, else cnd; and its parameters.
+
+    Raises:
+        InputError: for a model that weighs no pairs.
+    """
+    if model is None or text is not None:
+        text = text or "cnd"
+        weighting = component(text, WEIGHTINGS, f"--weighting {text}")
+        return weighting, initial_parameters(weighting)
+    if model.config.weighting is None:
+        raise InputError(f"{model.name} weighs no pairs: name a --weighting")
+    return model.config.weighting, model.params.get("weighting", {})
+
+
+def _write_states(
+    model: Model | None,
+    text: str | None,
+    recordings: Sequence[Tracks],
+    period: float,
+    path: Path,
+) -> None:
+    """Write the states of all pairs of `recordings` at all steps, and say how many there are."""
+    weighting, parameters = _weighting(model, text)
+    thresholds = weighting.thresholds(parameters, period)
+    parts = []
+    for tracks in recordings:
+        step = tracks.step
+        if step is None:
+            step = np.rint((tracks.stamp - tracks.stamp.min()) / period)
+        first, second = pairs_over_time(step, tracks.id)
+        states = states_of_pairs(tracks.position, first, second, thresholds)
+        part = {
+            "recording": np.full(len(first), tracks.recording),
+            "seconds": tracks.stamp[first].round(6),
+            "k": tracks.ids_as_given(first),
+            "l": tracks.ids_as_given(second),
+        }
+        part |= {f"q{number + 1}": states[:, number] for number in range(4)}
+        parts.append(pl.DataFrame(part))
+    table = pl.concat(parts, how="vertical_relaxed")
+    pairs = table.select("recording", "k", "l").n_unique()
+    write_text(path, csv_text(table))
+    print(f"{len(table)} states of {pairs} pairs, weighting {weighting.name}: {path}")
+
+
 def _show_weights(
     model: Model | None,
     text: str | None,
@@ -135,13 +202,7 @@ def _show_weights(
     """Print the states of a window, and draw the weights that `text` or the model gives them."""
     from neurosym_jax.plotting import plot_pairs, save_figure, use_style
 
-    if model and text is None:
-        weighting = model.config.weighting
-        parameters = model.params.get("weighting", {})
-    else:
-        text = text or "cnd"
-        weighting = component(text, WEIGHTINGS, f"--weighting {text}")
-        parameters = initial_parameters(weighting)
+    weighting, parameters = _weighting(model, text)
     observed = make_scene(example.position).observed
     codes, alpha = (
         np.asarray(values(parameters, observed, period=example.period))

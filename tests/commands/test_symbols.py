@@ -1,14 +1,18 @@
 import dataclasses
+import itertools
 import json
+import warnings
 
 import numpy as np
+import polars as pl
 import pytest
 
 from neurosym_jax.commands.symbols import run
-from neurosym_jax.data.tables import ReadOptions
-from neurosym_jax.errors import InputError
+from neurosym_jax.data.tables import GUARDS, ReadOptions
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.models.disk import load_model, save_model
 from neurosym_jax.symbolic.forecast import format_forecast
+from neurosym_jax.symbolic.qtc import observe
 from tests.repository import ROOT
 
 MODEL = ROOT / "checkpoints" / "neurosym_simulations_8"
@@ -90,3 +94,56 @@ def test_names_of_people_are_said_and_steer_no_terminal(tmp_path, capsys):
     likely = {"probability": 0.9, "seconds": None}
     row = {"k": "a\x9b", "l": "ben", "events": {"approaches": likely}}
     assert "a\\x9b" in format_forecast([row])
+
+
+def test_a_table_has_the_states_that_a_window_shows(recording, tmp_path, capsys):
+    out = tmp_path / "states.csv"
+    run(recording, out=out)
+    assert capsys.readouterr().out == (f"49 states of 3 pairs, weighting cnd: {out}\n")
+    table = pl.read_csv(out)
+    # 1 and 2 are there for 19 steps; 3 for 15, of which the first begins in step 4.
+    counts = table.group_by("k", "l").len().sort("k", "l").rows()
+    assert counts == [(1, 2, 19), (1, 3, 15), (2, 3, 15)]
+    assert table.filter(k=1, l=3)["seconds"].to_list()[0] == pytest.approx(5 * 0.4)
+    pair = table.filter(k=1, l=2).select("q1", "q2", "q3", "q4")
+    assert pair.rows()[:4] == [(-1, 0, 1, 0)] * 3 + [(1, 0, 1, 0)]
+    assert set(table["recording"]) == {"walk"}
+    run(recording, out=out, weighting="quantised,speed=2")
+    slow = pl.read_csv(out).select("q1", "q2")
+    assert set(slow.rows()) == {(0, 0)}
+
+
+def test_a_table_has_all_pairs_of_names_in_order(tmp_path):
+    """As QTC of each pair alone; people who are not seen for a step have no state then."""
+    rng = np.random.default_rng(0)
+    walk = rng.normal(0, 0.3, (12, 4, 2)).cumsum(axis=0) + 1e6
+    rows = []
+    for step, who in itertools.product(range(12), range(4)):
+        if (step, who) != (6, 2):
+            x, y = walk[step, who].round(4).tolist()
+            rows.append({"time": 0.4 * step, "id": f"=p{who}", "x": x, "y": y})
+    pl.DataFrame(rows).write_csv(tmp_path / "a.csv")
+    out = tmp_path / "states.csv"
+    read = ReadOptions(max_gap=0.5, allow=tuple(GUARDS))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        run(tmp_path / "a.csv", out=out, read=read)
+    table = pl.read_csv(out)
+    assert len(table) == 11 * 3 + 9 * 3
+    for first, second in itertools.combinations(range(4), 2):
+        pair = table.filter(k=f"'=p{first}", l=f"'=p{second}")
+        paths = walk[:, [first, second]].round(4).swapaxes(0, 1) - 1e6
+        states = np.asarray(observe(*paths))
+        if 2 in (first, second):
+            states = np.delete(states, (5, 6), axis=0)
+        assert pair.select("q1", "q2", "q3", "q4").rows() == [
+            *map(tuple, states.tolist())
+        ]
+
+
+@pytest.mark.parametrize(
+    "given", [{"window": 0}, {"forecast": True}, {"style": "talk"}]
+)
+def test_a_table_is_of_no_window(recording, tmp_path, given):
+    with pytest.raises(InputError, match=r"with --out .*states\.csv"):
+        run(recording, out=tmp_path / "states.csv", **given)
