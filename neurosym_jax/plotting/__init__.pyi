@@ -1,5 +1,6 @@
 from .curves import plot_horizon_errors as plot_horizon_errors
 from .curves import plot_training as plot_training
+from .flows import plot_flows as plot_flows
 from .forecasts import plot_forecasts as plot_forecasts
 from .style import PALETTE as PALETTE
 from .style import model_looks as model_looks

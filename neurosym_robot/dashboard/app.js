@@ -42,6 +42,7 @@ class App {
 
   offerLayers() {
     const names = [...this.recording.models, "observed", "what happened", "ids"];
+    if (this.recording.place) names.push("learned");
     if (this.recording.map) names.push("map");
     this.shown = new Set(names);
     find("layers").append(...names.map((name) => {

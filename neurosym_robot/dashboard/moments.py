@@ -2,7 +2,7 @@
 
 The introduction has `title`, `period` [s], `observed` [s] that a window lasts,
 `models`, `weighting` (the model whose symbols and weights are shown, and their name),
-`map` and `likely`.
+`place` (whether one is watched), `map` and `likely`.
 
 A moment has
 
@@ -11,7 +11,9 @@ back;
 - `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in
 metres;
 - `more`: how many others were seen; `robot`: its x, y [m] and heading [rad];
-- `now`: `Status.now()` without its score;
+- `now`: `Status.now()` without its score and flows;
+- `flows`: what the place taught, if that is new: rows of x, y, way x, way y [m], share and
+  people, see `models.place.flows`;
 - `step`, once a period if there is a forecast: its `t` and the `ids` [N] of its people;
   `seen` [N][obs_len * 2] metres, and `extrapolated` [N], how many of its last steps
   nobody saw, `since` [N] seconds it was seen; `models`, each with `samples` [N][k][pred_len * 2] whole centimetres from
@@ -101,6 +103,7 @@ class Moments:
         self._of_events = weighted or next(iter(models))
         self._weighting = models[self._of_events].weighting or Cnd()
         self._parameters = models[self._of_events].params.get("weighting", {})
+        self._flows: Any = []
         self._at_least, self._wait = at_least, window.period - SNAP
         self._start = self._stamp = self._told = math.nan
         predictor.programs.add(self._step)
@@ -112,6 +115,7 @@ class Moments:
                 "models": list(models),
                 "weighting": weighted
                 and {"model": weighted, "name": self._weighting.name},
+                "place": predictor.place is not None,
                 "map": None if floor_map is None else read_floor_map(floor_map),
                 "likely": {
                     "model": self._of_events,
@@ -139,6 +143,9 @@ class Moments:
         missing = itertools.islice(now["missing"].items(), MAX_NAMED)
         status = {**now, "missing": {name_of(id): reason for id, reason in missing}}
         score, step = status.pop("score"), None
+        flows = status.pop("flows")
+        is_new = flows is not self._flows
+        self._flows = flows
         is_due = not 0 <= frame.stamp - self._told < self._wait
         if is_due and forecast is not None and len(forecast.ids):
             self._told = forecast.stamp
@@ -154,6 +161,7 @@ class Moments:
                 else np.round(event.robot, 3).tolist(),
                 "now": status,
                 "step": step,
+                "flows": flows if is_new and flows else None,
             }
         )
 

@@ -2,7 +2,7 @@
 
 class Recording {
   constructor(introduction, limit = Infinity) {
-    Object.assign(this, introduction); // title, period, observed, models, weighting, map, likely
+    Object.assign(this, introduction); // title, period, observed, models, weighting, place, map, likely
     Object.assign(this, { limit, size: 0, moments: [], first: new Map() });
   }
 
@@ -23,6 +23,8 @@ class Recording {
     // The newest forecast is shown, unless there was none for a while.
     moment.latest = moment.step ?? before?.latest ?? null;
     if (moment.latest && moment.t - moment.latest.t > 1.5 * this.period) moment.latest = null;
+    if (moment.flows) moment.flows = { rows: moment.flows, t: moment.t };
+    moment.flows ??= before?.flows ?? null;
     moment.score = moment.step?.score ?? before?.score ?? null;
     this.moments.push(moment);
     this.size += moment.size;

@@ -3,6 +3,7 @@
 // Dashes say which model it is, too. Lengths are in widths of the line.
 const DASHES = [[0.1, 1.9], [5, 2, 0.1, 2], [4, 2], [8, 2, 2, 2]];
 
+const SURE = 8; // people of whom a flow is sure
 const [CROWD, NEAREST] = [12, 8]; // people drawn in full, and those of them for being near
 
 // Which colour and dashes a model has: NeuroSyM and SGAN always theirs.
@@ -33,7 +34,7 @@ class Stage {
   readColours() {
     const probe = document.body.appendChild(document.createElement("i"));
     this.colour = {};
-    for (const name of ["ink", "quiet", "grid", "floor", "truth", "chosen",
+    for (const name of ["ink", "quiet", "grid", "floor", "truth", "chosen", "learned",
       "model-0", "model-1", "model-2", "model-3"]) {
       probe.style.color = `var(--${name})`;
       this.colour[name] = getComputedStyle(probe).color;
@@ -105,11 +106,12 @@ class Stage {
     const { moment, shown } = what;
     const view = [this.x, this.y, this.scale, [...shown], what.past];
     const robot = moment?.latest?.ids.length > CROWD ? moment.robot : null;
-    const key = JSON.stringify([moment?.latest?.t, what.past && this.recording.length, view, robot]);
+    const key = JSON.stringify([moment?.latest?.t, moment?.flows?.t, what.past && this.recording.length, view, robot]);
     if (key !== this.drawn) {
       this.drawn = key;
       this.begin(this.back);
       this.drawFloor(shown);
+      if (moment?.flows && shown.has("learned")) this.drawFlows(moment.flows.rows);
       if (moment?.latest) this.drawForecast(moment.latest, what);
     }
     this.begin(this.canvas);
@@ -179,6 +181,28 @@ class Stage {
     pen.strokeRect(x - size * this.scale, y, size * this.scale, 0);
     Object.assign(pen, { font: `${0.85 * em}px system-ui`, textAlign: "right", textBaseline: "bottom" });
     pen.fillText(`${size} m`, x, y - 3);
+  }
+
+  // Where people went from each square metre: the more of them, the darker; who stayed, as a dot.
+  drawFlows(rows) {
+    const { pen } = this;
+    Object.assign(pen, { strokeStyle: this.colour.learned, fillStyle: this.colour.learned });
+    for (const [x, y, dx, dy, share, people] of rows) {
+      const far = Math.hypot(dx, dy);
+      pen.globalAlpha = 0.15 + 0.75 * share * Math.min(people / SURE, 1);
+      if (far < 0.5) {
+        this.dots([[x, y]], 0.1 * this.scale);
+        continue;
+      }
+      const [ux, uy] = [dx / far, dy / far];
+      const length = Math.min(0.25 * far, 0.8);
+      const tip = [x + length * ux, y + length * uy];
+      const barb = (side) => [tip[0] - 0.2 * (ux - side * uy), tip[1] - 0.2 * (uy + side * ux)];
+      pen.lineWidth = Math.max(1, 0.06 * this.scale);
+      this.stroke([[x, y], tip]);
+      this.stroke([barb(1), tip, barb(-1)]);
+    }
+    pen.globalAlpha = 1;
   }
 
   // Rows of the forecasts that are drawn in full: in a crowd, the nearest and the most uncertain.

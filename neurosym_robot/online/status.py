@@ -25,6 +25,7 @@ OFFSET = 0.5
 AGES = 4096  # newest ages kept for the percentiles
 ARRIVALS = 30  # newest frames whose rate is told
 EXPLAINED = "published: the central forecast; joint, marginal: the best of the samples by hindsight"
+FLOWS = 30.0  # seconds of watching between two pictures of what a place taught
 REPORTS = 4  # newest reports that are shown
 
 
@@ -53,6 +54,8 @@ class Status:
         self._clock, self._source = clock, source or PeopleSource()
         self._stitcher = stitcher or OnlineStitcher()
         self._said = time.monotonic()
+        self._drawn_at = 0.0
+        self._flows: list[list[float]] = []
         self._newest = math.nan  # stamp of the newest frame
         # age of the newest frame, and when it had it
         self._lag: tuple[float, float] | None = None
@@ -140,8 +143,8 @@ class Status:
 
     def now(self) -> dict[str, Any]:
         """JSON-able: ages [ms], their constant `offset` [s], `rate` [Hz], counts,
-        `missing` people with reasons by id, what was reported, the `score`, and what the
-        `place` brought in words.
+        `missing` people with reasons by id, what was reported, the `score`, what the
+        `place` brought in words, and the `flows` of people there.
 
         `age` is that of the newest forecast, `lag` that of the newest people [s],
         without offset.
@@ -164,6 +167,7 @@ class Status:
             "missing": dict(self._predictor.dropped),
             "score": self._analytics.summary(),
             "place": self._place_in_words(),
+            "flows": self._flows_now(),
         }
 
     def line(self) -> str:
@@ -228,10 +232,29 @@ class Status:
             return f"{text}, not scored yet"
         change = 100 * (used / max(alone, 1e-9) - 1)
         way = "higher" if change > 0 else "lower"
-        return (
-            f"{text}, error {abs(change):.1f} % {way} than without it "
+        text += (
+            f", error {abs(change):.1f} % {way} than without it "
             f"in {place.seconds / 60:.0f} minutes"
         )
+        interval = place.change.interval()
+        if interval is None:
+            return text
+        mean, half = interval
+        text += f" (± {100 * half:.1f} %"
+        if abs(mean) <= half:
+            text += ", may be chance"
+        return text + ")"
+
+    def _flows_now(self) -> list[list[float]] | None:
+        """Rows of start, way [m], share and people; new ones once in `FLOWS` seconds watched."""
+        place = self._predictor.place
+        if place is None:
+            return None
+        if place.seconds - self._drawn_at >= FLOWS:
+            self._drawn_at = place.seconds
+            columns = [column.T for column in place.flows()]
+            self._flows = np.round(np.vstack(columns).T, 2).tolist()
+        return self._flows
 
     def _ages_in_words(self, now: Mapping[str, Any]) -> str:
         offset = (

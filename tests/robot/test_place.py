@@ -1,5 +1,6 @@
 """A place that a stream teaches: it helps, it harms nobody, and its file is always whole."""
 
+import json
 import os
 import signal
 import subprocess
@@ -13,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import neurosym_jax as nj
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.baselines import ConstantVelocitySampled
-from neurosym_robot import Analytics, Predictor, Status, read_frames
+from neurosym_robot import Analytics, Moments, Predictor, Status, read_frames
 from neurosym_robot.commands import replay
 from neurosym_robot.commands._place_file import PlaceFile, open_place
 from neurosym_robot.input.source import PeopleSource
@@ -126,6 +127,30 @@ def test_the_status_says_what_it_brought(taught):
     assert "memory of the place: up to " in status.line()
     assert "% lower than without it in 1 minutes" in status.now()["place"]
     assert status.now()["place"] in status.table()
+
+
+def test_the_page_shows_what_it_taught(taught):
+    """Rows of flows turn where people turn, and come once in half a minute."""
+    predictor, forecasts = taught
+    status = Status(predictor, Analytics(predictor), interval=0.0)
+    moments = Moments(predictor)
+    assert json.loads(moments.introduction)["place"] is True
+    lines = []
+    for stamp in (1.0, 1.1):
+        event = ReplayEvent(EVENT.frame._replace(stamp=stamp), forecasts[-1])
+        lines.append(json.loads(moments.moment(event, status.now())))
+    assert lines[1]["flows"] is None
+    assert "flows" not in lines[0]["now"]
+    x, y, way_x, way_y, share, people = np.array(lines[0]["flows"]).T
+    assert len(x) > 5
+    is_before = x < 6
+    is_behind = y > 1
+    assert np.all(way_x[is_before] > 2)
+    assert way_y[is_behind] == pytest.approx(5.5, abs=0.5)
+    assert np.any(is_before)
+    assert np.any(is_behind)
+    assert people.max() == pytest.approx(18, abs=2)
+    assert share.max() <= 1
 
 
 def test_somebody_out_of_sight_teaches_nothing(model):

@@ -21,6 +21,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import Forecaster
 from neurosym_jax.models.place import memory as memories
+from neurosym_jax.models.place.change import Change
+from neurosym_jax.models.place.flows import Flows, flows_of
 from neurosym_jax.models.place.memory import KERNELS, Memory, Recall
 from neurosym_jax.models.place.mixture import (
     Remembered,
@@ -97,6 +99,8 @@ class Place:
         """Times that the memory was dropped, because forecasts were worse with it."""
         self.scored = Scored(0, 0.0, 0.0)
         """Sums over all forecasts whose truth has come."""
+        self.change = Change()
+        """By how much scores changed with the memory, with an interval."""
         self.seconds = 0.0
         """Time that the place was watched."""
         self._params = jax.device_put(model.params)
@@ -205,6 +209,10 @@ class Place:
             recall, jnp.asarray(self._shares, jnp.float32), jnp.asarray(last)
         )
 
+    def flows(self) -> Flows:
+        """Where people go from here, and how many do."""
+        return flows_of(self._memory, self._origin)
+
     def save(self, file: Path | str) -> None:
         """Write what was learned to a file, `.npz`.
 
@@ -228,6 +236,7 @@ class Place:
             "most": ledger.most,
             "lost": ledger.lost,
             "drops": self.drops,
+            "change": dataclasses.asdict(self.change),
         }
         arrays = {
             "facts": np.array(json.dumps(facts)),
@@ -310,6 +319,7 @@ class Place:
         distances = awaited.distances[seen]
         self._ledger, scored = self._ledger.learn(awaited.commitment, error, distances)
         self.scored = Scored(*np.add(self.scored, scored).tolist())
+        self.change = self.change.add(self._now, scored.network, scored.used)
         if self._ledger.lost > self.limit:
             self._drop()
 
@@ -466,10 +476,11 @@ def _restored(model: Model, facts: Any, arrays: dict[str, np.ndarray]) -> Place:
         log_weight=arrays["log_weight"],
         gain=float(facts["gain"]),
         most=float(facts["most"]),
-        # Files of before these were written know neither.
+        # Files of an earlier release know neither losses nor drops nor changes.
         lost=float(facts.get("lost", 0.0)),
     )
     place.drops = int(facts.get("drops", 0))
+    place.change = Change(**facts.get("change", {}))
     place._shares = arrays["shares"]
     place._origin = origin if len(origin) else None
     place._now, place._people = float(facts["now"]), int(facts["people"])

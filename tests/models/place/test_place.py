@@ -284,6 +284,7 @@ def test_a_file_has_all_that_was_learned(model, watched, tmp_path):
     assert loaded.scored == watched.scored
     assert loaded.limit == watched.limit
     assert (loaded.drops, loaded.half_life) == (watched.drops, np.inf)
+    assert loaded.change == watched.change
     loaded.watch_tracks(crowd(3))
     assert loaded.moments > watched.moments
 

@@ -21,7 +21,7 @@ from neurosym_robot.online.replay import ReplayEvent, advance
 from neurosym_robot.tracking.following import Frame
 from tests.robot.dashboard.conftest import predictor
 
-NOW = {"missing": {}, "score": {}}
+NOW = {"missing": {}, "score": {}, "flows": None}
 
 
 def test_a_forecast_is_told_whole_once_a_period(moments, stream):
@@ -110,7 +110,7 @@ def test_whatever_is_seen_is_bounded_and_sound(moments):
     xy = np.full((10_000, 2), np.nan)
     xy[::2] = ids[::2, None] % 7
     xy[::4] = [np.inf, 1e300]
-    now = {"missing": dict.fromkeys(ids.tolist(), "short"), "score": {}}
+    now = {"missing": dict.fromkeys(ids.tolist(), "short"), "score": {}, "flows": None}
     moment = moments.moment(ReplayEvent(Frame(0.0, ids, xy), None), now)
     assert len(moment) < 100 * MAX_NAMED
     moment = json.loads(moment)
