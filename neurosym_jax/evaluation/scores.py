@@ -23,7 +23,7 @@ from neurosym_jax.models.forecast import (
 )
 from neurosym_jax.models.forecaster import Forecaster, refuse_many
 from neurosym_jax.models.place.mixture import Remembered
-from neurosym_jax.runtime.process import cpu_cores
+from neurosym_jax.runtime.process import COMPILED_UNFUSED, cpu_cores
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import (
     Scene,
@@ -338,7 +338,7 @@ def score_scenes(
     return scores
 
 
-@program((0,))
+@program((0,), compiler_options=COMPILED_UNFUSED)
 def _traced(
     metrics: Metrics, samples: Any, moves: Any, scenes: Scene, probability: Any
 ) -> Any:

@@ -10,7 +10,7 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.forecast import Model, SceneForecaster, checked_scene
-from neurosym_jax.models.forecaster import Forecaster, key_of, refuse_many
+from neurosym_jax.models.forecaster import Forecaster, key_of, options_of, refuse_many
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import Scene, pad_scene, to_world
 
@@ -94,7 +94,7 @@ def draw_futures(
     return to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
 
 
-@program((0, 4, 5))
+@program((0, 4, 5), compiler_options=options_of)
 def _draw(
     forecaster: Forecaster,
     params: Any,

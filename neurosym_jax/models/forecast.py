@@ -29,13 +29,14 @@ from neurosym_jax.models.forecaster import (
     forecaster_of,
     key_numbers,
     key_of,
+    options_of,
     refuse_many,
     scene_noise,
 )
 from neurosym_jax.models.histories import whole_history
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks, settle, was_repaired
-from neurosym_jax.runtime.process import COMPILED_QUICKLY
+from neurosym_jax.runtime.process import COMPILED_UNFUSED
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import (
     AnyArray,
@@ -212,7 +213,7 @@ class SceneForecaster:
         )
 
 
-@program((0, 4))
+@program((0, 4), compiler_options=options_of)
 def forecast_scene(
     forecaster: Forecaster,
     params: Any,
@@ -231,7 +232,7 @@ def forecast_scene(
 
 # Apart from the forecast, because threefry is slow to compile and this serves every
 # bucket.
-@program((0, 3, 4), compiler_options=COMPILED_QUICKLY)
+@program((0, 3, 4), compiler_options=COMPILED_UNFUSED)
 def _noise(spec, key, identity, samples, agents):
     return scene_noise(spec, key_of(key), identity, samples, agents)
 
@@ -848,14 +849,14 @@ def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return places
 
 
-@program((0,))
+@program((0,), compiler_options=options_of)
 def _forecast(forecaster, params, scenes, noise):
     return jax.vmap(forecaster.representatives, in_axes=(None, 0, 1), out_axes=1)(
         params, scenes, noise
     )
 
 
-@program((0, 4))
+@program((0, 4), compiler_options=options_of)
 def _draws(forecaster, params, scenes, key, count, memory):
     axes = (None, 0, None, None, 0)
     drawn = jax.vmap(forecaster.independent_draws, in_axes=axes, out_axes=1)

@@ -24,7 +24,7 @@ from neurosym_jax.models.parameters import leaves_by_path, nested_parameters
 from neurosym_jax.models.tracking_errors import repair_scene, settle
 from neurosym_jax.plugins import Registry, additions
 from neurosym_jax.runtime.memory import refuse_beyond_memory
-from neurosym_jax.runtime.process import COMPILED_QUICKLY, refuse_forked
+from neurosym_jax.runtime.process import COMPILED_UNFUSED, refuse_forked
 from neurosym_jax.runtime.programs import kept_json, program
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
@@ -138,7 +138,7 @@ def _stream(
     return spec.draw(key, (samples, spec.dim), jnp.float32)
 
 
-@program((0, 4), compiler_options=COMPILED_QUICKLY)
+@program((0, 4), compiler_options=COMPILED_UNFUSED)
 def _streams(spec, key, identity, slot, samples):
     draw = functools.partial(_stream, spec, key_of(key), samples=samples)
     return jax.vmap(draw, out_axes=1)(identity, slot)
@@ -187,6 +187,8 @@ class Forecaster(abc.ABC):
     """Configurations by the name of the model; without any, the default one by the family's key."""
     recipes: ClassVar[Mapping[str, Any]] = {}
     """Recipes of training by name, the usual one first; without any, `training.recipe.Recipe`."""
+    compiler_options: ClassVar[Mapping[str, Any]] = {}
+    """How XLA compiles its forecasts; see `jax.jit`."""
 
     @property
     def key(self) -> str:
@@ -430,6 +432,11 @@ class Forecaster(abc.ABC):
         from neurosym_jax.training.state import gradient_rounds
 
         return gradient_rounds(self, self.batches(windows, recipe), recipe, key)
+
+
+def options_of(forecaster: Forecaster, *_: Any) -> Mapping[str, Any]:
+    """`compiler_options` of a program whose first static argument is `forecaster`."""
+    return forecaster.compiler_options
 
 
 class TwoStageForecaster(Forecaster):

@@ -30,6 +30,7 @@ from typing import Any
 import jax
 import numpy as np
 from jax._src import config as jax_config
+from jax._src.core import trace_state_clean
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 
@@ -90,23 +91,44 @@ def keep_whole(folder: Path) -> None:
         _cache = SealedCache(folder)
 
 
-def program(static: tuple[int, ...] = (), **options: Any) -> Callable[..., "Program"]:
+NO_OPTIONS: Mapping[str, Any] = types.MappingProxyType({})
+Options = Mapping[str, Any] | Callable[..., Mapping[str, Any]]
+"""`compiler_options` of `jax.jit`, or a function of a program's static arguments that gives them."""
+
+
+def program(
+    static: tuple[int, ...] = (), compiler_options: Options = NO_OPTIONS, **options: Any
+) -> Callable[..., "Program"]:
     """Make a function a `Program`; `static` are positions, `options` those of `jax.jit`."""
-    return lambda function: Program(function, static, **options)
+    return lambda function: Program(function, static, compiler_options, **options)
 
 
 class Program:
     """`jax.jit` of a function of positional arguments, whose executables are kept.
 
-    Within a trace, or where nothing is kept, it is `jax.jit`.
+    Where nothing is kept, it is `jax.jit`; within a trace, `jax.jit` without
+    `compiler_options`, for the outermost program has its own.
     """
 
     def __init__(
-        self, function: Callable[..., Any], static: tuple[int, ...], **options: Any
+        self,
+        function: Callable[..., Any],
+        static: tuple[int, ...],
+        compiler_options: Options = NO_OPTIONS,
+        **options: Any,
     ):
         self.static = static
         self.jitted = jax.jit(function, static_argnums=static, **options)
         self.name = f"{function.__module__}.{function.__qualname__} {options}"
+        self._options = compiler_options
+        self._with_options = functools.cache(
+            lambda chosen: jax.jit(
+                function,
+                static_argnums=static,
+                compiler_options=dict(chosen),
+                **options,
+            )
+        )
         self._executables: dict[Any, Callable[..., Any]] = {}
         self._locks: dict[Any, threading.Lock] = {}
         functools.update_wrapper(self, function)
@@ -117,14 +139,18 @@ class Program:
 
     def __call__(self, *arguments: Any) -> Any:
         """The function's result."""
-        if _cache is None:
-            return self.jitted(*arguments)
-        traced = [value for at, value in enumerate(arguments) if at not in self.static]
-        leaves, tree = jax.tree.flatten(traced)
-        if not all(map(_is_array, leaves)):
+        if not trace_state_clean():
             return self.jitted(*arguments)
         # One with a default may be missing.
         fixed = tuple(arguments[at] for at in self.static if at < len(arguments))
+        options = self._options_of(fixed)
+        compiled = self._with_options(options)
+        if _cache is None:
+            return compiled(*arguments)
+        traced = [value for at, value in enumerate(arguments) if at not in self.static]
+        leaves, tree = jax.tree.flatten(traced)
+        if not all(map(_is_array, leaves)):
+            return compiled(*arguments)
         shapes = tuple(map(_shape_of, leaves))
         # Settings are those of this thread, and of now.
         key = fixed, tree, shapes, jax_config.trace_context(), len(additions())
@@ -133,29 +159,38 @@ class Program:
             with self._locks.setdefault(key, threading.Lock()):
                 executable = self._executables.get(key)
                 if executable is None:
-                    executable = self._executable(arguments, fixed, tree, shapes)
+                    executable = self._executable(
+                        arguments, fixed, options, tree, shapes
+                    )
                     self._executables[key] = executable
-        if executable is self.jitted:
-            return self.jitted(*arguments)
+        if executable is compiled:
+            return compiled(*arguments)
         return executable(*traced)
 
+    def _options_of(self, fixed: tuple[Any, ...]) -> tuple[tuple[str, Any], ...]:
+        """Names and values of `compiler_options` for static arguments `fixed`."""
+        options = self._options(*fixed) if callable(self._options) else self._options
+        return tuple(sorted(options.items()))
+
     def _executable(
-        self, arguments: Any, fixed: Any, tree: Any, shapes: Any
+        self, arguments: Any, fixed: Any, options: Any, tree: Any, shapes: Any
     ) -> Callable[..., Any]:
-        """The kept executable; else a new one, which is kept; else `jitted`."""
+        """The kept executable; else a new one, which is kept; else `jax.jit`."""
         assert _cache is not None
+        compiled = self._with_options(options)
+        name = f"{self.name} {options}"
         try:
-            key = _key(self.name, fixed, tree, shapes)
+            key = _key(name, fixed, tree, shapes)
         except Unnamed:
-            return self.jitted
+            return compiled
         place = _cache.get(key)
         if place is not None:
             executable = _read(place.decode(), tree)
             if executable is not None:
                 return executable
-        lowered = self.jitted.lower(*arguments)
+        lowered = compiled.lower(*arguments)
         # Where the source alone has changed, and not what is computed, it is there too.
-        place = _place(lowered, self.name, shapes)
+        place = _place(lowered, name, shapes)
         executable = _read(place, tree)
         if executable is None:
             with apart_from_cache():

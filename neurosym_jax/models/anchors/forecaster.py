@@ -23,6 +23,7 @@ from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.forecaster import Forecaster, with_weighting
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks
+from neurosym_jax.runtime.process import COMPILED_UNFUSED
 from neurosym_jax.scene import Scene, with_steps
 
 __all__ = ["AnchorTableForecaster", "AnchorsForecaster", "apply_anchors", "spread_of"]
@@ -39,6 +40,8 @@ class AnchorTableForecaster(Forecaster):
 
     Config: ClassVar[type] = AnchorTableConfig
     recipes: ClassVar[Mapping[str, Any]] = {"anchors": AnchorRecipe()}
+    # Its layers are no loop over time.
+    compiler_options: ClassVar[Mapping[str, Any]] = COMPILED_UNFUSED
 
     @property
     def title(self) -> str:
