@@ -64,55 +64,43 @@ def run(
     """Show the QTC symbols and weights of a recording, and of one of its scenes.
 
     Args:
-        data: Recording, a folder of them, or ETH/UCY; default: the embedded
-            simulations.
+        data: Recording, folder of them, or ETH/UCY; default: embedded simulations.
         dataset: Data set (eth, hotel, ..., or a file's name); default: the first.
-        window: Index of the window to show; default: the first with the most people, up
-            to five.
+        window: Index of the window to show; default: the first with the most people.
         weighting: Weighting, as in `neurosym train`; default: the model's, else cnd.
-        model: Model whose weights or, with --forecast, forecast are shown; without,
-            windows are 8 + 8.
+        model: Model whose weights or forecast are shown; without, windows are 8 + 8.
         forecast: Show instead the model's forecast of the pairs: events and states with
             probabilities.
         samples: Number of forecasts of the scene, k.
         seed: Random seed of the noise.
-        out: Folder of the figures; or FILE.csv, for the states of all pairs over time:
-            recording, seconds, k, l, q1 to q4.
+        out: Folder of the figures, or FILE.csv: the states of all pairs over time.
         style: Look of the figure; a talk's has larger letters and lines.
         read: How files are read.
 
     Raises:
         InputError: for data, a window, a weighting or a model that cannot be used.
     """
-    if forecast:
-        refuse_given("with --forecast", weighting=weighting, style=style != "paper")
-    else:
-        refuse_given("without --forecast", samples=samples != SAMPLES, seed=seed)
-    is_table = out.suffix.lower() == ".csv"
-    if is_table:
-        refuse_given(
-            f"with --out {out}",
-            window=window is not None,
-            forecast=forecast,
-            style=style != "paper",
-        )
-        refuse_unwritable(out)
     refuse(Count, {"--samples": samples})
     refuse(Seed, {"--seed": seed})
-    network, called = None, ""
-    if model:
-        place = find_model(model, dataset)
-        network = load_model(place)
-        called = spoken_name(model, place, network)
+    is_table = out.suffix.lower() == ".csv"
+    is_styled = style != "paper"
+    if is_table:
+        others = {"window": window is not None, "forecast": forecast}
+        refuse_given(f"with --out {out}", style=is_styled, **others)
+        refuse_unwritable(out)
+    if forecast:
+        refuse_given("with --forecast", weighting=weighting, style=is_styled)
+    else:
+        refuse_given("without --forecast", samples=samples != SAMPLES, seed=seed)
+    network, called = _network(model, dataset)
     lengths = network.config if network else Lengths()
     source = open_data(data, read, dataset, period=lengths.period)
     name = dataset or source.scenes[0]
+    recordings = source.recordings(name)
     if is_table:
-        _write_states(network, weighting, source.recordings(name), lengths.period, out)
+        _write_states(network, weighting, recordings, lengths.period, out)
         return
-    windows = cut_windows(source.recordings(name), lengths.obs_len, lengths.pred_len)
-    window, example = _example(windows, window)
-    title = f"{name}, window {window}"
+    title, example = _example(name, recordings, lengths, window)
     if not forecast:
         _show_weights(network, weighting, style, title, example, out / "pairs.png")
     elif network:
@@ -122,14 +110,27 @@ def run(
         raise InputError("--forecast needs a --model that forecasts")
 
 
-def _example(windows: Windows, window: int | None) -> tuple[int, Windows]:
-    """The number of the window to show, and the window alone."""
+def _network(model: Path | None, dataset: str | None) -> tuple[Model | None, str]:
+    """The model at a path or of a name, and what it is called; None without one."""
+    if model is None:
+        return None, ""
+    place = find_model(model, dataset)
+    network = load_model(place)
+    return network, spoken_name(model, place, network)
+
+
+def _example(
+    name: str, recordings: Sequence[Tracks], lengths: Any, window: int | None
+) -> tuple[str, Windows]:
+    """The title of the window to show, of a data set `name`, and the window alone."""
+    windows = cut_windows(recordings, lengths.obs_len, lengths.pred_len)
     if window is None:
         most = max(CROWD, windows.sizes.min())
         window = int(np.where(windows.sizes <= most, windows.sizes, 0).argmax())
     if not 0 <= window < windows.scenes:
         raise InputError(f"--window must lie in [0, {windows.scenes}), not {window}")
-    return window, windows.take(slice(window, window + 1))
+    title = f"{name}, window {window}"
+    return title, windows.take(slice(window, window + 1))
 
 
 def _show_forecast(

@@ -488,6 +488,18 @@ class Table:
             values = (column.rank("dense") - 1).cast(pl.Float64)
         return values.fill_null(np.nan).to_numpy()
 
+    def reading(self, name: str) -> Reading:
+        """What is known of the recording `name` before its rows are."""
+        left_out = tuple(f"{line} are left out" for line in self.left_out)
+        return Reading(
+            name,
+            printable(str(self.path)),
+            rows=len(self.row),
+            left_out=self.left_out,
+            warnings=left_out + self.warnings,
+            notes=self.notes,
+        )
+
     def tracks(
         self,
         stamp: np.ndarray,
@@ -520,26 +532,22 @@ class Table:
         recordings = []
         for number, name in enumerate(names):
             at = np.flatnonzero(part == number)
-            left_out = self.left_out
+            table = self
             repeats = at[_repeated_rows(stamp[at], id[at], position[at])]
             if len(repeats):
-                left_out += (f"{len(repeats)} rows that stand twice",)
+                line = f"{len(repeats)} rows that stand twice"
+                table = dataclasses.replace(self, left_out=(*self.left_out, line))
                 at = np.setdiff1d(at, repeats)
-            lines = [f"{line} are left out" for line in left_out]
-            lines += self.warnings
             back = at[_backward_rows(stamp[at], id[at])]
             if len(back):
-                first = row[back[0]]
-                reason = f"row {first}: time runs backward for agent {given[back[0]]}"
+                first = f"row {row[back[0]]}: time runs backward for agent"
                 times = f"({len(back)} times in all)"
-                lines.append(f"{reason} {times}; the rows are sorted")
-            reading = Reading(
-                name,
-                printable(str(self.path)),
+                table = table.warned(
+                    f"{first} {given[back[0]]} {times}; the rows are sorted"
+                )
+            reading = dataclasses.replace(
+                table.reading(name),
                 rows=len(at),
-                left_out=left_out,
-                warnings=tuple(lines),
-                notes=self.notes,
                 rate=rate,
                 columns=tuple(columns),
                 unused=tuple(unused),

@@ -89,30 +89,47 @@ def resample(
     base = np.append(0, np.cumsum(steps)).astype(np.int64)
 
     row, grid, exact = _grid_points(tracks, period, origin, joined)
-    after = np.where(exact, row, row + 1)
     grid_stamp = origin[row] + grid * period
-    since = grid_stamp - stamp[row]
+    velocity = _velocity(tracks, joined, period)
+    tracks = _interpolated(tracks, row, grid_stamp, exact, velocity, GAP * period)
+    step = base[piece[row]] + grid.astype(np.int64)
+    return dataclasses.replace(tracks, period=period, step=step)
+
+
+def _interpolated(
+    tracks: Tracks,
+    row: np.ndarray,
+    moment: np.ndarray,
+    exact: np.ndarray,
+    velocity: np.ndarray,
+    longest: float,
+) -> Tracks:
+    """Points at each `moment` [G] from the row [G] at or before it and the next of the same track.
+
+    `exact` [G] are on that row; `velocity` [R, 2] says what was foreseen. Gaps above
+    `longest` seconds are counted.
+    """
+    stamp = tracks.stamp
+    after = np.where(exact, row, row + 1)
+    since = moment - stamp[row]
     gap = stamp[after] - stamp[row]
     weight = np.clip(since / np.where(exact, 1.0, gap), 0.0, 1.0)
     here = tracks.position[row]
     # In this form a standing person stays exactly still, which QTC's zero symbols need.
     between = here + weight[:, None] * (tracks.position[after] - here)
-    velocity = _velocity(tracks, joined, period)[row]
-    ahead = here + since[:, None] * velocity
+    ahead = here + since[:, None] * velocity[row]
 
     reading = tracks.reading
     if reading:
-        filled = int(np.sum(gap > GAP * period))
+        filled = int(np.sum(gap > longest))
         reading = dataclasses.replace(reading, filled=filled)
     return dataclasses.replace(
         tracks.take(row),
         reading=reading,
-        stamp=grid_stamp,
+        stamp=moment,
         position=np.where(exact[:, None], here, between),
-        known=np.where(exact, grid_stamp, stamp[after]),
+        known=np.where(exact, moment, stamp[after]),
         foreseen=np.where(exact[:, None], here, ahead),
-        period=period,
-        step=base[piece[row]] + grid.astype(np.int64),
     )
 
 

@@ -6,6 +6,7 @@ same batches, noises and labels. Torch's side is `torch_side.Training`.
 
 import dataclasses
 import functools
+import itertools
 import math
 import tempfile
 from collections.abc import Mapping
@@ -181,11 +182,11 @@ def compare_training(
             f"a fresh discriminator, by seed {seed}, at {FRESH_RATE:g} of its rate"
         )
     inputs = _inputs(config, recipe, seed)
+    settings: dict[str, Any] = {}
+    for name in ("learning_rate", "d_learning_rate", "clip_norm", "variety_weight"):
+        settings[name] = getattr(recipe, name)
     reported = sorted({*(step for step in REPORTED if step < steps), steps})
-    settings = {
-        name: getattr(recipe, name)
-        for name in ("learning_rate", "d_learning_rate", "clip_norm", "variety_weight")
-    }
+    settings["reported"] = reported
     with tempfile.TemporaryDirectory() as folder:
         run_torch(
             module,
@@ -194,9 +195,21 @@ def compare_training(
             title="training",
             python=python,
             seed=seed,
-            training={"settings": {**settings, "reported": reported}, "arrays": inputs},
+            training={"settings": settings, "arrays": inputs},
         )
         arrays = read_arrays(Path(folder) / torch_side.TRAINING, "a training")
+    rows = _rows(arguments, recipe, inputs, arrays, reported)
+    return TrainingParity(rows, tolerance, tuple(assumed))
+
+
+def _rows(
+    arguments: Mapping[str, Any],
+    recipe: GeneratorRecipe,
+    inputs: Mapping[str, np.ndarray],
+    arrays: Mapping[str, np.ndarray],
+    reported: list[int],
+) -> tuple[TrainingRow, ...]:
+    """Train here, and compare the parameters after each of the `reported` steps with torch's."""
     differences = {}
     for name in TYPES:
         with jax.enable_x64(name == "float64"):
@@ -205,15 +218,13 @@ def compare_training(
             )
     rows = []
     for step in reported:
-        columns = {
-            f"{network}_{name}": differences[name][step][network]
-            for network in NETWORKS
-            for name in TYPES
-        }
+        columns = {}
+        for network, name in itertools.product(NETWORKS, TYPES):
+            columns[f"{network}_{name}"] = differences[name][step][network]
         loss = float(arrays["float64/d_loss"][step - 1])
         moved = _moved(state_of(arrays, "float64/"), step)
         rows.append(TrainingRow(step=step, d_loss=loss, moved=moved, **columns))
-    return TrainingParity(tuple(rows), tolerance, tuple(assumed))
+    return tuple(rows)
 
 
 def _inputs(

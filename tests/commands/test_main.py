@@ -160,7 +160,8 @@ def test_help_says_what_the_main_options_do(capsys):
     assert re.search(r"--seed N +Random seed of the noise \(default 0\)\.", text)
     assert re.search(r"--forecast +Show [^(]*with\s+probabilities\.", text)
     assert re.search(
-        r"--out PATH +Folder of the figures \(default results/symbols\)\.", text
+        r"--out PATH +Folder of the figures, or FILE\.csv: .*\s.*\(default results",
+        text,
     )
     with pytest.raises(SystemExit):
         main(["evaluate", "--help-all"])
