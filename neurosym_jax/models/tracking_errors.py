@@ -185,9 +185,13 @@ def repair_scene(scene: "Scene", period: float) -> "tuple[Scene, Repair]":
 
 def was_repaired(observed: np.ndarray, period: float) -> np.ndarray:
     """[N] bool, which of the tracks `observed [N, T, 2]` metres have tracking errors."""
-    repair = repair_tracks(observed, period)
-    changed = (repair.tracks != observed).any((1, 2))
-    return changed | repair.offset.any(1) | repair.lost
+    wrong, _, _ = _errors(np, np.diff(observed, axis=1), period)
+    # Only tracks with a wrong step are changed; most have none.
+    repaired = wrong.any(axis=1)
+    repair = repair_tracks(observed[repaired], period)
+    changed = (repair.tracks != observed[repaired]).any((1, 2))
+    repaired[repaired] = changed | repair.offset.any(1) | repair.lost
+    return repaired
 
 
 def settle(forecast: Any, repair: Repair, period: float) -> Any:

@@ -67,13 +67,10 @@ class Kernel:
     speed: float
     """Metres per second."""
 
-    def distance(self, moment: Array, others: Array) -> Array:
-        """[...] distances of `moment [..., 6]` from `others [..., 6]`."""
-        gap = moment - others
-        place = _length(gap[..., 0:2])
-        velocity = _length(gap[..., 2:4])
-        earlier = _length(gap[..., 4:6])
-        return place / self.place + (velocity + earlier / 2) / self.speed
+    def likeness(self, place: Array, motion: Array) -> Array:
+        """[...] weights, 1 for the same moment and 0 beyond `FAR`, see `_gaps`."""
+        distance = place / self.place + motion / self.speed
+        return jnp.where(distance < FAR, jnp.exp(-distance), 0)
 
     def scaled(self, moment: Array) -> Array:
         """[..., 4] position and velocity of `moment [..., 6]`, in widths."""
@@ -82,9 +79,18 @@ class Kernel:
         return jnp.concatenate([place, velocity], -1)
 
 
-def _length(vector: Array) -> Array:
-    """[...] of `vector [..., 2]`."""
-    return jnp.sqrt(jnp.square(vector).sum(-1))
+def _gaps(moment: Array, others: Array) -> tuple[Array, Array]:
+    """[N, n] how far `moment [N, 6]` lies from `others [N, n, 6]`: in position, and in motion.
+
+    Motion is the velocity, and half of the earlier one.
+    """
+    # By coordinate: the CPU's programs are slow over short last axes. The barriers keep
+    # them from gathering and taking roots once for each kernel.
+    others = jax.lax.optimization_barrier(jnp.moveaxis(others, 2, 0))
+    gap = jnp.square(moment.T[:, :, None] - others)
+    place = jnp.sqrt(gap[0] + gap[1])
+    motion = jnp.sqrt(gap[2] + gap[3]) + jnp.sqrt(gap[4] + gap[5]) / 2
+    return jax.lax.optimization_barrier((place, motion))
 
 
 KERNELS = (
@@ -218,42 +224,51 @@ def recall(
 
     A moment counts for half after `half_life` [] seconds before `now` [].
     """
-    recall_one = functools.partial(_recall_one, kernels, memory, now, half_life)
-    return jax.vmap(recall_one)(moment)
-
-
-def _recall_one(
-    kernels: tuple[Kernel, ...],
-    memory: Memory,
-    now: Array | float,
-    half_life: Array | float,
-    moment: Array,
-) -> Recall:
     rows = []
     for number, kernel in enumerate(kernels):
         slots = _around(memory, kernel, moment)
-        rows.append(memory.table[number, slots].reshape(-1))
-    row = jnp.concatenate(rows)
+        entries = memory.table[number, slots]  # [N, 16, CELL]
+        rows.append(entries.reshape(len(moment), -1))
+    row = jnp.concatenate(rows, axis=1)
     others = memory.moment.at[row].get(mode="fill", fill_value=jnp.inf)
     time = memory.time.at[row].get(mode="fill", fill_value=-jnp.inf)
     # An empty row has an infinite age, of which an infinite half-life makes NaN.
     age = jnp.where(time > -jnp.inf, now - time, 0)
     kept = jnp.exp2(-jnp.maximum(age, 0) / half_life)
 
-    weight = jnp.stack([_likeness(kernel, moment, others) for kernel in kernels])
-    weight = weight * kept
-    total = jnp.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
-    likeness = (weight / total).sum(axis=0)
-    likeness, best = jax.lax.top_k(likeness, FOUND)
+    gaps = _gaps(moment, others)
+    weight = jnp.stack([kernel.likeness(*gaps) for kernel in kernels], axis=1)
+    weight = weight * kept[:, None]
+    total = jnp.maximum(weight.sum(axis=2, keepdims=True), 1e-9)
+    likeness = (weight / total).sum(axis=1)
+    best = _best_of_people(memory, row, likeness)
+    return jax.vmap(functools.partial(_recall_one, memory))(row, weight, kept, *best)
 
-    # The most similar moment of each person.
-    person = memory.person.at[row[best]].get(mode="fill", fill_value=-1)
-    same = person[:, None] == person
-    repeated = jnp.tril(same, -1).any(axis=1)
+
+def _best_of_people(memory: Memory, row: Array, likeness: Array) -> tuple[Array, Array]:
+    """[N, U] the most similar moments of different people, and their likeness, 0 if none.
+
+    `row [N, n]` are rows of the memory, some more than once.
+    """
+    likeness, best = jax.lax.top_k(likeness, FOUND)
+    found = jnp.take_along_axis(row, best, axis=1)
+    person = memory.person.at[found].get(mode="fill", fill_value=-1)
+    same = person[:, :, None] == person[:, None]
+    repeated = jnp.tril(same, -1).any(axis=2)
     likeness = jnp.where(repeated, 0, likeness)
     likeness, order = jax.lax.top_k(likeness, POINTS)
-    best = best[order]
+    return jnp.take_along_axis(best, order, axis=1), likeness
 
+
+def _recall_one(
+    memory: Memory,
+    row: Array,
+    weight: Array,
+    kept: Array,
+    best: Array,
+    likeness: Array,
+) -> Recall:
+    """What the `best [U]` of the rows [n] did, with the `weight [K, n]` of each."""
     weight = jnp.where(likeness > 0, weight[:, best], 0)
     people = jnp.where(weight > 0, kept[best], 0).sum(axis=1, keepdims=True)
     share = jnp.minimum(people / ENOUGH, 1)
@@ -272,12 +287,6 @@ def forget(memory: Memory, before: Array) -> Memory:
     )
 
 
-def _likeness(kernel: Kernel, moment: Array, others: Array) -> Array:
-    """[n] weights of `others [n, 6]`, 1 for the same moment, 0 beyond `FAR`."""
-    distance = kernel.distance(moment, others)
-    return jnp.where(distance < FAR, jnp.exp(-distance), 0)
-
-
 def _home(memory: Memory, kernel: Kernel, moment: Array, person: Array) -> Array:
     """[] the place in a table of the cell that keeps `moment [6]` of a person."""
     cell = jnp.floor(kernel.scaled(moment)).astype(jnp.int32)
@@ -289,11 +298,11 @@ def _home(memory: Memory, kernel: Kernel, moment: Array, person: Array) -> Array
 
 
 def _around(memory: Memory, kernel: Kernel, moment: Array) -> Array:
-    """[16] places in a table of the cells nearest to `moment [6]`."""
+    """[N, 16] places in a table of the cells nearest to `moment [N, 6]`."""
     lowest = jnp.floor(kernel.scaled(moment) - 0.5)
-    cell = lowest.astype(jnp.int32) + CORNERS
+    cell = lowest.astype(jnp.int32)[:, None] + CORNERS
     if np.isinf(kernel.place):
-        cell = cell.at[:, :2].set(CORNERS[:, :2])
+        cell = cell.at[..., :2].set(CORNERS[:, :2])
     return _slot(memory, cell)
 
 

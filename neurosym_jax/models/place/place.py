@@ -341,21 +341,23 @@ class Place:
         tracks = self._followed.tracks(
             number, least + config.pred_len, most + config.pred_len
         )
-        moments = [
-            (person, tracks[person] - self._origin)
-            for person in _consistent(tracks, config.period)
-        ]
-        if not moments:
+        groups = _consistent(tracks, config.period)
+        count = sum(len(people) for people, _ in groups)
+        if not count:
             return
-        size = int(bucket_of(len(moments)))
+        size = int(bucket_of(count))
         feature = np.zeros((size, memories.FEATURES), np.float32)
         onward = np.zeros((size, config.pred_len, 2), np.float32)
         people = np.full(size, -1, np.int32)
-        for row, (person, track) in enumerate(moments):
-            past, future = track[: -config.pred_len], track[-config.pred_len :]
-            feature[row] = memories.features(past[None], config.period)[0]
-            onward[row] = future - past[-1]
-            people[row] = person % 2**31
+        row = 0
+        for numbers, group in groups:
+            rows = slice(row, row + len(numbers))
+            past = group[:, : -config.pred_len] - self._origin
+            future = group[:, -config.pred_len :] - self._origin
+            feature[rows] = memories.features(past, config.period)
+            onward[rows] = future - past[:, -1:]
+            people[rows] = numbers % 2**31
+            row = rows.stop
         time = np.full(size, self._now, np.float32)
         self._memory = memories.remember(
             KERNELS, self._memory, feature, onward, people, time
@@ -392,17 +394,21 @@ class Place:
         return memories.recall(KERNELS, self._memory, feature, *times)
 
 
-def _consistent(tracks: Mapping[int, np.ndarray], period: float) -> list[int]:
-    """The people whose tracks [S, 2] have no tracking error: a track that jumps is of two people.
+def _consistent(
+    tracks: Mapping[int, np.ndarray], period: float
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """People [n] and tracks [n, S, 2] of each length without tracking errors.
 
-    Speed is no error, see `tracking_errors`: a runner's way on is remembered.
+    A track that jumps is of two people. Speed is no error, see `tracking_errors`: a
+    runner's way on is remembered.
     """
-    people: list[int] = []
+    groups = []
     for length in sorted({len(track) for track in tracks.values()}):
-        group = [person for person, track in tracks.items() if len(track) == length]
-        broken = was_repaired(np.array([tracks[person] for person in group]), period)
-        people += np.array(group)[~broken].tolist()
-    return people
+        people = [person for person, track in tracks.items() if len(track) == length]
+        group = np.array([tracks[person] for person in people])
+        whole = ~was_repaired(group, period)
+        groups.append((np.array(people)[whole], group[whole]))
+    return groups
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -67,13 +67,31 @@ def _between(before: Step, after: Step, time: float) -> Step:
 class _Person:
     """A person who is followed."""
 
-    def __init__(self, number: int):
-        """A person with a number that is never used twice."""
-        self.number = number
+    def __init__(self, number: int, length: int):
+        """A person with a number that is never used twice, whose last `length` steps are kept."""
+        self.number, self.length = number, length
         self.seen = 0
         """Number of the last step with the person."""
-        self.track: list[np.ndarray] = []
-        """Positions [2] at the steps up to the last one, without a gap."""
+        self._positions = np.empty((4 * length, 2))
+        self._begin = self._end = 0
+
+    @property
+    def track(self) -> np.ndarray:
+        """[S, 2] positions at the steps up to the last one, without a gap."""
+        return self._positions[self._begin : self._end]
+
+    def push(self, step: int, position: np.ndarray) -> None:
+        """Take in the position [2] at a step; a gap before it begins a new track."""
+        if self.seen != step - 1:
+            self._begin = self._end
+        self._begin = max(self._begin, self._end + 1 - self.length)
+        if self._end == len(self._positions):
+            kept = self.track.copy()
+            self._begin, self._end = 0, len(kept)
+            self._positions[: len(kept)] = kept
+        self._positions[self._end] = position
+        self._end += 1
+        self.seen = step
 
 
 class Followed:
@@ -90,14 +108,10 @@ class Followed:
         for id, position in zip(step.ids.tolist(), step.position):
             person = self._people.get(id)
             if person is None:
-                person = _Person(self.next)
+                person = _Person(self.next, self.length)
                 self._people[id] = person
                 self.next += 1
-            if person.seen != step.number - 1:
-                person.track = []
-            person.seen = step.number
-            person.track.append(position)
-            del person.track[: -self.length]
+            person.push(step.number, position)
         oldest = step.number - self.length
         self._people = {
             id: person for id, person in self._people.items() if person.seen >= oldest
@@ -108,8 +122,9 @@ class Followed:
 
         Of everybody who is in step `number`, the last one.
         """
-        return {
-            person.number: np.array(person.track[-most:])
-            for person in self._people.values()
-            if person.seen == number and len(person.track) >= least
-        }
+        tracks = {}
+        for person in self._people.values():
+            track = person.track
+            if person.seen == number and len(track) >= least:
+                tracks[person.number] = track[-most:].copy()
+        return tracks
