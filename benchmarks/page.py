@@ -1,7 +1,7 @@
-r"""A page of what the benchmarks measured; `docs/benchmarks.md` is it, by one command.
+r"""A page of what the benchmarks measured; `studies/pages/benchmarks.md` is it, by one command.
 
 python -m benchmarks --data DATA --checkpoints FOLDER --reference SGAN \
-    --neurosym-reference NEUROSYM --json docs/benchmarks.json --page docs/benchmarks.md
+    --neurosym-reference NEUROSYM --json docs/benchmarks.json --page studies/pages/benchmarks.md
 """
 
 import itertools
@@ -10,27 +10,9 @@ from typing import Any
 
 from benchmarks.timing import OURS
 
-HEAD = """# Benchmarks
+HEAD = """# Benchmarks, all rows
 
-**On two cores of a CPU, evaluation is 9.8 times as fast as SGAN's released code, and 1.6 times as fast
-as SGAN rewritten in batched torch.** No GPU was at hand; `python -m benchmarks --gpu` waits for one.
-
-| on two cores | |
-|---|---:|
-| evaluation, against the released code | 9.8 times as fast |
-| evaluation, against batched torch | 1.6 times (1.4 to 1.7) |
-| training step of SGAN, against either | 7.8 and 1.4 times |
-| training step of `recommended`, against its twin in torch | 1.1 times |
-| training of `recommended`, without distribution and short histories | 49 s |
-| 20 forecasts of 10 people, from a frame | 1.5 ms |
-| 20 forecasts of a thousand people | 44 ms |
-| age of a forecast of 200 people at 30 Hz, page open, ROS 1 | 15 ms (99 % below 34 ms) |
-| the same, ROS 2 | 22 ms (42 ms) |
-
-A single scene of 10 people takes as long as in torch, one of 2 people longer. All ran on this one
-machine; no robot was involved. In the tables `anchors` is `recommended`.
-
-    python -m benchmarks --data DATA --checkpoints FOLDER --reference SGAN
+In the tables `anchors` is [`recommended`](../../docs/benchmarks.md).
 
 {commits}
 """
@@ -49,7 +31,7 @@ TAIL = """<details markdown="1">
   programs in the cache.
 - The torch peer is SGAN with encoding and pooling done once, all samples together, and no loop over
   scenes. The original is the released code.
-- `benchmarks.json` beside this page has all rounds, stages, memory, and the bound set by the
+- `docs/benchmarks.json` has all rounds, stages, memory, and the bound set by the
   arithmetic. The first lines of `benchmarks/page.py` renew the page.
 
 {machine}

@@ -1,7 +1,8 @@
-"""Draw the figures of docs/evaluate.md that Python draws: `python -m studies.gallery DATA`.
+"""Draw the figures of docs/evaluate.md, and those of home: `python -m studies.gallery DATA`.
 
-DATA is ETH/UCY (`neurosym download eth-ucy`). What runs is the page's own code; seeds
-are 0.
+DATA is ETH/UCY (`neurosym download eth-ucy`). Of docs/evaluate.md the page's own code
+runs. Home shows zara1 and `recommended`, which did not learn from it, 8 + 12 steps: one
+scene of seven people who walk, and 16 s of the recording as an animation. Seeds are 0.
 """
 
 import re
@@ -10,18 +11,27 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
+from neurosym_jax import load_model, predict, predict_distribution
+from neurosym_jax.data.recordings import open_source
+from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.plotting import save_figure
+from neurosym_jax.plotting import PALETTE, plot_forecasts, save_figure
+from neurosym_jax.plotting.forecasts import draw_paths
+from neurosym_jax.plotting.style import INK, dress_floor, new_figure
 
-__all__ = ["draw"]
+__all__ = ["draw", "draw_home"]
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 CODE = re.compile(r"(?:\(figures/(\w+)\.png\)\n\n)?```python\n(.*?)```", re.DOTALL)
 """Code, and the name of the figure above it; the first code begins all others."""
 WIDE = 1300
 """Most dots of a figure's width."""
+PLACE, PEOPLE, MOMENTS = "zara1", 7, 40
+DRAWS = 30
 
 
 def draw(data: str, folder: Path = DOCS / "figures") -> list[Path]:
@@ -35,12 +45,82 @@ def draw(data: str, folder: Path = DOCS / "figures") -> list[Path]:
         with mock.patch.dict(METRICS):
             exec(start + code, names)
         path = save_figure(names["figure"], folder / f"{name}.png")
-        image = Image.open(path).convert("RGB")
-        image.thumbnail((WIDE, 2 * WIDE))
-        image.quantize(dither=Image.Dither.NONE).save(path, optimize=True)
+        shrink(path)
         paths.append(path)
     return paths
 
 
+def shrink(path: Path) -> None:
+    """Write a picture again with 256 colours, and at most `WIDE` dots wide."""
+    image = Image.open(path).convert("RGB")
+    image.thumbnail((WIDE, 2 * WIDE))
+    image.quantize(dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def draw_home(data: str, folder: Path = DOCS / "figures") -> list[Path]:
+    """Draw `home.png`, a scene with its forecasts, and the animation `home.gif`."""
+    source = open_source(Path(data), PLACE)
+    windows = cut_windows(source.recordings(PLACE), 8, 12)
+    model = load_model("recommended", dataset=PLACE, pred_len=12)
+    scene = windows.take(slice(*_lively(windows)))
+    past, future = np.split(scene.position, [8], axis=1)
+    title = f"{PLACE}: what {PEOPLE} people may do in the next 4.8 s"
+    figure = plot_forecasts(past, future, {"recommended": predict(model, past)}, title)
+    picture = save_figure(figure, folder / "home.png")
+    shrink(picture)
+    return [picture, _animate(model, windows, folder / "home.gif")]
+
+
+def _lively(windows: Windows) -> tuple[int, int]:
+    """The scene of `PEOPLE` people in which the slowest goes farthest, as a range."""
+    (candidates,) = np.nonzero(windows.sizes == PEOPLE)
+    farthest, best = 0.0, int(candidates[0])
+    for number in candidates:
+        position = windows.take(slice(number, number + 1)).position
+        way = np.linalg.norm(position[:, -1] - position[:, 0], axis=-1).min()
+        if way > farthest:
+            farthest, best = float(way), int(number)
+    return best, best + 1
+
+
+def _animate(model: Any, windows: Windows, path: Path) -> Path:
+    """Write successive moments of the recording, and at each what everybody may do next."""
+    first = _lively(windows)[0] - MOMENTS // 2
+    moments = [windows.take(slice(n, n + 1)) for n in range(first, first + MOMENTS)]
+    people = sorted(set(np.concatenate([scene.agent for scene in moments])))
+    frames = []
+    for scene in moments:
+        past, _ = np.split(scene.position, [8], axis=1)
+        draws = predict_distribution(model, past, draws=DRAWS, seed=0)
+        figure, ((axes,),) = new_figure(5.0, 3.6)
+        dress_floor(axes, f"{PLACE}: the next 4.8 s, by recommended")
+        axes.set(aspect="auto", xlim=(0, 15), ylim=(1.5, 10.5))
+        for row, person in enumerate(scene.agent):
+            colour = PALETTE[people.index(person) % len(PALETTE)]
+            draw_paths(
+                axes,
+                draws[:, row],
+                np.repeat(past[None, row], DRAWS, 0),
+                color=colour,
+                lw=0.7,
+                alpha=0.4,
+            )
+            draw_paths(axes, past[row, None], color=INK, lw=1.2)
+            axes.plot(*past[row, -1], "o", color=colour, ms=6)
+        frames.append(_pixels(figure))
+    method = Image.Quantize.FASTOCTREE
+    images = [frame.quantize(128, method, dither=Image.Dither.NONE) for frame in frames]
+    options: Any = {"duration": 400, "loop": 0, "optimize": True}
+    images[0].save(path, save_all=True, append_images=images[1:], **options)
+    return path
+
+
+def _pixels(figure: Any) -> Image.Image:
+    figure.set_dpi(110)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+
 if __name__ == "__main__":
-    print(*draw(sys.argv[1]), sep="\n")
+    print(*draw(sys.argv[1]), *draw_home(sys.argv[1]), sep="\n")

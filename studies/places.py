@@ -1,7 +1,7 @@
 """How good are models at places where they have not learned? `left_out.md`, from nothing.
 
 NPROC=1 python -m studies.places DATA MORE THOR OUT    # trains, tests, writes docs/left_out.csv
-python -m studies.places > studies/pages/left_out.md   # from docs/left_out.csv
+python -m studies.places > studies/pages/left_out.md   # from docs/left_out.csv; and its figure
 
 A place is left out whole, with all its recordings, and models are trained on the
 others: three of ETH/UCY's places are a recording or two each that data sets share, such
@@ -23,9 +23,13 @@ import polars as pl
 from neurosym_jax.evaluation.compare import read_report
 from neurosym_jax.evaluation.intervals import student_half
 from neurosym_jax.evaluation.tables import markdown_table
+from neurosym_jax.plotting import model_looks, save_figure
+from neurosym_jax.plotting.style import WIDTH, add_legend, dress, new_figure
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "docs" / "left_out.csv"
+FIGURE = ROOT / "docs" / "figures" / "places.png"
+MARKERS = "sDv^oX"
 LENGTHS = ("--obs-len", "8", "--pred-len", "12")
 PLACES = {
     "eth": ("biwi_eth",),
@@ -181,6 +185,27 @@ def joint_errors(means: pl.DataFrame, names: Mapping[str, str]) -> str:
     return _table(named, ("joint_ade",), places)
 
 
+def draw(means: pl.DataFrame, path: Path = FIGURE) -> Path:
+    """Draw joint ADE: a line for each place, a point on it for each model."""
+    named = means.with_columns(pl.col("model").replace({"anchors": "recommended"}))
+    places = named["dataset"].unique(maintain_order=True).to_list()
+    models = named["model"].unique(maintain_order=True).to_list()
+    figure, ((axes,),) = new_figure(WIDTH, 3.2)
+    looks = model_looks(models)
+    for marker, model in zip(MARKERS, models):
+        rows = named.filter(pl.col("model") == model)
+        line = [places.index(place) for place in rows["dataset"]]
+        point = {"color": looks[model]["color"], "marker": marker, "linestyle": "none"}
+        size = 8 if model == "recommended" else 5
+        axes.plot(rows["joint_ade"], line, **point, markersize=size, label=model)
+    axes.set_yticks(range(len(places)), places)
+    axes.invert_yaxis()
+    axes.set_xlim(left=0)
+    title = "Error at places that no model has seen: farther left is better"
+    dress(axes, "joint ADE [m], 8 + 12 steps, best of 20", "", title)
+    return save_figure(add_legend(figure, axes), path)
+
+
 def _table(means: pl.DataFrame, metrics: Sequence[str], places: list[str]) -> str:
     """A row for each model, a column for each place; the least of a metric there is bold."""
     values = means.with_columns(
@@ -247,3 +272,4 @@ if __name__ == "__main__":
         run()
     else:
         print(page(pl.read_csv(TABLE)))
+        draw(pl.read_csv(TABLE))

@@ -38,7 +38,7 @@ def test_a_benchmark_and_its_page(tmp_path):
 def test_the_page_is_what_its_numbers_give_and_names_their_commits():
     numbers = json.loads((ROOT / "docs/benchmarks.json").read_text())["benchmarks"]
     text = document(numbers)
-    assert text == (ROOT / "docs/benchmarks.md").read_text()
+    assert text == (ROOT / "studies/pages/benchmarks.md").read_text()
     for name, benchmark in numbers.items():
         assert benchmark["machine"]["commit"][:8] in text, name
 

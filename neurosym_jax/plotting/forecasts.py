@@ -1,7 +1,8 @@
 """Forecasts on the floor: a scene from above.
 
-Observed paths are dark, the true future is a broad green band, a model has its own
-colour and line.
+Each person has a colour: the observed path is a thin line, the true future a broad
+band. The forecasts of one model have these colours, too; of several, each model has its
+own colour and line.
 """
 
 from collections.abc import Mapping
@@ -68,47 +69,53 @@ def draw_scene(
     weight = float(np.clip((10 / len(past)) ** 0.5, 0.65, 1.0))
     circle = {"marker": "o", "markersize": 4 * weight, "markerfacecolor": "white"}
     circle |= {"markeredgewidth": 0.9 * weight, "linestyle": "none", "zorder": 5}
-    draw_paths(axes, past[:, :1], **circle, color=style.INK, label="start")
-    draw_paths(
-        axes, past, color=style.INK, linewidth=1.0 * weight, zorder=3, label="observed"
-    )
+    _draw_people(axes, past[:, :1], label="start", **circle)
+    _draw_people(axes, past, label="observed", linewidth=1.0 * weight, zorder=3)
     if future is not None:
         # Pale and broad, so that a forecast on it can be seen.
-        band = {
-            "linewidth": 4.5 * weight,
-            "alpha": 0.35,
-            "solid_capstyle": "round",
-            "zorder": 2,
-        }
-        draw_paths(axes, future, past, **band, color=style.TRUTH, label="ground truth")
+        band = {"linewidth": 4.5 * weight, "alpha": 0.35, "zorder": 2}
+        band |= {"solid_capstyle": "round"}
+        _draw_people(axes, future, past, label="ground truth", **band)
     for name, look in style.model_looks(samples).items():
-        path, label = samples[name], name
-        if path.ndim == 4:
-            if name == list(samples)[-1]:
-                faint = {
-                    "linewidth": 0.5,
-                    "alpha": 0.35,
-                    "zorder": 2.5,
-                    "color": look["color"],
-                }
-                for sample in path:
-                    draw_paths(
-                        axes, sample, past, **faint, label=f"{name}, all {len(path)}"
-                    )
-            kind = "mean" if future is None else "best"
-            label = (
-                f"{name}, {kind} of {len(path)}"
-                if len(path) > 1
-                else f"{name}, one guess"
-            )
-            if future is None:
-                path = path.mean(axis=0)
-            else:  # The sample of least joint ADE.
-                error = np.linalg.norm(path - future, axis=-1)
-                path = path[error.mean(axis=(1, 2)).argmin()]
-        draw_paths(
-            axes, path, past, **look, linewidth=1.5 * weight, zorder=4, label=label
-        )
+        # Where models are compared, a colour is a model's.
+        draw = draw_paths if len(samples) > 1 else _draw_people
+        path = samples[name]
+        if path.ndim == 4 and name == list(samples)[-1]:
+            faint = {"linewidth": 0.5, "alpha": 0.35, "zorder": 2.5}
+            label = f"{name}, all {len(path)}"
+            for sample in path:
+                draw(axes, sample, past, **faint, color=look["color"], label=label)
+        drawn, label = _one_sample(name, path, future)
+        line = {"linewidth": 1.5 * weight, "zorder": 4}
+        draw(axes, drawn, past, **look, **line, label=label)
+
+
+def _one_sample(
+    name: str, path: np.ndarray, future: np.ndarray | None
+) -> tuple[np.ndarray, str]:
+    """The sample of least joint ADE, without a truth the mean, and its label."""
+    if path.ndim == 3:
+        return path, name
+    kind = "mean" if future is None else "best"
+    label = f"{name}, {kind} of {len(path)}"
+    if len(path) == 1:
+        label = f"{name}, one guess"
+    if future is None:
+        return path.mean(axis=0), label
+    error = np.linalg.norm(path - future, axis=-1)
+    return path[error.mean(axis=(1, 2)).argmin()], label
+
+
+def _draw_people(
+    axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **look
+) -> None:
+    """`draw_paths` with a colour for each person; the legend's line is dark."""
+    legend = axes.plot([], [], **look)[0]
+    legend.set_color(style.INK)
+    for place, colour in enumerate(style.PALETTE[: len(lines)]):
+        people = slice(place, None, len(style.PALETTE))
+        begins = None if past is None else past[people]
+        draw_paths(axes, lines[people], begins, **look | {"color": colour})
 
 
 def draw_paths(

@@ -22,7 +22,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import new_file
 
-__all__ = ["COLUMN", "ENDINGS", "INK", "LABEL", "PALETTE", "SMALL", "TRUTH", "WIDTH"]
+__all__ = ["COLUMN", "ENDINGS", "INK", "LABEL", "PALETTE", "SMALL", "WIDTH"]
 __all__ += ["Style", "add_legend", "colour_bar", "dress", "dress_floor", "model_looks"]
 __all__ += ["new_figure", "save_figure", "use_style"]
 
@@ -42,9 +42,7 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4
 """Those of Okabe and Ito, safe for colour-blind readers, without the yellow that fades on white."""
 BLUE, RED, GREEN, PURPLE, AMBER, SKY, GREY = PALETTE
 INK = "#222222"
-"""Colour of observed paths and text."""
-TRUTH = GREEN
-"""Colour of the true future, as in the live view."""
+"""Colour of text, and of a line in a legend that stands for those of all people."""
 
 DOTTED, DASHED, DASH_DOT = ":", "--", "-."  # The styles of the robot paper.
 # The first part found in a model's title decides; a NeuroSyM's title holds its
@@ -54,6 +52,7 @@ _LOOKS = {
     "constant": (GREY, DASHED),
     "linear": (GREY, DASHED),
     "anchor table": (SKY, (0, (2, 1))),
+    "recommended": (PURPLE, (0, (8, 3))),
     "anchors": (PURPLE, (0, (8, 3))),
     "cnd": (BLUE, DOTTED),
     "ones": (AMBER, DOTTED),

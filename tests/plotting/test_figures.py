@@ -15,7 +15,7 @@ from neurosym_jax.plotting import (
     plot_horizon_errors,
     save_figure,
 )
-from neurosym_jax.plotting.style import INK, TRUTH
+from neurosym_jax.plotting.style import INK, PALETTE
 
 MODELS = ("NeuroSyM (CND)", "SGAN", "constant velocity")
 
@@ -74,15 +74,27 @@ def test_forecasts_draw_every_agent_once_a_model(agents):
     assert colours == [
         INK,
         INK,
-        TRUTH,
+        INK,
         *(look["color"] for look in model_looks(MODELS).values()),
     ]
+    own = [line for line in axes.lines if line.get_label() == "observed"][1:]
+    assert [line.get_color() for line in own] == list(PALETTE[:agents])
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert axes.get_title(loc="left") == "A title"
     assert axes.get_aspect() == 1
     expected = np.concatenate([observed[:, -1:], truth + 0.3], axis=1)
     np.testing.assert_array_equal(labelled(axes, "SGAN"), expected)
     assert_neat(figure, observed, truth, *forecasts.values())
+
+
+def test_forecasts_of_one_model_have_the_colour_of_their_person():
+    observed, truth = walk(3)
+    axes = plot_forecasts(observed, truth, {"SGAN": truth[None] + 0.2}).axes[0]
+    for label in ("observed", "ground truth", "SGAN, one guess", "SGAN, all 1"):
+        lines = [line for line in axes.lines if line.get_label() == label][1:]
+        assert [line.get_color() for line in lines] == list(PALETTE[:3])
+        starts = [line.get_xdata()[0] for line in lines]
+        assert starts == list(observed[:, 0 if label == "observed" else -1, 0])
 
 
 def test_a_model_has_one_look():
