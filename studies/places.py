@@ -94,7 +94,7 @@ Difference to `anchors` at each place, in per cent of anchors' value there: the 
 All means, FDE too, are in `docs/left_out.csv`. `python -m studies.places DATA MORE THOR
 OUT` trains and tests all of it; its first lines say what the folders hold. The recipes were chosen
 with pairs of ETH/UCY's data sets left out, and earlier forms of `anchors` were looked at on
-Stanford's scenes, THÖR and HERMES: none of the places is a fresh test."""
+Stanford's scenes, THÖR and HERMES. So none of the places is a fresh test."""
 
 
 def train(

@@ -22,6 +22,7 @@ TESTED = {
         "weighting_gradient",
     ),
     "own_training",
+    "own_network",
     "encounter_pooling",  # by tests/models/test_network_plugin.py
     "peer_forecasts",  # by tests/examples/test_peer_forecasts.py
     "run_exported",  # by tests/interop/test_export.py
@@ -51,6 +52,18 @@ def test_a_training_of_ones_own(tmp_path):
     model = example("own_training").main(tmp_path, steps=2)
     kept = float(model.params["weighting"]["log_temperature"])
     assert kept == pytest.approx(np.log(0.2) + 2 / 300 * np.log(0.1), rel=1e-5)
+
+
+@pytest.mark.slow
+def test_a_network_of_ones_own_learns_from_symbols(capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["own_network.py", "30"])
+    example("own_network")
+    errors, speed = capsys.readouterr().out.splitlines()
+    own, straight = (float(text) for text in re.findall(r"[\d.]+(?= m\b)", errors))
+    assert own < 0.9 * straight
+    # It begins at 0.125 m/s.
+    assert 0.05 < float(re.findall(r"[\d.]+", speed)[0]) < 0.3
+    assert "0.125" not in speed
 
 
 @pytest.mark.slow
