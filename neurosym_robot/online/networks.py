@@ -12,6 +12,7 @@ from neurosym_jax.models.forecast import Model, SceneForecaster
 from neurosym_jax.models.forecaster import Representatives
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.scene import Scene, make_scene, pad_scene, scene_identity
+from neurosym_robot.online.window import Observed
 
 
 class Pending(NamedTuple):
@@ -31,6 +32,7 @@ class Network:
         self._forecaster = SceneForecaster(
             model.forecaster, model.params, samples=samples, seed=seed, repair=repair
         )
+        self._takes_short = model.forecaster.shortest < model.config.obs_len
         self.samples = self._forecaster.samples
         self.repairs = repair or model.forecaster.repairs
 
@@ -40,10 +42,15 @@ class Network:
         return {int(bucket_of(people + 1)) for people in range(most)}
 
     def start(
-        self, observed: np.ndarray, recording: str, frame: int, slots: int
+        self, observed: Observed, recording: str, frame: int, slots: int
     ) -> Pending:
-        """Begin the forecast of people `observed [N, obs_len, 2]` metres from step `frame` on."""
-        scene = make_scene(observed, recording=recording, frame=frame)
+        """Begin the forecast of people whose windows begin at step `frame`.
+
+        A network that learned from incomplete histories is told which steps were seen.
+        """
+        scene = make_scene(observed.positions, recording=recording, frame=frame)
+        if self._takes_short:
+            scene = scene.replace(seen=observed.known)
         padded = pad_scene(scene, slots)
         return Pending(scene, padded, self._forecaster.start(padded))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError, optional_module
 from neurosym_robot.online.coupling import draw_scenes, even_lots
+from neurosym_robot.online.window import Observed
 
 
 class Lengths(NamedTuple):
@@ -91,13 +92,13 @@ class OnnxNetwork:
         return {most}
 
     def start(
-        self, observed: np.ndarray, recording: str, frame: int, slots: int
+        self, observed: Observed, recording: str, frame: int, slots: int
     ) -> Pending:
-        """Forecast people `observed [N, obs_len, 2]` metres."""
-        origin = observed[:, -1].mean(axis=0)
-        observed = (observed - origin).astype(np.float32)
-        results = self._model.session.run(None, {"observed": observed})
-        return Pending(origin, observed, dict(zip(self._model.outputs, results)))
+        """Forecast people by their windows, whether every step of them was seen or not."""
+        origin = observed.positions[:, -1].mean(axis=0)
+        positions = (observed.positions - origin).astype(np.float32)
+        results = self._model.session.run(None, {"observed": positions})
+        return Pending(origin, positions, dict(zip(self._model.outputs, results)))
 
     def finish(self, pending: Pending) -> tuple[np.ndarray, np.ndarray | None]:
         """The samples [k, N, pred_len, 2] in metres, and their probabilities [k]."""

@@ -269,7 +269,10 @@ class Predictor:
         """The forecast of `size` people, for whom programs are compiled."""
         zeros = np.zeros(size)
         positions = np.zeros((size, self.window.steps, 2))
-        observed = Observed(np.arange(size), positions, zeros.astype(int), zeros, zeros)
+        known = np.ones(positions.shape[:2], bool)
+        observed = Observed(
+            np.arange(size), positions, zeros.astype(int), zeros, zeros, known
+        )
         recall = None
         if self.place is not None:
             # The place itself may be watching in another thread.
@@ -302,9 +305,7 @@ class Predictor:
         # All are begun before the first is waited for.
         pending = {}
         for name, network in self._networks.items():
-            pending[name] = network.start(
-                observed.positions, self.recording, frame, slots
-            )
+            pending[name] = network.start(observed, self.recording, frame, slots)
         models = {}
         for name, network in self._networks.items():
             result = _summary(*network.finish(pending[name]))

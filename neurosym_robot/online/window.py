@@ -40,6 +40,8 @@ NOISE = 0.05
 PACE = 1.0
 """Metres per second: standard deviation of a person's velocity along an axis, before any is
 known."""
+LEAST = 2
+"""Last steps that count as seen: a line through two sightings tells both."""
 LINE = 0.8
 """Seconds over which a line is drawn through what was seen."""
 
@@ -96,6 +98,8 @@ class Observed(NamedTuple):
     first sighting is a line through what was seen."""
     doubt: np.ndarray
     """[N] standard deviation of such a line's velocity, m/s; 0 for windows seen as a whole."""
+    known: np.ndarray
+    """[N, steps] bool, False before the first sighting; the last two count as seen."""
 
     def take(self, rows: np.ndarray) -> "Observed":
         """The people of these rows."""
@@ -201,14 +205,15 @@ class Window:
         positions = self._at(people, np.broadcast_to(times, (len(people), self.steps)))
         now, before = self._at(people, last - [0.0, self.period]).swapaxes(0, 1)
         velocity = (now - before) / self.period
-        seen, doubt = self._draw_lines(people, times, positions, velocity)
+        known = np.ones((len(people), self.steps), bool)
+        seen, doubt = self._draw_lines(people, times, positions, velocity, known)
 
         ahead = times - last
         unseen = ahead > SNAP
         going_on = now[:, None] + ahead[..., None] * velocity[:, None]
         positions = np.where(unseen[..., None], going_on, positions)
         observed = Observed(
-            self._ids[people], positions, unseen.sum(axis=1), seen, doubt
+            self._ids[people], positions, unseen.sum(axis=1), seen, doubt, known
         )
         is_whole = np.asarray(np.isfinite(positions).all(axis=(1, 2)))
         return observed.take(is_whole)
@@ -219,8 +224,11 @@ class Window:
         times: np.ndarray,
         positions: np.ndarray,
         velocity: np.ndarray,
+        known: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Complete `positions` [N, T, 2], and `velocity` [N, 2], of who was not seen at first.
+
+        `known` [N, T] becomes False there.
 
         Returns:
             Seconds seen [N], and the standard deviations [N] of the lines' velocities.
@@ -233,11 +241,12 @@ class Window:
             seen[row] = min(stamps[-1] - stamps[0], length)
             if len(stamps) < 2 or seen[row] < self.min_seen - SNAP:
                 continue
-            known = np.flatnonzero(times <= self._last[people[row]] + SNAP)
-            lines = lines_at(stamps, places, times[known])
-            positions[row, known] = [
-                line.at(time) for line, time in zip(lines, times[known])
+            drawn = np.flatnonzero(times <= self._last[people[row]] + SNAP)
+            lines = lines_at(stamps, places, times[drawn])
+            positions[row, drawn] = [
+                line.at(time) for line, time in zip(lines, times[drawn])
             ]
+            known[row, :-LEAST] = times[:-LEAST] >= stamps[0] - SNAP
             doubt[row] = lines[-1].doubt
             velocity[row] = lines[-1].velocity
         return seen, doubt

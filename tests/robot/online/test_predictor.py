@@ -15,8 +15,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.data.windows import cut_windows, make_batches, resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchors.network import AnchorTableConfig
-from neurosym_jax.models.forecast import forecast_batch, predict, unpacked
+from neurosym_jax.models.forecast import (
+    SceneForecaster,
+    forecast_batch,
+    predict,
+    unpacked,
+)
 from neurosym_jax.models.forecaster import draw_noise
+from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import Analytics, replay
@@ -218,6 +224,32 @@ def test_draws_keep_their_noise_from_frame_to_frame():
     assert len(ends) == 6
     assert_allclose(ends, np.broadcast_to(ends[0], np.shape(ends)), atol=2e-3)
     assert np.std(ends[0]) > 0.1
+
+
+def test_a_network_is_told_who_was_just_seen():
+    """Its layers for incomplete histories forecast a newcomer; whole windows are as before."""
+    models = load_models([Path("recommended")])
+    options = {"samples": 4, "max_people": 2, "min_seen": 0.0, "compile": "needed"}
+    predictor = Predictor(models, **options)
+    for n in range(36):
+        people = [1, 2] if n >= 30 else [1]
+        way = [[0.1 * n, 0.0], [0.1 * n, 0.5 + 0.05 * (n - 30)]]
+        forecast = predictor.push(n / 10, people, way[: len(people)])
+        assert forecast is not None
+        (result,) = forecast.models.values()
+        if n == 29:
+            expected = predict(models["recommended"], forecast.observed, samples=4)
+            assert_allclose(result.samples, expected, atol=1e-4)
+
+    model = models["recommended"]
+    network = SceneForecaster(model.forecaster, model.params, samples=4, seed=0)
+    scene = make_scene(forecast.observed, frame=forecast.index - 7)
+    scene = pad_scene(scene, 2)
+    newcomer = np.arange(8) >= 6
+    told = scene.replace(seen=np.stack([np.ones(8, bool), newcomer]))
+    assert_allclose(result.samples, network(told), atol=1e-4)
+    untold = network(scene)
+    assert np.abs(result.samples - untold)[:, 1].max() > 0.1
 
 
 def test_names_of_models_side_by_side():
