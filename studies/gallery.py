@@ -85,7 +85,7 @@ def _lively(windows: Windows) -> tuple[int, int]:
 
 def _animate(model: Any, windows: Windows, path: Path) -> Path:
     """Write successive moments of the recording, and at each what everybody may do next."""
-    first = _lively(windows)[0] - MOMENTS // 2
+    first = _lively(windows)[0] - 3
     moments = [windows.take(slice(n, n + 1)) for n in range(first, first + MOMENTS)]
     people = sorted(set(np.concatenate([scene.agent for scene in moments])))
     frames = []

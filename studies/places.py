@@ -24,7 +24,7 @@ from neurosym_jax.evaluation.compare import read_report
 from neurosym_jax.evaluation.intervals import student_half
 from neurosym_jax.evaluation.tables import markdown_table
 from neurosym_jax.plotting import model_looks, save_figure
-from neurosym_jax.plotting.style import WIDTH, add_legend, dress, new_figure
+from neurosym_jax.plotting.style import COLUMN, add_legend, dress, new_figure
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "docs" / "left_out.csv"
@@ -190,7 +190,7 @@ def draw(means: pl.DataFrame, path: Path = FIGURE) -> Path:
     named = means.with_columns(pl.col("model").replace({"anchors": "recommended"}))
     places = named["dataset"].unique(maintain_order=True).to_list()
     models = named["model"].unique(maintain_order=True).to_list()
-    figure, ((axes,),) = new_figure(WIDTH, 3.2)
+    figure, ((axes,),) = new_figure(1.35 * COLUMN, 3.9)
     looks = model_looks(models)
     for marker, model in zip(MARKERS, models):
         rows = named.filter(pl.col("model") == model)
@@ -201,8 +201,8 @@ def draw(means: pl.DataFrame, path: Path = FIGURE) -> Path:
     axes.set_yticks(range(len(places)), places)
     axes.invert_yaxis()
     axes.set_xlim(left=0)
-    title = "Error at places that no model has seen: farther left is better"
-    dress(axes, "joint ADE [m], 8 + 12 steps, best of 20", "", title)
+    title = "Error at places that no model has seen"
+    dress(axes, "joint ADE [m], 8 + 12 steps; left is better", "", title)
     return save_figure(add_legend(figure, axes), path)
 
 
