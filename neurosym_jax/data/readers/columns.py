@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import polars as pl
@@ -125,6 +125,40 @@ class Columns(Format):
             raise answered(question, options.columns, take) from None
 
 
+def _is_whole(values: np.ndarray) -> np.ndarray:
+    return values % 1 == 0
+
+
+def _has_fractions(values: np.ndarray) -> np.ndarray:
+    return (values % 1 != 0).any()
+
+
+def _is_bit(values: np.ndarray) -> np.ndarray:
+    return np.isin(values, (0, 1))
+
+
+def _is_size(values: np.ndarray) -> np.ndarray:
+    return values > 0
+
+
+FITS: dict[str, Callable[[np.ndarray], Any]] = {
+    "frame": _is_whole,
+    "id": _is_whole,
+    "time": _has_fractions,
+    "lost": _is_bit,
+    "flag": _is_bit,
+    "none": lambda values: values == -1,
+    "zero": lambda values: values == 0,
+    "label": lambda values: np.isnan(values) | _is_whole(values),
+    "share": lambda values: (values >= 0) & (values <= 1),
+    "speed": lambda values: values >= 0,
+    "heading": lambda values: np.abs(values) <= np.pi + 1e-3,
+    "width": _is_size,
+    "height": _is_size,
+}
+"""By role, without its number, what its values [R] are: [R] or [] bool."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Layout(Format):
     """A table without a header that is known by its numbers."""
@@ -143,30 +177,16 @@ class Layout(Format):
         if rows.shape[1] != len(self.layout) or not len(rows):
             return False
         column = dict(zip(self.layout, rows.T))
-        fits = {
-            "frame": lambda values: (values % 1 == 0).all(),
-            "id": lambda values: (values % 1 == 0).all(),
-            "time": lambda values: (values % 1 != 0).any(),
-            "lost": lambda values: np.isin(values, (0, 1)).all(),
-            "flag": lambda values: np.isin(values, (0, 1)).all(),
-            "none": lambda values: (values == -1).all(),
-            "none2": lambda values: (values == -1).all(),
-            "none3": lambda values: (values == -1).all(),
-            "zero": lambda values: not values.any(),
-            "zero2": lambda values: not values.any(),
-            "text": lambda values: np.isnan(values).all(),
-            "label": lambda values: (np.isnan(values) | (values % 1 == 0)).all(),
-            "share": lambda values: ((values >= 0) & (values <= 1)).all(),
-            "speed": lambda values: (values >= 0).all(),
-            "heading": lambda values: (np.abs(values) <= np.pi + 1e-3).all(),
-            "width": lambda values: (values > 0).all(),
-            "height": lambda values: (values > 0).all(),
-            "right": lambda values: (values >= column["left"]).all(),
-            "bottom": lambda values: (values >= column["top"]).all(),
-        }
-        return all(
-            fits[role](values) for role, values in column.items() if role in fits
+        for role, values in column.items():
+            fits = FITS.get(role.rstrip("0123456789"))
+            if fits and not fits(values).all():
+                return False
+        if "right" not in column:
+            return True
+        is_box = (column["right"] >= column["left"]) & (
+            column["bottom"] >= column["top"]
         )
+        return bool(is_box.all())
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in a file."""
