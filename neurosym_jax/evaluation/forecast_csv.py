@@ -55,8 +55,10 @@ def csv_of_forecasts(
         "x": x,
         "y": y,
     }
+    if (frames == np.rint(frames)).all():
+        columns["frame"] = columns["frame"].astype(np.int64)
     if probabilities is not None:
-        columns["probability"] = probabilities[sample, person]
+        columns["probability"] = probabilities[sample, person].round(6)
     return csv_text(pl.DataFrame(columns))
 
 

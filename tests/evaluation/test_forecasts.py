@@ -322,7 +322,7 @@ def test_csv_has_the_forecasts_that_are_saved(recording, tmp_path):
     own = np.lexsort((truth.ids, truth.frames))
     np.testing.assert_array_equal(found.samples[:, order], truth.samples[:, own])
     np.testing.assert_allclose(
-        found.probabilities[:, order], truth.probabilities[:, own]
+        found.probabilities[:, order], truth.probabilities[:, own], atol=1e-6
     )
     options = {"baselines": [], "pred_len": 8}
     rows = nj.evaluate((), recording, forecasts=[path, other], **options)
