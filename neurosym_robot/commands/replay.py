@@ -102,9 +102,7 @@ def run(options: Options) -> None:
     When interrupted, it finishes its files, says that they are parts, and raises
     KeyboardInterrupt.
     """
-    rate = options.rate
-    if rate is None:
-        rate = 1.0 if options.dashboard else "max"
+    rate = _rate_of(options)
     first = options.recording[0]
 
     def warn(text: str) -> None:
@@ -127,13 +125,13 @@ def run(options: Options) -> None:
         titles = [f"{view.title} {view.where}" for view in live]
         # In real time a page shows what is newest; a file, or a page that waits, has
         # every frame.
-        if live and rate != "max" and not isinstance(options.foxglove, Path):
+        if live and math.isfinite(rate) and not isinstance(options.foxglove, Path):
             live = [stack.enter_context(closing(Newest(live)))]
         events = replay(
             frames,
             predictor,
             analytics,
-            rate=math.inf if rate == "max" else rate,
+            rate=rate,
             stitcher=stitcher,
             robot=source.robot,
         )
@@ -157,6 +155,15 @@ def run(options: Options) -> None:
         if options.dashboard or isinstance(options.foxglove, int):
             print("live until interrupted", flush=True)
             wait_for_signal()
+
+
+def _rate_of(options: Options) -> float:
+    """How many times as fast as it was recorded; infinite if nothing is waited for."""
+    if options.rate is None and options.dashboard:
+        return 1.0
+    if options.rate is None or options.rate == "max":
+        return math.inf
+    return options.rate
 
 
 def _show(

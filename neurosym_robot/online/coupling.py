@@ -21,6 +21,8 @@ from neurosym_jax.models.tracking_errors import repair_tracks
 
 SLACK = 0.05
 """Metres for errors of rounding, where pairs that cannot meet are left out."""
+PART = 4
+"""Pairs of people whose points are compared at once."""
 
 
 class Term(NamedTuple):
@@ -148,23 +150,33 @@ def overlaps(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nd
     """
     ways = points.transpose(1, 2, 0, 3)  # [N, T, P, 2]
     square = np.square(ways).sum(axis=-1)
-    product = ways[second] @ ways[first].swapaxes(-1, -2)
-    gap = square[second][..., None] + square[first][:, :, None] - 2 * product
-    # Between two steps they come no nearer than by half of what both go.
-    hop = np.linalg.norm(np.diff(ways, axis=1), axis=-1).max(axis=(1, 2), initial=0.0)
-    reach = DISTANCE + (hop[first] + hop[second]) / 2 + SLACK
-    close = gap.min(axis=1) < np.square(reach)[:, None, None]
-
-    pair, theirs, own = np.nonzero(close)
+    hop = np.linalg.norm(np.diff(ways, axis=1), axis=-1).max(axis=1, initial=0.0)
     steps = points.transpose(3, 2, 1, 0)  # [2, T, N, P]
-    # Offsets [T, C]: numpy is slow over short last axes.
-    x, y = steps[:, :, first[pair], own] - steps[:, :, second[pair], theirs]
+    overlap = np.zeros((len(first), len(points), len(points)), points.dtype)
+    # In parts that stay in the cache.
+    for begin in range(0, len(first), PART):
+        part = slice(begin, begin + PART)
+        one, other = first[part], second[part]
+        product = ways[other] @ ways[one].swapaxes(-1, -2)
+        gap = square[other][..., None] + square[one][:, :, None] - 2 * product
+        # Between two steps they come no nearer than by half of what both go.
+        reach = hop[other][:, :, None] + hop[one][:, None]
+        reach = DISTANCE + reach / 2 + SLACK
+        pair, theirs, own = np.nonzero(gap.min(axis=1) < np.square(reach))
+        offset = steps[:, :, one[pair], own] - steps[:, :, other[pair], theirs]
+        share = 1 - np.sqrt(_least_square(*offset)) / DISTANCE
+        overlap[begin + pair, theirs, own] = np.maximum(share, 0)
+    return overlap
+
+
+def _least_square(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """[C] least square of offsets `x [T, C]`, `y [T, C]` that change along straight lines.
+
+    Steps come first, because numpy is slow over short last axes.
+    """
     dx, dy = x[:-1] - x[1:], y[:-1] - y[1:]
     back = -(x[1:] * dx + y[1:] * dy) / (dx * dx + dy * dy + 1e-12)
     back = np.clip(back, 0, 1)
     closest = np.square(x[1:] + back * dx) + np.square(y[1:] + back * dy)
     start = np.square(x[0]) + np.square(y[0])
-    least = np.minimum(closest.min(axis=0, initial=np.inf), start)
-    overlap = np.zeros(close.shape, points.dtype)
-    overlap[pair, theirs, own] = np.maximum(1 - np.sqrt(least) / DISTANCE, 0)
-    return overlap
+    return np.minimum(closest.min(axis=0, initial=np.inf), start)

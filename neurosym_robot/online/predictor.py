@@ -148,12 +148,9 @@ class Predictor:
         objects are frozen (`gc.freeze`). InputError for numbers out of range, no model,
         models that observe different spans, or a place of another model or period.
         """
-        if not isinstance(models, Mapping):
-            models = {models.name: models}
-        self.models = dict(models)
+        self.models = _by_name(models)
         steps, step = _common_steps(self.models, period)
-        _refuse_place(place, self.models, step)
-        self.place = place
+        self.place = _checked_place(place, self.models, step)
         refuse(Count, {"max_people": max_people})
         ahead = max(model.config.pred_len for model in self.models.values())
         self.seconds_ahead = step * ahead
@@ -170,9 +167,10 @@ class Predictor:
         """By model the scale of its regions, which `Analytics` learns."""
         self.waited = 0.0
         """Seconds so far that forecasts waited for programs that they needed."""
-        self._networks = {}
-        for name, model in self.models.items():
-            self._networks[name] = _network_of(model, samples, seed, repair, max_people)
+        options = samples, seed, repair, max_people
+        self._networks = {
+            name: _network_of(model, *options) for name, model in self.models.items()
+        }
         networks = [*self._networks.values()]
         self.is_light = all(isinstance(network, OnnxNetwork) for network in networks)
         """Whether it forecasts without JAX, and so scores no more than what is published."""
@@ -338,6 +336,15 @@ class Predictor:
         )
 
 
+def _by_name(
+    models: "Model | OnnxModel | Mapping[str, Model | OnnxModel]",
+) -> "dict[str, Model | OnnxModel]":
+    """The models by name; a single one has its own."""
+    if isinstance(models, Mapping):
+        return dict(models)
+    return {models.name: models}
+
+
 def _common_steps(models: Mapping[str, Any], period: float | None) -> tuple[int, float]:
     """Steps that all models observe, and seconds between them, by default the models'."""
     configs = [model.config for model in models.values()]
@@ -356,11 +363,12 @@ def _common_steps(models: Mapping[str, Any], period: float | None) -> tuple[int,
     return lengths.pop(), float(periods.pop())
 
 
-def _refuse_place(
+def _checked_place(
     place: "Place | None", models: Mapping[str, Any], period: float
-) -> None:
+) -> "Place | None":
+    """The place, if it is one of a model's."""
     if place is None:
-        return
+        return None
     if all(model is not place.model for model in models.values()):
         raise InputError("place: it is watched with another model")
     if place.model.config.period != period:
@@ -368,6 +376,7 @@ def _refuse_place(
             f"place: it is watched in steps of {place.model.config.period:g} s, "
             f"not of a period of {period:g} s"
         )
+    return place
 
 
 def _network_of(

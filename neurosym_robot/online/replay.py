@@ -102,25 +102,26 @@ class Analytics:
         recalibrated regions held, by their level in per cent.
         """
 
-        def mean(total: Any, count: Any) -> Any:
-            return (total / count).tolist() if count.any() else None
-
-        nothing = np.zeros(2)
         return {
             "forecasts": self.forecasts,
             "pending": len(self._pending),
             "dropped": dict(+self.dropped),
-            "models": {
-                name: {"forecasts": self._scored[name], "people": self._people[name]}
-                | {"runtime": mean(*np.array(self._runtime.get(name, nothing)))}
-                | {"coverage": self._coverage(name)}
-                | {
-                    key: mean(*sums.get(key, nothing))
-                    for key in (*PUBLISHED, *self._metrics)
-                }
-                for name, sums in self._sums.items()
-            },
+            "models": {name: self._means(name) for name in self._sums},
         }
+
+    def _means(self, name: str) -> dict[str, Any]:
+        """The row of a model in `summary`."""
+        nothing = np.zeros(2)
+        runtime = np.array(self._runtime.get(name, nothing))
+        means = {
+            "forecasts": self._scored[name],
+            "people": self._people[name],
+            "runtime": _mean(*runtime),
+            "coverage": self._coverage(name),
+        }
+        for key in (*PUBLISHED, *self._metrics):
+            means[key] = _mean(*self._sums[name].get(key, nothing))
+        return means
 
     def _coverage(self, name: str) -> dict[str, float]:
         shares = self.regions[name].coverage() if name in self.regions else {}
@@ -256,3 +257,10 @@ def replay(
         deadline += predictor.waited - waited  # The recording waits for the compiler.
         age = time.monotonic() - deadline
         yield event._replace(age=age, scored=analytics.add(event.forecast))
+
+
+def _mean(total: Any, count: Any) -> Any:
+    """`total / count` as a number or list, None where nothing was counted."""
+    if not count.any():
+        return None
+    return (total / count).tolist()

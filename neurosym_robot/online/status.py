@@ -302,23 +302,17 @@ def _table(models: dict[str, dict[str, Any]]) -> str:
     from neurosym_jax.evaluation.metrics import METRICS, metric_names
     from neurosym_jax.evaluation.tables import aligned_table
 
-    lists = {
-        name
-        for row in scored.values()
-        for name, value in row.items()
-        if type(value) is list
-    }
-    names = [name for name in metric_names() if name not in lists]
-    rows = [
-        [
-            model,
-            *(f"{row[name]:.3f}" for name in PUBLISHED),
-            *(METRICS[name].text(row[name]) for name in names),
-            "-" if row["runtime"] is None else f"{row['runtime']:.1f} ms",
-            str(row["people"]),
-        ]
-        for model, row in scored.items()
-    ]
+    names = metric_names()
+    for row in scored.values():
+        names = [name for name in names if type(row[name]) is not list]
+    rows = []
+    for model, row in scored.items():
+        published = [f"{row[name]:.3f}" for name in PUBLISHED]
+        metrics = [METRICS[name].text(row[name]) for name in names]
+        runtime = "-"
+        if row["runtime"] is not None:
+            runtime = f"{row['runtime']:.1f} ms"
+        rows.append([model, *published, *metrics, runtime, str(row["people"])])
     head = [
         "",
         "published ADE",
