@@ -139,35 +139,47 @@ def _with_whole_time(table: Table, at: int, other: int, digits: int) -> Table:
 def _unfolded(table: Table) -> Table:
     """A row for each person, of a table whose columns x and y differ by an index and that has no
     column of ids: `t, x1, y1, x2, y2`."""
-    people = dict[str, dict[str, int]]()
-    others = list[int]()
-    for at, name in enumerate(table.names):
-        match = _WIDE.fullmatch(name)
-        roles = {role_of(match[1]), role_of(match[3])} if match else set()
-        axes = [axis for axis in "xy" if axis in roles]
-        if match and axes:
-            people.setdefault(match[2], {})[axes[0]] = at
-        else:
-            others.append(at)
-    roles = {role_of(table.names[at]) for at in others}
+    people, others = _people_side_by_side(table)
+    has_ids = "id" in {role_of(table.names[at]) for at in others}
     is_wide = len(people) > 1 and all(len(places) == 2 for places in people.values())
-    if not is_wide or "id" in roles:
+    if has_ids or not is_wide:
         return table
     parts = []
     for person, places in people.items():
-        columns = [table.column(at) for at in (*others, places["x"], places["y"])]
-        columns.append(pl.Series([person]).new_from_index(0, len(table.row)))
-        columns = [texts.alias(str(at)) for at, texts in enumerate(columns)]
-        parts.append(pl.DataFrame(columns).select(pl.concat_list(pl.all())).to_series())
+        chosen = (*others, places["x"], places["y"])
+        part = dataclasses.replace(table, fields=table.fields.list.gather(list(chosen)))
+        parts.append(part.with_column("id", pl.Series([[person]])).fields)
     first = next(iter(people.values()))
     names = [table.names[at] for at in others]
     names += [_WIDE.sub(r"\1\3", table.names[first[axis]]) for axis in "xy"]
-    return dataclasses.replace(
+    table = dataclasses.replace(
         table,
         names=[*names, "id"],
         fields=pl.concat(parts),
         row=np.tile(table.row, len(people)),
-    ).noted(f"columns of {len(people)} people side by side")
+    )
+    return table.noted(f"columns of {len(people)} people side by side")
+
+
+def _people_side_by_side(
+    table: Table,
+) -> tuple[dict[str, dict[str, int]], list[int]]:
+    """The columns x and y by the index that their names share, and the other columns."""
+    people = dict[str, dict[str, int]]()
+    others = list[int]()
+    for at, name in enumerate(table.names):
+        axis = ""
+        match = _WIDE.fullmatch(name)
+        if match:
+            roles = (role_of(match[1]), role_of(match[3]))
+            for role in ("y", "x"):
+                if role in roles:
+                    axis = role
+        if match and axis:
+            people.setdefault(match[2], {})[axis] = at
+        else:
+            others.append(at)
+    return people, others
 
 
 def _with_frames_of_names(table: Table) -> Table:
@@ -177,7 +189,9 @@ def _with_frames_of_names(table: Table) -> Table:
     """
     roles = list(map(role_of, table.names))
     for at, role in enumerate(roles):
-        texts = table.column(at) if role in ("recording", "frame") else pl.Series([""])
+        if role not in ("recording", "frame"):
+            continue
+        texts = table.column(at)
         if not texts.str.contains(IMAGE).all():
             continue
         name = table.names[at]

@@ -549,3 +549,43 @@ def test_people_abreast_in_tenths_of_a_second_are_read_as_they_stand(tmp_path):
     assert f"columns={columns}" in str(refusal.value)
     (tracks,) = read_any(path, ReadOptions(columns=columns))
     assert set(tracks.id.tolist()) == set(range(6))
+
+
+def test_units_below_the_header_are_read(tmp_path):
+    path = tmp_path / "a.csv"
+    form = "{t:.1f},{id},{x:.1f},{y:.1f}"
+    millimetres = {"x": 1000 * CROWD.x, "y": 1000 * CROWD.y}
+    path.write_text(lines(form, head="time,id,x,y\n[s],,[mm],[mm]\n", **millimetres))
+    (tracks,) = read_any(path)
+    (metres,) = read_any(pl.DataFrame({"time": CROWD.t, "id": CROWD.id, **xy()}))
+    np.testing.assert_allclose(tracks.position, metres.position, atol=1e-3)
+    assert any("coordinates in mm" in note for note in tracks.reading.notes)
+
+
+def xy():
+    return {"x": CROWD.x, "y": CROWD.y}
+
+
+def test_one_person_at_a_usual_sentinel_is_nowhere(tmp_path):
+    """Where several share it, it needs no table of such numbers."""
+    t = 0.4 * np.arange(60)
+    x = np.where(np.arange(60) % 9 == 4, -9999.0, t)
+    y = np.where(x == -9999, -9999.0, np.sin(t))
+    frame = pl.DataFrame({"time": t, "id": np.ones(60, int), "x": x, "y": y})
+    frame.write_csv(tmp_path / "a.csv")
+    (tracks,) = read_any(tmp_path / "a.csv")
+    assert len(tracks.id) == 53
+    assert tracks.reading.left_out[0].startswith("7 rows at [-9999.0, -9999.0]")
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4])
+def test_columns_are_proposed_where_many_positions_are_missing(tmp_path, share):
+    rng = np.random.default_rng(0)
+    is_missing = rng.random(len(CROWD.t)) < share
+    frame = pl.DataFrame({"when": CROWD.t, "who": CROWD.id, "a": CROWD.x, "b": CROWD.y})
+    frame = frame.with_columns(noise=rng.random(len(frame)))
+    hidden = pl.Series(is_missing)
+    columns = [pl.when(~hidden).then(pl.col(name)).alias(name) for name in "ab"]
+    frame.with_columns(columns).write_csv(tmp_path / "a.csv")
+    with pytest.raises(InputError, match=r"'time=when', 'id=who', 'x=a', 'y=b'"):
+        read_any(tmp_path / "a.csv")
