@@ -65,7 +65,7 @@ class LiveOptions:
     GROUPS: ClassVar[dict[str, str]] = {
         "data": "recording topic message fixed_frame robot_frame stitch links people "
         "position id only reach max_gap read",
-        "model": "model samples place period hold min_seen",
+        "model": "model samples place half_life period hold min_seen",
         "output": "dashboard port host map foxglove rate out html at_least status",
     }
     model: tuple[Path, ...]
