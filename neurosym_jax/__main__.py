@@ -29,7 +29,7 @@ def commands() -> dict[str, str]:
     modules = entry_points("commands")
     for name in names:
         if not name.startswith("_"):
-            modules[name] = f"{COMMANDS}.{name}"
+            modules[name.replace("_", "-")] = f"{COMMANDS}.{name}"
     return dict(sorted(modules.items()))
 
 

@@ -1,4 +1,4 @@
-"""Fetch ETH/UCY or SGAN's checkpoints, or show how to get THÖR.
+"""Fetch ETH/UCY, SGAN's checkpoints; say how to get THÖR.
 
 `data/published.tsv` pins every file. Until a collection is whole it grows in
 `NAME.part` beside its folder, and the next call fetches the files that are still

@@ -1,4 +1,4 @@
-"""Export a model as StableHLO or ONNX, to run without this package."""
+"""Export a model as StableHLO or ONNX."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Say which model to take, and list all that ship or were downloaded."""
+"""Say which model to take, and list those at hand."""
 
 from collections import Counter
 

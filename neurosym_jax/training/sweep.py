@@ -4,7 +4,7 @@ import itertools
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,7 +35,12 @@ from neurosym_jax.runtime.ending import when_ended
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.runtime.foreign import read_arrays, read_json, reading
 from neurosym_jax.runtime.process import cpu_cores, progress_of, provenance
-from neurosym_jax.training.run import OLD_NAMES, differences_between, model_card
+from neurosym_jax.training.run import (
+    LEAST,
+    OLD_NAMES,
+    differences_between,
+    model_card,
+)
 
 __all__ = ["SweepRun", "compare_sweep", "run_sweep", "unfinished", "write_errors"]
 
@@ -57,6 +62,16 @@ Differences are the model's metric less the reference's, on the same scenes with
 seed: for errors, below 0 is better. In brackets is the 95 % interval: Student's t over blocks of
 test scenes and over seeds. Bold where it leaves out 0. The mean weighs the test sets equally."""
 
+BOUNDS = """\
+In % of the reference's error, two numbers: the least difference that these seeds and scenes tell
+from none (half of the interval), and what the difference is below, with 95 % confidence."""
+SHARE = "val_neighbour_near"
+"""Column of `sweep.json`: of the people with somebody within 2 m in the validation, the share whom
+neighbours change."""
+DEAF = f"""\
+Networks that hardly look at neighbours, who change less than {LEAST:.0%} of the forecasts of people
+with somebody within 2 m:"""
+
 Runs = dict[tuple[str, str], dict[int, ErrorsByScene]]
 """By model and test set, then by training seed."""
 
@@ -74,18 +89,18 @@ def write_errors(folder: Path, errors: Sequence[ErrorsByScene]) -> None:
 
 def compare_sweep(
     sweep: Path,
-    against: str | None = None,
+    against: Sequence[str] | None = None,
     *,
     pred_len: int | None = None,
     out: Path | None = None,
 ) -> str:
-    """Compare a sweep's models with one of them: Markdown, and all differences as CSV beside it.
+    """Compare a sweep's models with some of them: Markdown, and all differences as CSV beside it.
 
     Models are paired by training seed and test scene.
 
     Args:
         sweep: folder of the sweep.
-        against: the reference, a model by title or weighting; default: the first of two
+        against: the references, models by title or weighting; default: the first of two
             models.
         pred_len: steps forecast, where the sweep has several.
         out: the Markdown's file; default: report.md in the sweep's folder.
@@ -109,39 +124,80 @@ def compare_sweep(
     rows = compare.read_report(report)
     runs = _read(sweep, rows, pred_len)
     models = list(dict.fromkeys(model for model, _ in runs))
-    reference = _reference(against, models)
     differences = []
-    for model in models:
-        if model != reference:
-            differences += _compare(runs, model, reference)
+    for reference in dict.fromkeys(
+        _reference(name, models) for name in against or (None,)
+    ):
+        for model in models:
+            if model != reference:
+                differences += _compare(runs, model, reference)
     compared = pl.DataFrame(differences)
     table = target.with_suffix(".csv")
-    text = _report(runs, compared, markdown_text(reference), table.name)
+    text = _report(runs, rows, compared, table.name)
     write_text(target, text)
     write_text(table, csv_text(compared))
     return f"{text}\n{format_table(rows, 'markdown')}\n\n{target}, {table}"
 
 
-def _report(runs: Runs, compared: pl.DataFrame, reference: str, table: str) -> str:
-    """The Markdown of the differences to `reference` on the last test set, or in the mean."""
+def _report(runs: Runs, rows: pl.DataFrame, compared: pl.DataFrame, table: str) -> str:
+    """The Markdown of the differences to each reference on the last test set, or in the mean."""
     last_rows = compared.filter(test_set=compared["test_set"][-1])
-    metrics = compared["metric"].unique(maintain_order=True)
-    head = [f"minus {reference}", *(known_metric(metric).label for metric in metrics)]
-    lines = []
-    for (model,), frame in last_rows.group_by("model", maintain_order=True):
-        cells = map(_cell, frame.iter_rows(named=True))
-        lines.append([markdown_text(str(model)), *cells])
     seeds = set(itertools.chain.from_iterable(runs.values()))
     count = sum(map(len, runs.values()))
     parts = [f"# Models compared\n\nRuns: {count}. Seeds: {len(seeds)}."]
     if len(seeds) < ENOUGH:
         parts.append(TOO_FEW)
+    test_set = markdown_text(last_rows["test_set"][0])
+    for (name,), frame in last_rows.group_by("reference", maintain_order=True):
+        reference = markdown_text(str(name))
+        parts += [
+            f"Difference to {reference}, {test_set}:",
+            _table_of(frame, f"minus {reference}", _cell),
+        ]
+        if len(seeds) >= ENOUGH:
+            parts += [BOUNDS, _table_of(frame, f"% of {reference}", _bounds)]
     parts += [
-        f"Difference to {reference}, {markdown_text(last_rows['test_set'][0])}:",
-        markdown_table(head, lines),
         f"{INTERVALS} Differences on each test set are in `{table}`.",
+        *_deaf(rows),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _table_of(
+    frame: pl.DataFrame, title: str, cell: Callable[[dict[str, Any]], str]
+) -> str:
+    """A Markdown table of differences to one reference: a line each model, a column each metric."""
+    metrics = frame["metric"].unique(maintain_order=True)
+    lines = []
+    for (model,), of_model in frame.group_by("model", maintain_order=True):
+        cells = map(cell, of_model.iter_rows(named=True))
+        lines.append([markdown_text(str(model)), *cells])
+    labels = [known_metric(metric).label for metric in metrics]
+    return markdown_table([title, *labels], lines)
+
+
+def _bounds(row: dict[str, Any]) -> str:
+    """What a difference is told from 0 by, and what it is less than, in % of the reference."""
+    low, high = row["low_95"], row["high_95"]
+    error = abs(row["error_of_reference"])
+    if not np.isfinite(low) or not error:
+        return "-"
+    told, largest = (high - low) / 2, max(abs(low), abs(high))
+    return f"{100 * told / error:.1f}, {100 * largest / error:.1f}"
+
+
+def _deaf(rows: pl.DataFrame) -> list[str]:
+    """A paragraph on networks whose neighbours hardly matter; nothing where none is known."""
+    if SHARE not in rows.columns:
+        return []
+    known = rows.filter(pl.col(SHARE).is_not_null())
+    counts = []
+    for (model,), frame in known.group_by("model", maintain_order=True):
+        few = int((frame[SHARE] < LEAST).sum())
+        counts.append(f"{few} of {len(frame)} of {markdown_text(str(model))}")
+    if not counts:
+        return []
+    return [f"{DEAF} {'; '.join(counts)}."]
 
 
 def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
@@ -383,6 +439,8 @@ def _test(
         label = path and labels[Path(path).parent]
         if label:
             row["model"] += f", {label}"
+        if path:
+            row[SHARE] = facts[path]["validation"].get(SHARE)
     files = []
     for test in tests:
         files += [reading.file for reading in test.windows.reading if reading.file]

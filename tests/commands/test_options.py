@@ -49,6 +49,7 @@ BASE = {
     command: line.replace("%s", "walk.txt") for command, line in OF_READING.items()
 } | {
     "sweep": f"--data {{d}}/a {LENGTHS} --seed 0 --dataset walk",
+    "compare-weightings": f"quantised --data {{d}}/a {LENGTHS} --dataset walk",
     "report": "sweep",
     "parity": f"{PARITY} --keep kept",
     "convert": f"{SMALL} new",
@@ -102,6 +103,17 @@ CASES: dict[str, dict[str, Case]] = {
             "--train-also {d}/b --jobs 3 --dry-run --freeze encoder --fold 1/3 --quiet"
         ),
         "--init": (ALL, f"{ALL} --init sgan_zara1_8"),
+        **{option: text for option, (_, text, *_) in READ.items()},
+    },
+    "compare-weightings": {
+        **TRAINING,
+        **added(
+            "--against ones cnd --seeds 2 --dataset gap --pred-len 4 12 --data {d}/b "
+            "--train-also {d}/b --jobs 3 --dry-run --freeze encoder --fold 1/3 --quiet"
+        ),
+        "--family": "--family neurosym anchors",
+        "--pooling": "--pooling neurosym_ros",
+        "WEIGHTING": (BASE["compare-weightings"], f"soft {TWO} --dataset walk"),
         **{option: text for option, (_, text, *_) in READ.items()},
     },
     "evaluate": {
@@ -219,6 +231,10 @@ def inner(data):
             f"{C}.train._tensorboard": lambda: contextlib.nullcontext(print),
         },
         "sweep": {f"{C}.sweep.run_sweep": 0},
+        "compare-weightings": {
+            f"{C}.sweep.run_sweep": 0,
+            f"{C}.compare_weightings.compare_sweep": "",
+        },
         "evaluate": {
             f"{C}.evaluate.evaluate_tests": lambda: iter(results),
             f"{C}.evaluate.map_for": contextlib.nullcontext,

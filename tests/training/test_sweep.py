@@ -11,7 +11,7 @@ import pytest
 import tyro
 import yaml
 
-from neurosym_jax.commands import sweep, train
+from neurosym_jax.commands import compare_weightings, sweep, train
 from neurosym_jax.commands._options import options_text, with_file
 from neurosym_jax.commands._running import load_plugins
 from neurosym_jax.commands.sweep import plan_runs, run
@@ -174,7 +174,7 @@ def folder(tmp_path):
 
 
 def test_a_significant_difference_is_bold(folder):
-    compare_sweep(folder, "ones", out=folder / "ablation.md")
+    compare_sweep(folder, ["ones"], out=folder / "ablation.md")
     text = (folder / "ablation.md").read_text()
     assert "Runs: 18. Seeds: 3." in text
     assert "nothing of how much" not in text
@@ -190,6 +190,71 @@ def test_a_significant_difference_is_bold(folder):
     assert (row["reference"], row["seeds"]) == ("NeuroSyM, ones", 3)
     assert row["difference"] == pytest.approx(-0.09, abs=0.01)
     assert row["low_95"] < -0.09 < row["high_95"] < -0.05
+
+
+def test_each_reference_has_its_differences_and_what_they_tell(folder):
+    """The sign turns with the reference; what is told is half of the interval, in %."""
+    text = compare_sweep(folder, ["ones", "SGAN"])
+    _, first, second = text.split("Difference to ")
+    assert first.startswith("NeuroSyM, ones")
+    assert second.startswith("SGAN")
+    assert "\n| NeuroSyM, ones | **−0.0" in second
+    rows = pl.read_csv(folder / "report.csv")
+    chosen = {"test_set": "mean over test sets", "metric": "joint_ade"}
+    (row,) = rows.filter(model="SGAN", reference="NeuroSyM, ones", **chosen).iter_rows(
+        named=True
+    )
+    (turned,) = rows.filter(
+        model="NeuroSyM, ones", reference="SGAN", **chosen
+    ).iter_rows(named=True)
+    assert turned["difference"] == pytest.approx(-row["difference"])
+    told = 50 * (row["high_95"] - row["low_95"]) / row["error_of_reference"]
+    largest = 100 * row["high_95"] / row["error_of_reference"]
+    assert f"\n| SGAN | {told:.1f}, {largest:.1f} |" in first
+    assert "hardly look" not in text  # Nothing is known of it.
+
+
+def test_networks_that_look_at_nobody_are_counted(folder):
+    """The share is of the validation; baselines have none."""
+
+    def of_validation(row):
+        seed = row["training_seed"]
+        share = None if seed is None else 0.9
+        if row["model"] == "SGAN" and seed == 1:
+            share = 0.1
+        row["val_neighbour_near"] = share
+
+    changed(folder, of_validation)
+    text = compare_sweep(folder, ["ones"])
+    assert "2 of 6 of SGAN; 0 of 6 of NeuroSyM, ones; 0 of 6 of NeuroSyM, cnd." in text
+
+
+def test_compared_weightings_are_a_sweep_of_them(tmp_path, capsys):
+    """One command trains the weighting and its references by the same seeds, and reports them."""
+    chosen = compare_weightings.Options(
+        weighting="soft",
+        seeds=2,
+        dataset=("cross-path",),
+        out=tmp_path,
+        steps=3,
+        dry_run=True,
+    )
+    assert compare_weightings.run(chosen) == 0
+    trained = [line.split()[-2] for line in capsys.readouterr().out.splitlines()]
+    same = dataclasses.replace(
+        CHOSEN,
+        weighting=("soft", "ones", "shuffled"),
+        family=("neurosym",),
+        out=tmp_path,
+        steps=3,
+    )
+    _, runs = plan_runs(same)
+    assert trained == [str(run.folder / "recipe.yaml") for run in runs]
+    assert len(trained) == 3 * 2
+    with pytest.raises(InputError, match="is the weighting itself"):
+        compare_weightings.run(dataclasses.replace(chosen, weighting="ones"))
+    with pytest.raises(InputError, match="seeds must be at least 1"):
+        compare_weightings.run(dataclasses.replace(chosen, seeds=0))
 
 
 def changed(folder, change):
@@ -218,7 +283,7 @@ def test_two_models_are_compared_and_few_seeds_find_nothing(folder, seeds):
 def test_a_comparison_does_not_hang_on_its_neighbours(folder):
     """Blocks of scenes are as long as the windows compared, whatever else the sweep has."""
     changed(folder, lambda row: row.update(pred_len=12))
-    alone = compare_sweep(folder, "ones", out=folder / "a.md")
+    alone = compare_sweep(folder, ["ones"], out=folder / "a.md")
     shorter = ("SGAN", 2)
     changed(
         folder,
@@ -226,7 +291,7 @@ def test_a_comparison_does_not_hang_on_its_neighbours(folder):
             pred_len=8 if (row["model"], row["training_seed"]) == shorter else 12
         ),
     )
-    beside = compare_sweep(folder, "ones", pred_len=12, out=folder / "b.md")
+    beside = compare_sweep(folder, ["ones"], pred_len=12, out=folder / "b.md")
     rows = [
         next(line for line in text.splitlines() if line.startswith("| NeuroSyM, cnd"))
         for text in (alone, beside)
@@ -238,7 +303,7 @@ def test_sweeps_that_cannot_be_compared_are_refused(folder, tmp_path_factory):
     empty = tmp_path_factory.mktemp("empty")
     for sweep_folder, options, message in (
         (folder, {}, r"against names .* there are SGAN; NeuroSyM"),
-        (folder, {"against": "soft"}, r"against names .* there are SGAN; NeuroSyM"),
+        (folder, {"against": ["soft"]}, r"against names .* there are SGAN; NeuroSyM"),
         (folder, {"out": folder / "r.txt"}, r"must end in \.md"),
         (empty, {}, "no finished sweep is here; `neurosym sweep --out"),
     ):
