@@ -67,27 +67,49 @@ def draw_scene(
     """Draw `past` [N, obs_len, 2], `future` [N, pred_len, 2] and samples, see `plot_forecasts`."""
     # Thinner lines for many people.
     weight = float(np.clip((10 / len(past)) ** 0.5, 0.65, 1.0))
-    circle = {"marker": "o", "markersize": 4 * weight, "markerfacecolor": "white"}
-    circle |= {"markeredgewidth": 0.9 * weight, "linestyle": "none", "zorder": 5}
-    _draw_people(axes, past[:, :1], label="start", **circle)
+    _draw_people(
+        axes,
+        past[:, :1],
+        label="start",
+        marker="o",
+        markersize=4 * weight,
+        markerfacecolor="white",
+        markeredgewidth=0.9 * weight,
+        linestyle="none",
+        zorder=5,
+    )
     _draw_people(axes, past, label="observed", linewidth=1.0 * weight, zorder=3)
     if future is not None:
         # Pale and broad, so that a forecast on it can be seen.
-        band = {"linewidth": 4.5 * weight, "alpha": 0.35, "zorder": 2}
-        band |= {"solid_capstyle": "round"}
-        _draw_people(axes, future, past, label="ground truth", **band)
+        _draw_people(
+            axes,
+            future,
+            past,
+            label="ground truth",
+            linewidth=4.5 * weight,
+            alpha=0.35,
+            solid_capstyle="round",
+            zorder=2,
+        )
     for name, look in style.model_looks(samples).items():
         # Where models are compared, a colour is a model's.
         draw = draw_paths if len(samples) > 1 else _draw_people
         path = samples[name]
         if path.ndim == 4 and name == list(samples)[-1]:
-            faint = {"linewidth": 0.5, "alpha": 0.35, "zorder": 2.5}
-            label = f"{name}, all {len(path)}"
             for sample in path:
-                draw(axes, sample, past, **faint, color=look["color"], label=label)
+                draw(
+                    axes,
+                    sample,
+                    past,
+                    label=f"{name}, all {len(path)}",
+                    color=look["color"],
+                    linewidth=0.5,
+                    alpha=0.35,
+                    zorder=2.5,
+                )
         drawn, label = _one_sample(name, path, future)
-        line = {"linewidth": 1.5 * weight, "zorder": 4}
-        draw(axes, drawn, past, **look, **line, label=label)
+        width = 1.5 * weight
+        draw(axes, drawn, past, **look, linewidth=width, zorder=4, label=label)
 
 
 def _one_sample(
