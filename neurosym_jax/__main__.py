@@ -16,7 +16,7 @@ import sys
 from importlib.resources import files
 from pathlib import Path
 
-from neurosym_jax.plugins import entry_points
+from neurosym_jax.plugins import entry_points, installed_version
 
 __all__ = ["commands", "main"]
 
@@ -58,9 +58,7 @@ def _run(arguments: list[str]) -> None:
         for command, module in modules.items():
             print(f"  {command:{width}}  {_summary(module)}")
     elif name == "--version":
-        from importlib.metadata import version
-
-        print(f"neurosym {version('neurosym-jax')}")
+        print(f"neurosym {installed_version()}")
     elif name == "--completion":
         from neurosym_jax.commands._running import print_completion
 

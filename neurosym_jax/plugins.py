@@ -27,6 +27,7 @@ __all__ = [
     "Registry",
     "additions",
     "entry_points",
+    "installed_version",
     "load_entry_points",
     "load_plugin",
     "loaded",
@@ -145,6 +146,16 @@ def entry_points(group: str) -> dict[str, str]:
 
     points = metadata.entry_points(group=f"neurosym_jax.{group}")
     return {point.name: point.value for point in points}
+
+
+def installed_version() -> str:
+    """The version of this package; `not installed` where it runs from its source alone."""
+    from importlib import metadata
+
+    try:
+        return metadata.version("neurosym-jax")
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 @functools.cache

@@ -6,7 +6,6 @@ of a list of NAME=VALUE, a table.
 
 import dataclasses
 import difflib
-import importlib.metadata
 import inspect
 import itertools
 import json
@@ -25,7 +24,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 from neurosym_jax.data.recordings import Source, Synthetic, open_source
 from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.plugins import loaded
+from neurosym_jax.plugins import installed_version, loaded
 from neurosym_jax.runtime.foreign import read_yaml
 
 __all__ = [
@@ -236,7 +235,7 @@ def flags(options: Mapping[str, Any]) -> list[str]:
 def options_text(options: Any) -> str:
     """The YAML file that `with_file` reads as `options` and the plugins loaded."""
     values = given(options) | ({"plugin": loaded()} if loaded() else {})
-    version = importlib.metadata.version("neurosym-jax")  # Others have other defaults.
+    version = installed_version()  # Others have other defaults.
     return f"# neurosym-jax {version}\n{yaml.safe_dump(values, sort_keys=False)}"
 
 

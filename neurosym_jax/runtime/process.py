@@ -23,6 +23,7 @@ import jax
 from jax._src import xla_bridge
 
 from neurosym_jax.errors import InputError, printable
+from neurosym_jax.plugins import installed_version
 from neurosym_jax.runtime.compiled import keep_programs, private_folder
 from neurosym_jax.runtime.programs import keep_whole
 
@@ -176,7 +177,7 @@ def provenance(
         models: files, or folders, whose files are listed.
     """
     return {
-        "version": importlib.metadata.version("neurosym-jax"),
+        "version": installed_version(),
         "commit": code_version(),
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "data": _digests(data),

@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import importlib.metadata
 import json
 import os
 import stat
@@ -165,6 +166,20 @@ def test_the_environment_is_json_and_knows_the_threads(monkeypatch):
     assert (environment["threads"], environment["jax"]) == (3, jax.__version__)
     commit = code_version()
     assert commit is None or commit == commit.strip() != ""
+
+
+def test_a_clone_that_is_not_installed_has_a_provenance_too(monkeypatch):
+    """A report came to nothing at its end, after all evaluations."""
+    found = importlib.metadata.version
+
+    def version(name):
+        if name == "neurosym-jax":
+            raise importlib.metadata.PackageNotFoundError(name)
+        return found(name)
+
+    assert provenance()["version"] == found("neurosym-jax")
+    monkeypatch.setattr(importlib.metadata, "version", version)
+    assert provenance()["version"] == "not installed"
 
 
 FORKED = """
