@@ -651,6 +651,7 @@ POINTS = (
     8  # positions of a shape, observed and predicted; models of all horizons share it
 )
 CELL = 0.05  # metres a step to which moves are rounded
+FINE_CELL = 0.01  # the same in windows of fewer positions
 OFFSET = 0.35555  # of the cells' bounds, so that no move in tenths of millimetres lies on one
 KEPT = 512  # hashes that a model keeps: the smallest
 BYTES = 6  # of a hash
@@ -738,7 +739,9 @@ def _shapes(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
         stride = 2
     points = windows.position[:, : stride * POINTS : stride]
     moves = np.diff(points, axis=1) / stride
-    cells = np.floor(moves / CELL + OFFSET).astype(np.int64)
+    # Few moves in wide cells are alike by chance.
+    width = CELL if points.shape[1] == POINTS else FINE_CELL
+    cells = np.floor(moves / width + OFFSET).astype(np.int64)
     far = np.linalg.norm(moves, axis=-1).sum(axis=1) > 1.0
     # Straight ways at one pace, as annotators draw them, are alike in many recordings.
     is_turn = np.any(np.diff(cells, axis=1) != 0, axis=-1)

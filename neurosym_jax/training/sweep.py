@@ -89,7 +89,7 @@ def write_errors(folder: Path, errors: Sequence[ErrorsByScene]) -> None:
 
 def compare_sweep(
     sweep: Path,
-    against: Sequence[str] | None = None,
+    against: str | Sequence[str] | None = None,
     *,
     pred_len: int | None = None,
     out: Path | None = None,
@@ -100,8 +100,8 @@ def compare_sweep(
 
     Args:
         sweep: folder of the sweep.
-        against: the references, models by title or weighting; default: the first of two
-            models.
+        against: the reference or several, models by title or weighting; default: the
+            first of two models.
         pred_len: steps forecast, where the sweep has several.
         out: the Markdown's file; default: report.md in the sweep's folder.
 
@@ -124,10 +124,9 @@ def compare_sweep(
     rows = compare.read_report(report)
     runs = _read(sweep, rows, pred_len)
     models = list(dict.fromkeys(model for model, _ in runs))
+    names = [against] if isinstance(against, str | None) else against or [None]
     differences = []
-    for reference in dict.fromkeys(
-        _reference(name, models) for name in against or (None,)
-    ):
+    for reference in dict.fromkeys(_reference(name, models) for name in names):
         for model in models:
             if model != reference:
                 differences += _compare(runs, model, reference)
