@@ -181,7 +181,8 @@ def _bounds(row: dict[str, Any]) -> str:
     error = abs(row["error_of_reference"])
     if not np.isfinite(low) or not error:
         return "-"
-    told, largest = (high - low) / 2, max(abs(low), abs(high))
+    told = (high - low) / 2
+    largest = max(abs(low), abs(high))
     return f"{100 * told / error:.1f}, {100 * largest / error:.1f}"
 
 
