@@ -8,6 +8,7 @@ that way, instead of this one.
 """
 
 import functools
+import gc
 import os
 import shutil
 import subprocess
@@ -76,6 +77,8 @@ from tests.networks import random_model  # noqa: E402
 from tests.registrations import restored_registrations  # noqa: E402
 
 jax.config.update("jax_debug_nans", True)
+# Tracing makes millions of objects that stay: a sixth of the time went into looking for garbage.
+gc.set_threshold(200_000, 20, 1_000)
 # Commands simulate their default data, here once.
 scenarios.simulate = functools.cache(scenarios.simulate)
 
