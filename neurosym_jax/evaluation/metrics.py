@@ -184,6 +184,54 @@ def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     return (error - spread / 2).mean(axis=(1, 2))
 
 
+LEAST_LOG_DENSITY = -20.0
+"""What a truth counts that the draws leave out altogether, as Trajectron++ takes it."""
+FLAT = 1e-6
+"""Least determinant of a covariance, of the product of its variances, that has a density."""
+
+
+def kde_nll(
+    forecast: Array, scene: Scene, probability: Array | None = None
+) -> tuple[Array, Array]:
+    """Negative log density of the truth by a Gaussian kernel density of the draws, mean over steps.
+
+    Ivanovic and Pavone, The Trajectron (ICCV 2019), with the bandwidth by Scott's rule
+    and the bound of Trajectron++ for a density of nothing. Draws at one spot or on one
+    line have no density, and count as that bound.
+
+    Args:
+        forecast: [k, N, T, 2] metres, k draws.
+        scene: the truth.
+        probability: [k] of the draws; None where all have the same.
+
+    Returns:
+        [N] in nats, for densities a square metre, and [N] bool, the agents that count:
+        none for a single draw.
+    """
+    k = len(forecast)
+    weight = jnp.full(k, 1 / k) if probability is None else probability
+    weight = weight[:, None, None]
+    effective = 1 / jnp.square(weight).sum()
+    offset = forecast - jnp.asarray(scene.known_future)
+    x, y = jnp.moveaxis(offset - (weight[..., None] * offset).sum(0), -1, 0)
+    # The covariance of few draws is wider, by Bessel's correction.
+    share = weight / jnp.maximum(1 - 1 / effective, FLAT)
+    xx = (share * x * x).sum(0)
+    xy = (share * x * y).sum(0)
+    yy = (share * y * y).sum(0)
+    determinant = xx * yy - xy * xy
+    is_flat = determinant <= FLAT * jnp.maximum(xx * yy, FLAT**2)
+    determinant = jnp.where(is_flat, 1.0, determinant)
+    scott = effective ** (-1 / 3)
+    x, y = jnp.moveaxis(offset, -1, 0)
+    distance = (yy * x * x - 2 * xy * x * y + xx * y * y) / (determinant * scott)
+    height = jnp.log(2 * jnp.pi * scott) + 0.5 * jnp.log(determinant)
+    logs = jax.nn.logsumexp(-distance / 2, axis=0, b=weight) - height
+    logs = jnp.where(is_flat, LEAST_LOG_DENSITY, logs)
+    values = -jnp.maximum(logs, LEAST_LOG_DENSITY).mean(axis=-1)
+    return values, jnp.asarray(scene.valid) & (k > 1)
+
+
 def coverage(
     level: float, forecast: Array, scene: Scene, probability: Array | None
 ) -> tuple[Array, Array]:
@@ -521,6 +569,7 @@ _PROPER = (
     "energy score, CRPS: proper scores of the distribution, by independent draws, unbiased; "
     "less is better"
 )
+_KDE = "KDE-NLL: minus the log density of the truth by a Gaussian kernel density of 100 draws"
 _COVERED = "covered: true positions in the region that should hold this share of them"
 _NEIGHBOURS = (
     "neighbours: people of scenes of two or more whose forecast moves by over 1 mm when the others "
@@ -572,6 +621,7 @@ METRICS: Registry[Metric] = Registry(
             "person's energy score", person_energy, "m", _PROPER
         ),
         "crps": _distribution("CRPS", crps, "m", _PROPER),
+        "kde_nll": _distribution("KDE-NLL", kde_nll, "nats", _KDE),
         "coverage_50": _covered(0.5),
         "coverage_90": _covered(0.9),
         "central_ade": _weighted("central ADE", central_ade, "m", _CENTRAL),

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import gaussian_kde
 
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
@@ -361,3 +362,29 @@ def test_moves_by_hand():
     share, same = metrics.neighbour_share(moves, case)
     assert share.all()
     assert company.tolist() == same.tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_kernel_density_is_scipys(weighted):
+    draws, truth = scene(k=30, agents=3, steps=4)
+    weights = np.random.default_rng(1).dirichlet(np.ones(30)) if weighted else None
+    logs = []
+    for person, step in np.ndindex(3, 4):
+        density = gaussian_kde(draws[:, person, step].T, weights=weights)
+        logs.append(density.logpdf(truth[person, step])[0])
+    expected = -np.maximum(logs, -20).mean()
+    scores = score(draws, truth, metrics=["kde_nll"], probability=weights)
+    assert scores["kde_nll"].mean == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_kernel_density_of_nothing_is_bounded_and_of_one_draw_not_there():
+    draws, truth = scene(k=30, agents=2, steps=3)
+    assert mean("kde_nll", draws + 100.0, truth) == 20
+    assert mean("kde_nll", np.repeat(draws[:1], 30, axis=0), truth) == 20
+    on_a_line = draws[..., :1] * [1.0, 0.5]
+    assert mean("kde_nll", on_a_line, truth) == 20
+    # People who hardly move have a density, too: a narrow one.
+    narrow = truth + 1e-3 * draws
+    assert mean("kde_nll", narrow, truth) < -8
+    scores = score(draws[:1], truth, metrics=["kde_nll"])
+    assert scores["kde_nll"].count.tolist() == [0]
