@@ -130,7 +130,8 @@ anchor table. On univ its lead over sampled constant velocity is 1.4 %.
 
 The forecast is 8 + 12, of recordings that the models have not learned. Each score is of 100 independent draws by the
 [unbiased estimator](evaluate.md#metrics), in metres, with half of a 95 % interval. `*` is significantly behind the best of its line.
-Columns of per cent are of `recommended`. SGAN and NeuroSyM ship for ETH/UCY alone.
+Columns of per cent are of `recommended`. SGAN and NeuroSyM ship for ETH/UCY alone. It is one training of each model, and one seed
+of the draws.
 
 {distribution}
 

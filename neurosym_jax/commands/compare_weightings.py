@@ -1,14 +1,20 @@
 """Train networks of several weightings, and compare them."""
 
+# pyright: reportIncompatibleVariableOverride=false
+# Options of `sweep` that have several values have one here.
+
 import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
 from typing import ClassVar
 
+import yaml
 from tyro.conf import Positional
 
 from neurosym_jax.commands import sweep
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import InputError
-from neurosym_jax.training.sweep import compare_sweep
+from neurosym_jax.training.sweep import SweepRun, compare_sweep
 
 __all__ = ["Options", "run"]
 
@@ -29,10 +35,16 @@ class Options(sweep.Options):
     """The weighting: a name, with options as NAME,OPTION=VALUE."""
     against: tuple[str, ...] = ("ones", "shuffled")
     """Weightings to compare with: none, and that of wrong pairs."""
-    family: tuple[str, ...] = ("neurosym",)
-    """Families of networks that take it."""
+    family: str = "neurosym"
+    """The family of networks, one that takes weightings."""
+    pooling: str | None = None
+    """Pooling of NeuroSyM: as_described (default) or neurosym_ros; or a plugin's."""
+    pred_len: int = 8
+    """Steps to forecast."""
     seeds: int = 8
     """Trainings of each weighting, with random seeds from 0 on."""
+    out: Path = Path("runs/weightings")
+    """Folder of the runs, sweep.json, sweep.yaml, which repeats the sweep, and report.md."""
     seed: ClassVar[tuple[int, ...]] = ()
     init: ClassVar[None] = None  # Its network has its weighting.
 
@@ -41,7 +53,8 @@ def run(options: Options) -> int:
     """Train, test and compare; 1 if a training failed.
 
     Raises:
-        InputError: see `sweep.plan_runs` and `training.sweep.compare_sweep`.
+        InputError: where something else than the weighting differs; see
+            `sweep.plan_runs`.
     """
     refuse(Count, {"--seeds": options.seeds})
     if options.weighting in options.against:
@@ -49,9 +62,34 @@ def run(options: Options) -> int:
     values = {}
     for field in dataclasses.fields(sweep.Options):
         values[field.name] = getattr(options, field.name)
+    values["family"] = (options.family,)
+    values["pooling"] = (options.pooling,) if options.pooling else ()
+    values["pred_len"] = (options.pred_len,)
     values["weighting"] = (options.weighting, *options.against)
     values["seed"] = tuple(range(options.seeds))
-    status = sweep.run(sweep.Options(**values))
+    planned = sweep.Options(**values)
+    source, runs = sweep.plan_runs(planned)
+    # Before the first training, not after the last.
+    titles = [_title(name, runs) for name in values["weighting"]]
+    status = sweep.run_planned(planned, source, runs)
     if not options.dry_run:
-        print(compare_sweep(options.out, options.against))
+        print(compare_sweep(options.out, titles[1:]))
     return status
+
+
+def _title(weighting: str, runs: Sequence[SweepRun]) -> str:
+    """What tables call the one model of `weighting`.
+
+    Raises:
+        InputError: where several have it.
+    """
+    titles = {}
+    for planned in runs:
+        if yaml.safe_load(planned.options).get("weighting") == weighting:
+            titles[planned.title] = None
+    if len(titles) != 1:
+        raise InputError(
+            f"weighting {weighting}: models must differ in their weighting alone, "
+            f"and there are {'; '.join(titles) or 'none'}"
+        )
+    return next(iter(titles))

@@ -19,7 +19,7 @@ from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.training.run import make_config
 from neurosym_jax.training.sweep import SweepRun, run_sweep, unfinished
 
-__all__ = ["Options", "plan_runs", "run"]
+__all__ = ["Options", "plan_runs", "run", "run_planned"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,8 +70,12 @@ def run(options: Options) -> int:
     Raises:
         InputError: see `plan_runs` and `training.sweep.run_sweep`.
     """
+    return run_planned(options, *plan_runs(options))
+
+
+def run_planned(options: Options, source: Source, runs: list[SweepRun]) -> int:
+    """`run` of what `plan_runs` returned."""
     refuse(Count, {"--jobs": options.jobs}, optional=True)
-    source, runs = plan_runs(options)
     if not options.dry_run:
         return run_sweep(runs, source, options.out, options_text(options), options.jobs)
     left = unfinished(runs)
@@ -119,7 +123,8 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         if folder in runs:
             raise InputError(f"{name}: two runs of the sweep have this name")
         text = options_text(dataclasses.replace(run_options, out=folder))
-        runs[folder] = SweepRun(folder, text, ", ".join(label))
+        title = ", ".join([forecaster_of(config).title, *label])
+        runs[folder] = SweepRun(folder, text, ", ".join(label), title)
     return source, list(runs.values())
 
 

@@ -214,8 +214,8 @@ def kde_nll(
     effective = 1 / jnp.square(weight).sum()
     offset = forecast - jnp.asarray(scene.known_future)
     x, y = jnp.moveaxis(offset - (weight[..., None] * offset).sum(0), -1, 0)
-    # The covariance of few draws is wider, by Bessel's correction.
-    share = weight / jnp.maximum(1 - 1 / effective, FLAT)
+    # Bessel's correction; of draws of which one has all the probability there is none.
+    share = weight / jnp.where(effective > 1, 1 - 1 / effective, 1.0)
     xx = (share * x * x).sum(0)
     xy = (share * x * y).sum(0)
     yy = (share * y * y).sum(0)

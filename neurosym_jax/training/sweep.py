@@ -63,12 +63,12 @@ seed: for errors, below 0 is better. In brackets is the 95 % interval: Student's
 test scenes and over seeds. Bold where it leaves out 0. The mean weighs the test sets equally."""
 
 BOUNDS = """\
-In % of the reference's error, two numbers: the least difference that these seeds and scenes tell
-from none (half of the interval), and what the difference is below, with 95 % confidence."""
+Two numbers, in % of the reference's error: the least difference that these seeds and scenes can show
+(half of the interval), and the largest that they leave possible (its farther end)."""
 SHARE = "val_neighbour_near"
 """Column of `sweep.json`: of the people with somebody within 2 m in the validation, the share whom
 neighbours change."""
-DEAF = f"""\
+HARDLY_LOOK = f"""\
 Networks that hardly look at neighbours, who change less than {LEAST:.0%} of the forecasts of people
 with somebody within 2 m:"""
 
@@ -132,13 +132,14 @@ def compare_sweep(
                 differences += _compare(runs, model, reference)
     compared = pl.DataFrame(differences)
     table = target.with_suffix(".csv")
-    text = _report(runs, rows, compared, table.name)
+    near = _neighbour_shares(rows, pred_len)
+    text = _report(runs, compared, table.name) + near
     write_text(target, text)
     write_text(table, csv_text(compared))
     return f"{text}\n{format_table(rows, 'markdown')}\n\n{target}, {table}"
 
 
-def _report(runs: Runs, rows: pl.DataFrame, compared: pl.DataFrame, table: str) -> str:
+def _report(runs: Runs, compared: pl.DataFrame, table: str) -> str:
     """The Markdown of the differences to each reference on the last test set, or in the mean."""
     last_rows = compared.filter(test_set=compared["test_set"][-1])
     seeds = set(itertools.chain.from_iterable(runs.values()))
@@ -155,10 +156,7 @@ def _report(runs: Runs, rows: pl.DataFrame, compared: pl.DataFrame, table: str) 
         ]
         if len(seeds) >= ENOUGH:
             parts += [BOUNDS, _table_of(frame, f"% of {reference}", _bounds)]
-    parts += [
-        f"{INTERVALS} Differences on each test set are in `{table}`.",
-        *_deaf(rows),
-    ]
+    parts.append(f"{INTERVALS} Differences on each test set are in `{table}`.")
     return "\n\n".join(parts) + "\n"
 
 
@@ -176,28 +174,28 @@ def _table_of(
 
 
 def _bounds(row: dict[str, Any]) -> str:
-    """What a difference is told from 0 by, and what it is less than, in % of the reference."""
+    """Half of the interval and its farther end, in % of the error of the reference."""
     low, high = row["low_95"], row["high_95"]
     error = abs(row["error_of_reference"])
     if not np.isfinite(low) or not error:
         return "-"
-    told = (high - low) / 2
+    half = (high - low) / 2
     largest = max(abs(low), abs(high))
-    return f"{100 * told / error:.1f}, {100 * largest / error:.1f}"
+    return f"{100 * half / error:.1f}, {100 * largest / error:.1f}"
 
 
-def _deaf(rows: pl.DataFrame) -> list[str]:
-    """A paragraph on networks whose neighbours hardly matter; nothing where none is known."""
+def _neighbour_shares(rows: pl.DataFrame, pred_len: int | None) -> str:
+    """A paragraph on networks that hardly look at neighbours; nothing where shares are missing."""
     if SHARE not in rows.columns:
-        return []
-    known = rows.filter(pl.col(SHARE).is_not_null())
+        return ""
+    validated = rows.filter(pl.col(SHARE).is_not_null())
+    if pred_len is not None:
+        validated = validated.filter(pl.col("pred_len") == pred_len)
     counts = []
-    for (model,), frame in known.group_by("model", maintain_order=True):
+    for (model,), frame in validated.group_by("model", maintain_order=True):
         few = int((frame[SHARE] < LEAST).sum())
         counts.append(f"{few} of {len(frame)} of {markdown_text(str(model))}")
-    if not counts:
-        return []
-    return [f"{DEAF} {'; '.join(counts)}."]
+    return f"\n{HARDLY_LOOK} {'; '.join(counts)}.\n" if counts else ""
 
 
 def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
@@ -313,6 +311,8 @@ class SweepRun(NamedTuple):
     """The content of `recipe.yaml` in the folder, which `neurosym train` reads."""
     label: str = ""
     """What tells the model apart from others of the sweep, such as `learning_rate=0.01`."""
+    title: str = ""
+    """What tables call the model, with its label."""
 
     @property
     def command(self) -> list[str]:

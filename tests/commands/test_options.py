@@ -108,10 +108,10 @@ CASES: dict[str, dict[str, Case]] = {
     "compare-weightings": {
         **TRAINING,
         **added(
-            "--against ones cnd --seeds 2 --dataset gap --pred-len 4 12 --data {d}/b "
+            "--against ones soft --seeds 2 --dataset gap --pred-len 12 --data {d}/b "
             "--train-also {d}/b --jobs 3 --dry-run --freeze encoder --fold 1/3 --quiet"
         ),
-        "--family": "--family neurosym anchors",
+        "--family": "--family anchors",
         "--pooling": "--pooling neurosym_ros",
         "WEIGHTING": (BASE["compare-weightings"], f"soft {TWO} --dataset walk"),
         **{option: text for option, (_, text, *_) in READ.items()},

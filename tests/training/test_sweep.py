@@ -225,8 +225,11 @@ def test_networks_that_look_at_nobody_are_counted(folder):
         row["val_neighbour_near"] = share
 
     changed(folder, of_validation)
-    text = compare_sweep(folder, ["ones"])
-    assert "2 of 6 of SGAN; 0 of 6 of NeuroSyM, ones; 0 of 6 of NeuroSyM, cnd." in text
+    counts = "0 of 6 of NeuroSyM, ones; 0 of 6 of NeuroSyM, cnd."
+    assert f"2 of 6 of SGAN; {counts}" in compare_sweep(folder, ["ones"])
+    changed(folder, lambda row: row.update(pred_len=8 + 4 * (row["model"] == "SGAN")))
+    text = compare_sweep(folder, ["ones"], pred_len=8)
+    assert f": {counts}" in text.replace("\n", " ")
 
 
 def test_compared_weightings_are_a_sweep_of_them(tmp_path, capsys):
@@ -251,8 +254,16 @@ def test_compared_weightings_are_a_sweep_of_them(tmp_path, capsys):
     _, runs = plan_runs(same)
     assert trained == [str(run.folder / "recipe.yaml") for run in runs]
     assert len(trained) == 3 * 2
-    with pytest.raises(InputError, match="is the weighting itself"):
-        compare_weightings.run(dataclasses.replace(chosen, weighting="ones"))
+    for change, message in (
+        ({"weighting": "ones"}, "is the weighting itself"),
+        ({"fold": ("1/2", "2/2")}, "in their weighting alone, and there are NeuroSyM,"),
+        (
+            {"set": ("ema=0,0.9",)},
+            "weighting alone, and there are NeuroSyM, soft, ema=0",
+        ),
+    ):
+        with pytest.raises(InputError, match=message):
+            compare_weightings.run(dataclasses.replace(chosen, **change))
     with pytest.raises(InputError, match="seeds must be at least 1"):
         compare_weightings.run(dataclasses.replace(chosen, seeds=0))
 
