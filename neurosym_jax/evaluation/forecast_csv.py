@@ -67,23 +67,17 @@ def read_csv_forecasts(path: Path) -> dict[str, np.ndarray]:
     `probabilities`, as an `.npz` has them.
 
     Raises:
-        InputError: for columns that are missing, and people who have not each step of
-            each sample once.
+        InputError: for columns that are missing, a file without rows, steps that are not
+            1, 2, ..., people who have not each step of each sample once, and
+            probabilities that change within a sample.
     """
-    table = pl.read_csv(path, infer_schema_length=None)
-    missing = [name for name in NEEDED if name not in table.columns]
-    if missing:
-        raise InputError(
-            f"{path}: column {missing[0]!r} is missing (its columns: "
-            f"{', '.join(table.columns[:12])})"
-        )
+    table, steps = _table(path)
     if "sample" not in table.columns:
         table = table.with_columns(sample=pl.lit(0))
     table = table.with_columns(pl.col(pl.String).str.replace(FORMULA, "$1"))
     key = [name for name in PERSON if name in table.columns]
     people = table.select(key).unique(maintain_order=True)
     count = table["sample"].n_unique()
-    steps = table["step"].n_unique()
 
     once = table.select(*key, "sample", "step").n_unique() == len(table)
     if not once or len(table) != count * len(people) * steps:
@@ -109,8 +103,34 @@ def read_csv_forecasts(path: Path) -> dict[str, np.ndarray]:
             people["recording"].cast(pl.String).to_numpy().astype("U")
         )
     if "probability" in values:
-        arrays["probabilities"] = values["probability"][..., 0].T
+        likely = values["probability"]
+        if (np.ptp(likely, axis=-1) > 1e-6).any():
+            raise InputError(
+                f"{path}: the probability of a sample differs between steps"
+            )
+        arrays["probabilities"] = likely[..., 0].T
     return arrays
+
+
+def _table(path: Path) -> tuple[pl.DataFrame, int]:
+    """The rows of a file, and the number of its steps."""
+    table = pl.read_csv(path, infer_schema_length=None)
+    missing = [name for name in NEEDED if name not in table.columns]
+    if missing:
+        raise InputError(
+            f"{path}: column {missing[0]!r} is missing (its columns: "
+            f"{', '.join(table.columns[:12])})"
+        )
+    if not len(table):
+        raise InputError(f"{path}: has no rows")
+    numbers = table["step"].unique().sort().to_list()
+    if numbers != list(range(1, len(numbers) + 1)):
+        listed = ", ".join(map(str, numbers[:12]))
+        raise InputError(
+            f"{path}: steps must be 1, 2, ..., the first after the last observed one, "
+            f"not {listed}"
+        )
+    return table, len(numbers)
 
 
 def _texts_or_numbers(ids: pl.Series) -> np.ndarray:

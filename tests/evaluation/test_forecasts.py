@@ -337,6 +337,13 @@ def test_csv_has_the_forecasts_that_are_saved(recording, tmp_path):
         (pl.concat([few[1:], few[1:2]]), "once"),
         (few.with_columns(x=pl.lit("a")), r"few\.csv: cannot be read as"),
         (few.with_columns(x=pl.lit(float("inf"))), "are not finite"),
+        (few[:0], "has no rows"),
+        (few.with_columns(pl.col("step") - 1), "steps must be 1, 2, .*, not 0, 1"),
+        (few.with_columns(pl.col("step") * 2), "steps must be 1, 2, .*, not 2, 4"),
+        (
+            few.with_columns(probability=pl.col("step") / 8),
+            "the probability of a sample differs between steps",
+        ),
     ):
         damaged.write_csv(tmp_path / "few.csv")
         with pytest.raises(InputError, match=message):
