@@ -19,7 +19,8 @@ __all__ = ["axes_of", "tidy"]
 
 IMAGE = r"^(.*?)(\d+)\.(?:jpe?g|png|bmp|tiff?|ppm|webp)$"
 """The name of a picture that ends in the number of its frame."""
-_WIDE = re.compile(r"(.*?)[ _.-]?(\d+)[ _.-]?(.*)")
+_WIDE = re.compile(r"(.*?)([ _.-]?)(\d+)([ _.-]?)(.*)")
+"""A name with an index: what stands before and after it, and what separates them."""
 
 _NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan)"
 POINT = rf"^(?:POINT ?Z? ?)?[\[(] *{_NUMBER}[ ,;]+{_NUMBER}(?:[ ,;]+{_NUMBER})? *[\])]$"
@@ -137,21 +138,28 @@ def _with_whole_time(table: Table, at: int, other: int, digits: int) -> Table:
 
 
 def _unfolded(table: Table) -> Table:
-    """A row for each person, of a table whose columns x and y differ by an index and that has no
-    column of ids: `t, x1, y1, x2, y2`."""
+    """A row for each person, of a table whose columns x and y differ by an index: `t, x1, y1, x2,
+    y2`. Ids may differ so, too; else the index is the id, unless there is a column of ids."""
     people, others = _people_side_by_side(table)
     has_ids = "id" in {role_of(table.names[at]) for at in others}
-    is_wide = len(people) > 1 and all(len(places) == 2 for places in people.values())
+    roles = {frozenset(places) for places in people.values()}
+    is_wide = len(people) > 1 and roles in (
+        {frozenset("xy")},
+        {frozenset(["x", "y", "id"])},
+    )
     if has_ids or not is_wide:
         return table
     parts = []
     for person, places in people.items():
         chosen = (*others, places["x"], places["y"])
         part = dataclasses.replace(table, fields=table.fields.list.gather(list(chosen)))
-        parts.append(part.with_column("id", pl.Series([[person]])).fields)
+        ids = pl.Series([[person]])
+        if "id" in places:
+            ids = table.column(places["id"])
+        parts.append(part.with_column("id", ids).fields)
     first = next(iter(people.values()))
     names = [table.names[at] for at in others]
-    names += [_WIDE.sub(r"\1\3", table.names[first[axis]]) for axis in "xy"]
+    names += [_without_index(table.names[first[axis]], axis) for axis in "xy"]
     table = dataclasses.replace(
         table,
         names=[*names, "id"],
@@ -161,22 +169,38 @@ def _unfolded(table: Table) -> Table:
     return table.noted(f"columns of {len(people)} people side by side")
 
 
+def _without_index(name: str, role: str) -> str:
+    """The name `x_cm` of a column `x1_cm`, which has that role."""
+    match = _WIDE.fullmatch(name)
+    assert match
+    before, separator, _, other_separator, after = match.groups()
+    if not (before and after):
+        separator = other_separator = ""
+    joined = before + (other_separator or separator) + after
+    for part in (joined, before, after):
+        if role_of(part) == role:
+            return part
+    return joined
+
+
 def _people_side_by_side(
     table: Table,
 ) -> tuple[dict[str, dict[str, int]], list[int]]:
-    """The columns x and y by the index that their names share, and the other columns."""
+    """The columns id, x and y by the index that their names share, and the other columns."""
     people = dict[str, dict[str, int]]()
     others = list[int]()
     for at, name in enumerate(table.names):
         axis = ""
         match = _WIDE.fullmatch(name)
         if match:
-            roles = (role_of(match[1]), role_of(match[3]))
-            for role in ("y", "x"):
+            roles = {role_of(match[1]), role_of(match[5])}
+            if "name" in (match[1], match[5]):  # As `people0.name`.
+                roles.add("id")
+            for role in ("id", "y", "x"):
                 if role in roles:
                     axis = role
         if match and axis:
-            people.setdefault(match[2], {})[axis] = at
+            people.setdefault(match[3], {})[axis] = at
         else:
             others.append(at)
     return people, others

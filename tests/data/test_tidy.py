@@ -151,6 +151,37 @@ def test_rostopic(tmp_path):
     assert tracks.reading.columns[0] == "time=time [ns]"
 
 
+@pytest.mark.parametrize(
+    ("head", "scale"),
+    [
+        ("x{0} y{0}", 1),
+        ("x{0}_cm y{0}_cm", 100),
+        ("x_{0}_cm y_{0}_cm", 100),
+        ("person{0}_x person{0}_y", 1),
+        ("field.people{0}.position.x field.people{0}.position.y", 1),
+    ],
+)
+@pytest.mark.parametrize("name", ["", "id{0}", "field.people{0}.name"])
+def test_people_side_by_side(tmp_path, head, scale, name):
+    """Where a place has ids of its own, two people who change places stay who they are."""
+    names = ["time"]
+    for place in range(PEOPLE):
+        names += f"{name} {head}".format(place).split()
+    lines = []
+    for step in range(STEPS):
+        line = [PERIOD * step]
+        for place in range(PEOPLE):
+            person = place
+            if name and step > 9:
+                person = PEOPLE - 1 - place
+            ids = [f"p{person}"] if name else []
+            line += [*ids, *(scale * WALK[step, person]).round(6).tolist()]
+        lines.append(line)
+    (tracks,) = read_any(written(tmp_path / "a.csv", names, lines))
+    assert is_walk(tracks)
+    assert "columns of 3 people side by side" in tracks.reading.notes
+
+
 def point(xy, **properties):
     geometry = {"type": "Point", "coordinates": xy}
     return {"type": "Feature", "geometry": geometry, "properties": properties}
