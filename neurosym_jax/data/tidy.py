@@ -25,6 +25,10 @@ _WIDE = re.compile(r"(.*?)([ _.-]?)(\d+)([ _.-]?)(.*)")
 _NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan)"
 POINT = rf"^(?:POINT ?Z? ?)?[\[(] *{_NUMBER}[ ,;]+{_NUMBER}(?:[ ,;]+{_NUMBER})? *[\])]$"
 """A point in a cell: `(x, y)`, `[x y]`, and `POINT (x y)` of WKT."""
+HEAD = 100
+"""Rows of which one has a point where a column has points."""
+FEW = 0.1
+"""Share of cells below which others among points are mistakes, not another content."""
 PEOPLE_SPAN = 0.5
 """Degrees, some 50 km, that no recording of people spans."""
 
@@ -79,14 +83,18 @@ def _named_by_comments(table: Table) -> Table:
 
 def _with_points_of_cells(table: Table) -> Table:
     """The table with two columns more for each whose cells are points, as `(x, y)`."""
-    # Cells alone are looked at whose first one has a bracket.
+    has_x = "x" in {role_of(name) for name in table.names}
     columns = {}
-    for at, text in enumerate(table.fields[0]):
-        if text.strip(' "\t\r')[-1:] not in (")", "]"):
+    for at in range(len(table.names)):
+        if not _begins_with_a_point(table, at):
             continue
         texts = table.column(at)
-        if (texts.str.contains(POINT) | absent(texts)).all():
-            columns[at] = texts
+        others = ~(texts.str.contains(POINT) | absent(texts)).to_numpy()
+        if others.any() and (has_x or others.mean() > FEW):
+            continue
+        reason = f"{table.names[at]} is not a point"
+        _refuse_cells(table, others, texts, reason)
+        columns[at] = texts
     for at, texts in columns.items():
         name = table.names[at]
         x, y = (texts.str.extract(POINT, part).fill_null("") for part in (1, 2))
@@ -100,6 +108,19 @@ def _with_points_of_cells(table: Table) -> Table:
             table = table.with_column(axis, part)
         table = table.noted(f"points are in the cells of {name!r}")
     return table
+
+
+def _refuse_cells(
+    table: Table, wrong: np.ndarray, texts: pl.Series, reason: str
+) -> None:
+    table.refuse(wrong, lambda row: f"{reason}: {texts[row][:60]!r}")
+
+
+def _begins_with_a_point(table: Table, at: int) -> bool:
+    """Whether the first cells of a column that are not empty have a point."""
+    texts = dataclasses.replace(table, fields=table.fields.head(HEAD)).column(at)
+    texts = texts.filter(~absent(texts))
+    return len(texts) > 0 and bool(texts.head(1).str.contains(POINT)[0])
 
 
 def _with_whole_times(table: Table) -> Table:
@@ -125,16 +146,23 @@ def _with_whole_time(table: Table, at: int, other: int, digits: int) -> Table:
     rest of a second, of so many digits; not where they are one time in two units."""
     seconds = table.extra(at, texts=False)
     rest = table.extra(other, texts=False)
-    is_whole = np.rint([seconds, rest]) == [seconds, rest]
-    if not is_whole.all() or (rest < 0).any() or (rest >= 10**digits).any():
+    missing = np.isnan(seconds) | np.isnan(rest)
+    values = np.array([seconds, rest])[:, ~missing]
+    is_whole = (np.rint(values) == values).all() and (values >= 0).all()
+    if missing.all() or not is_whole or (values[1] >= 10**digits).any():
         return table
-    whole = pl.Series(seconds.astype(np.int64)).cast(pl.String)
-    part = pl.Series(rest.astype(np.int64)).cast(pl.String).str.zfill(digits)
+    whole = pl.Series(np.nan_to_num(seconds).astype(np.int64)).cast(pl.String)
+    part = (
+        pl.Series(np.nan_to_num(rest).astype(np.int64))
+        .cast(pl.String)
+        .str.zfill(digits)
+    )
     names = list(table.names)
     note = f"times are {names[at]} and {names[other]}"
     names[at], names[other] = "whole seconds", "rest of seconds"
     table = dataclasses.replace(table, names=names).noted(note)
-    return table.with_column("time [s]", whole + "." + part)
+    times = (whole + "." + part).set(pl.Series(missing), "")
+    return table.with_column("time [s]", times)
 
 
 def _unfolded(table: Table) -> Table:
@@ -160,11 +188,13 @@ def _unfolded(table: Table) -> Table:
     first = next(iter(people.values()))
     names = [table.names[at] for at in others]
     names += [_without_index(table.names[first[axis]], axis) for axis in "xy"]
+    row = np.tile(table.row, len(people))
+    order = np.argsort(row, kind="stable")
     table = dataclasses.replace(
         table,
         names=[*names, "id"],
-        fields=pl.concat(parts),
-        row=np.tile(table.row, len(people)),
+        fields=pl.concat(parts)[order],
+        row=row[order],
     )
     return table.noted(f"columns of {len(people)} people side by side")
 

@@ -105,6 +105,32 @@ def test_a_point_that_is_missing_is_a_row_without_a_position(tmp_path):
     assert tracks.reading.left_out == ("2 rows without a position",)
 
 
+def test_a_first_row_without_a_point(tmp_path):
+    lines = [(0, 9, "")]
+    lines += [(PERIOD * t, who, f"({x}, {y})") for t, who, x, y in rows()]
+    (tracks,) = read_any(written(tmp_path / "a.csv", ["time", "id", "xy"], lines))
+    assert is_walk(tracks)
+
+
+def test_a_cell_that_is_no_point_is_named_unless_positions_stand_elsewhere(tmp_path):
+    lines = [(PERIOD * t, who, f"({x}, {y})", x, y) for t, who, x, y in rows()]
+    lines[7] = (*lines[7][:2], "lost", *lines[7][3:])
+    head = ["time", "id", "goal", "x", "y"]
+    (tracks,) = read_any(written(tmp_path / "a.csv", head, lines))
+    assert is_walk(tracks)
+    path = written(tmp_path / "a.csv", head[:3], [line[:3] for line in lines])
+    with pytest.raises(InputError, match="row 9: goal is not a point: 'lost'"):
+        read_any(path)
+
+
+def test_a_time_of_which_a_part_is_missing_is_named(tmp_path):
+    lines = [(START + t, 5, who, x, y) for t, who, x, y in rows()]
+    lines[7] = (lines[7][0], "", *lines[7][2:])
+    path = written(tmp_path / "a.csv", ["secs", "nsecs", "id", "x", "y"], lines)
+    with pytest.raises(InputError, match=r"row 9: time \[s\] is not a number"):
+        read_any(path)
+
+
 @pytest.mark.parametrize(
     ("seconds", "rest", "digits"),
     [
@@ -180,6 +206,7 @@ def test_people_side_by_side(tmp_path, head, scale, name):
     (tracks,) = read_any(written(tmp_path / "a.csv", names, lines))
     assert is_walk(tracks)
     assert "columns of 3 people side by side" in tracks.reading.notes
+    assert not tracks.reading.warnings
 
 
 def point(xy, **properties):
@@ -236,6 +263,35 @@ def test_geojson(tmp_path, name, indent):
     assert ("not that far apart" in notes) == (name == "metres")
 
 
+@pytest.mark.parametrize(
+    "feature",
+    [point([]), point([8.5]), point([None, None]), {**point([]), "geometry": None}],
+)
+def test_a_feature_without_a_position_is_a_row_left_out(tmp_path, feature):
+    feature = {**feature, "properties": {"person": 1, "time": 99.0}}
+    path = tmp_path / "a.geojson"
+    path.write_text(json.dumps(collection([*ON_EARTH, feature])))
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+    assert tracks.reading.left_out == ("1 rows without a position",)
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        None,
+        {"type": "link", "properties": {"href": "a.prj"}},
+        {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}},
+        {"type": "name", "properties": {"name": "EPSG:4258"}},
+    ],
+)
+def test_systems_of_longitude_and_latitude(tmp_path, system):
+    path = tmp_path / "a.geojson"
+    path.write_text(json.dumps(collection(ON_EARTH, crs=system)))
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+
+
 AREA = {"type": "Polygon", "coordinates": [[(0, 0), (1, 0), (1, 1), (0, 0)]]}
 
 
@@ -251,7 +307,7 @@ AREA = {"type": "Polygon", "coordinates": [[(0, 0), (1, 0), (1, 1), (0, 0)]]}
         (collection([]), "has no points"),
         (collection(3), "cannot be read as a recording"),
         (collection([point(("a", 1))]), "cannot be read as a recording"),
-        (collection([point([])]), "cannot be read as a recording"),
+        (collection([point([])]), "has no points"),
         (collection(ON_A_MAP, crs=[3]), "cannot be read as a recording"),
         (collection([point((1, 2), time=0)] * 3), "which column is id"),
     ],

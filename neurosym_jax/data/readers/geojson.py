@@ -19,8 +19,10 @@ from neurosym_jax.errors import InputError
 
 __all__ = ["rows_of_features"]
 
-GLOBE = ("4326", "CRS84")
-"""Ends of names of coordinate systems of longitude and latitude."""
+GLOBE = ("4326", "CRS84", "4979", "4258", "4269")
+"""Ends of names of coordinate systems of longitude and latitude: WGS 84, ETRS89, NAD83."""
+NOWHERE = (np.nan, np.nan)
+"""The point of a feature without one, which RFC 7946 calls unlocated."""
 LINES = ("LineString", "MultiPoint", "MovingPoint")
 
 
@@ -35,12 +37,13 @@ def rows_of_features(
     rows = []
     for number, feature in enumerate(content["features"]):
         rows += _rows(path, number, feature)
-    if not rows:
+    points = np.array([(*row.pop("point"), *NOWHERE)[:2] for row in rows], float)
+    if not np.isfinite(points).any():
         raise InputError(f"{path}: has no points")
-    points = np.array([row.pop("point")[:2] for row in rows], float)
     axes, notes = ("x", "y"), []
-    system = content.get("crs")
-    if system is None or str(system["properties"]["name"]).endswith(GLOBE):
+    # A system that is a link says nothing here, as if there were none.
+    system = (content.get("crs") or {}).get("properties", {}).get("name")
+    if system is None or str(system).endswith(GLOBE):
         axes = axes_of(*points.T)
         if axes == ("x", "y"):
             notes.append("metres, for people are not that far apart in degrees")
@@ -52,9 +55,9 @@ def rows_of_features(
 def _rows(path: Path, number: int, feature: Mapping[str, Any]) -> Iterator[dict]:
     """A row for each point of a feature: its `point`, and the feature's properties."""
     geometry = feature.get("geometry") or feature.get("temporalGeometry")
-    if not geometry:
-        return
     properties = dict(feature.get("properties") or {})
+    if not geometry:
+        geometry = {"type": "Point", "coordinates": NOWHERE}
     properties |= properties.pop("coordinateProperties", {})
     if "datetimes" in geometry:
         properties["datetimes"] = geometry["datetimes"]
