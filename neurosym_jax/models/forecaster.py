@@ -188,7 +188,7 @@ class Forecaster(abc.ABC):
     recipes: ClassVar[Mapping[str, Any]] = {}
     """Recipes of training by name, the usual one first; without any, `training.recipe.Recipe`."""
     compiler_options: ClassVar[Mapping[str, Any]] = {}
-    """How XLA compiles its forecasts; see `jax.jit`."""
+    """How XLA compiles its forecasts for a CPU; see `jax.jit`."""
 
     @property
     def key(self) -> str:

@@ -168,7 +168,9 @@ class Program:
         return executable(*traced)
 
     def _options_of(self, fixed: tuple[Any, ...]) -> tuple[tuple[str, Any], ...]:
-        """Names and values of `compiler_options` for static arguments `fixed`."""
+        """Names and values of `compiler_options` for static arguments `fixed`; of a CPU alone."""
+        if jax.default_backend() != "cpu":
+            return ()
         options = self._options(*fixed) if callable(self._options) else self._options
         return tuple(sorted(options.items()))
 
