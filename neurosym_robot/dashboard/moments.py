@@ -161,7 +161,8 @@ class Moments:
                 else np.round(event.robot, 3).tolist(),
                 "now": status,
                 "step": step,
-                "flows": flows if is_new and flows else None,
+                # Without rows, too: those of a dropped memory vanish from the page.
+                "flows": flows if is_new else None,
             }
         )
 

@@ -153,6 +153,23 @@ def test_the_page_shows_what_it_taught(taught):
     assert share.max() <= 1
 
 
+def test_the_page_shows_nothing_of_a_memory_that_was_dropped(model):
+    place = nj.Place(model)
+    predictor = predictor_at(place, model)
+    status = Status(predictor, Analytics(predictor), interval=0.0)
+    moments = Moments(predictor)
+    rows = []
+    for begin, is_dropped in ((0.0, False), (1000.0, True)):
+        for frame in corner(10, begin=begin):
+            place.watch(frame.xy, frame.ids, frame.stamp)
+        if is_dropped:
+            place._drop()
+        event = ReplayEvent(EVENT.frame._replace(stamp=begin + 1), None)
+        rows.append(json.loads(moments.moment(event, status.now()))["flows"])
+    assert len(rows[0]) > 5
+    assert rows[1] == []
+
+
 def test_somebody_out_of_sight_teaches_nothing(model):
     place = nj.Place(model)
     predictor = predictor_at(place, model, hold=9.0)
