@@ -326,8 +326,9 @@ class Place:
     def _drop(self) -> None:
         """Forget everybody: the memory lost as much as all forecasts of a horizon may.
 
-        A place that stays as it is never comes to that: the most was a quarter, in six
-        recordings. A camera that was moved and another map frame are what comes to it.
+        A camera that was moved and another map frame come to that. A place that stays as
+        it is may, too, where people come one at a time and go anywhere: one of them can
+        lose as much. It then learns anew, and still brings something.
         """
         self.drops += 1
         self.forget(0.0)

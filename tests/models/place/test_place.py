@@ -255,6 +255,26 @@ def test_a_place_that_stays_never_drops_its_memory(morning):
     assert morning.drops == 0
 
 
+def test_people_who_go_anywhere_one_at_a_time_are_forecast_better_all_the_same(model):
+    """One of them is enough to drop the memory, of a place that stays as it is."""
+    rng = np.random.default_rng(9)
+    rows = []
+    for person in range(30):
+        angle, speed = rng.uniform(-np.pi, np.pi), rng.normal(1.3, 0.2)
+        for step in range(35):
+            before, after = min(step, 10), max(step - 10, 0)
+            way = np.array([before, 0]) + after * np.array(
+                [np.cos(angle), np.sin(angle)]
+            )
+            time = 14 * person + PERIOD * step
+            rows.append((time, person, *(PERIOD * speed * way)))
+    time, person, x, y = np.array(rows).T
+    place = nj.Place(model)
+    place.watch_tracks(make_tracks("hall", time, person, np.column_stack([x, y])))
+    assert place.drops > 0
+    assert place.scored.used < 0.95 * place.scored.network
+
+
 def test_people_of_hotel_never_drop_a_memory(model, shared):
     place = nj.Place(model)
     place.watch_tracks(shared / "data" / "eth_ucy" / "all" / "biwi_hotel.txt")
