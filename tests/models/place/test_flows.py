@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from neurosym_jax.models.place.change import BLOCK, Change
+from neurosym_jax.evaluation.student import half_interval
+from neurosym_jax.models.place.change import BLOCK, ENOUGH, TWO_SIDED, Change
 from neurosym_jax.models.place.flows import flows_of
 from neurosym_jax.models.place.memory import KERNELS, empty_memory, remember
 from neurosym_jax.plotting import plot_flows
@@ -71,6 +72,11 @@ def test_intervals_hold_the_true_change():
         mean, half = change.interval()
         held += abs(mean + 0.1) < half
     assert 175 <= held <= 199
+
+
+def test_an_interval_of_few_blocks_is_students():
+    exact = half_interval(ENOUGH - 1)
+    assert exact <= TWO_SIDED < 1.01 * exact
 
 
 def test_few_blocks_tell_no_interval():
