@@ -153,7 +153,8 @@ class Program:
             return compiled(*arguments)
         shapes = tuple(map(_shape_of, leaves))
         # Settings are those of this thread, and of now.
-        key = fixed, tree, shapes, jax_config.trace_context(), len(additions())
+        settings = jax_config.trace_context(), len(additions())
+        key = fixed, options, tree, shapes, *settings
         executable = self._executables.get(key)
         if executable is None:
             with self._locks.setdefault(key, threading.Lock()):
