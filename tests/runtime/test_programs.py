@@ -8,6 +8,7 @@ import os
 import pickle
 import shutil
 import time
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -204,29 +205,32 @@ def test_within_a_trace_it_is_a_part_of_the_traced_program(kept):
         gradient(jnp.ones(()))  # A static argument: as of `jax.jit`.
 
 
-@pytest.mark.parametrize("is_kept", [True, False])
+@pytest.mark.parametrize("keeps", ["nothing", "named", "unnamed"])
 def test_options_are_those_of_the_static_arguments_and_none_within_a_trace(
-    is_kept, request, monkeypatch
+    keeps, request, monkeypatch
 ):
     """XLA refuses an option that it does not know: so it is seen which are used."""
-    if is_kept:
+    monkeypatch.setattr(programs, "_cache", None)
+    if keeps != "nothing":
         request.getfixturevalue("kept")
+    # A path has no name by which another process would know it.
+    usual, strange = map(Path if keeps == "unnamed" else str, ("usual", "strange"))
 
-    def options(name: str) -> dict[str, bool]:
-        return {"no_such_option": True} if name == "strange" else {}
+    def options(name: str | Path) -> dict[str, bool]:
+        return {"no_such_option": True} if name == strange else {}
 
     doubling = program((0,), compiler_options=options)
     twice = doubling(lambda name, x: 2 * x)
-    assert twice("usual", np.ones(3, np.float32)).tolist() == [2, 2, 2]
+    assert twice(usual, np.ones(3, np.float32)).tolist() == [2, 2, 2]
     with pytest.raises(jax.errors.JaxRuntimeError, match="no_such_option"):
-        twice("strange", np.ones(3, np.float32))
-    outer = jax.jit(lambda x: twice("strange", x))
+        twice(strange, np.ones(3, np.float32))
+    outer = jax.jit(lambda x: twice(strange, x))
     assert outer(np.ones(3, np.float32)).tolist() == [2, 2, 2]
-    assert jax.vmap(lambda x: twice("strange", x))(jnp.ones(3)).tolist() == [2, 2, 2]
-    assert jax.grad(lambda x: twice("strange", x))(1.0) == 2
+    assert jax.vmap(lambda x: twice(strange, x))(jnp.ones(3)).tolist() == [2, 2, 2]
+    assert jax.grad(lambda x: twice(strange, x))(1.0) == 2
     # They were measured on a CPU, and other compilers may refuse them.
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
-    assert twice("strange", np.ones(3, np.float32)).tolist() == [2, 2, 2]
+    assert twice(strange, np.ones(3, np.float32)).tolist() == [2, 2, 2]
 
 
 def test_500_flipped_bits_and_torn_files_are_never_used(kept, capsys):
