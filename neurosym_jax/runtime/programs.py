@@ -118,17 +118,12 @@ class Program:
         **options: Any,
     ):
         self.static = static
+        self._function = function
         self.jitted = jax.jit(function, static_argnums=static, **options)
         self.name = f"{function.__module__}.{function.__qualname__} {options}"
         self._options = compiler_options
-        self._with_options = functools.cache(
-            lambda chosen: jax.jit(
-                function,
-                static_argnums=static,
-                compiler_options=dict(chosen),
-                **options,
-            )
-        )
+        self._jitted_for: dict[Any, Callable[..., Any]] = {}
+        self._jit_options = options
         self._executables: dict[Any, Callable[..., Any]] = {}
         self._locks: dict[Any, threading.Lock] = {}
         functools.update_wrapper(self, function)
@@ -167,6 +162,20 @@ class Program:
         if executable is compiled:
             return compiled(*arguments)
         return executable(*traced)
+
+    def _with_options(self, options: tuple[tuple[str, Any], ...]) -> Any:
+        """`jax.jit` with these `compiler_options`; the same object for every thread."""
+        jitted = self._jitted_for.get(options)
+        if jitted is None:
+            new = jax.jit(
+                self._function,
+                static_argnums=self.static,
+                compiler_options=dict(options),
+                **self._jit_options,
+            )
+            # Another thread may have been first.
+            jitted = self._jitted_for.setdefault(options, new)
+        return jitted
 
     def _options_of(self, fixed: tuple[Any, ...]) -> tuple[tuple[str, Any], ...]:
         """Names and values of `compiler_options` for static arguments `fixed`; of a CPU alone."""

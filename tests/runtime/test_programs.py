@@ -1,5 +1,6 @@
 """Programs kept whole: the same numbers, and what is damaged or stale is computed again."""
 
+import concurrent.futures
 import dataclasses
 import functools
 import importlib
@@ -7,6 +8,7 @@ import io
 import os
 import pickle
 import shutil
+import threading
 import time
 from pathlib import Path
 
@@ -231,6 +233,26 @@ def test_options_are_those_of_the_static_arguments_and_none_within_a_trace(
     # They were measured on a CPU, and other compilers may refuse them.
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     assert twice(strange, np.ones(3, np.float32)).tolist() == [2, 2, 2]
+
+
+def test_threads_that_call_at_once_use_one_program(kept, monkeypatch):
+    """Of an argument without a name, so that nothing is kept: `jax.jit` compiles it."""
+    jit, threads = jax.jit, 4
+
+    def slow_jit(*arguments, **options):
+        time.sleep(0.1)  # Until every thread has asked.
+        return jit(*arguments, **options)
+
+    start = threading.Barrier(threads)
+    doubled = newly(lambda name, x: 2 * x)
+    monkeypatch.setattr(jax, "jit", slow_jit)
+
+    def call(_):
+        start.wait()
+        return doubled(Path(), np.ones(3, np.float32)).tolist()
+
+    with concurrent.futures.ThreadPoolExecutor(threads) as pool:
+        assert [*pool.map(call, range(threads))] == threads * [[2, 2, 2]]
 
 
 def test_500_flipped_bits_and_torn_files_are_never_used(kept, capsys):
