@@ -88,8 +88,8 @@ def test_people_are_drawn_independently_but_do_not_overlap(points):
     lots = np.random.default_rng(1).integers(0, 20, (200, 5))
     independent = np.take_along_axis(np.asarray(points), lots[..., None, None], axis=0)
     assert collisions(independent, PEOPLE).mean() > 0.2
-    for count in (1, 200):  # One scene, too.
-        keys = jax.random.split(KEY, 200 // count)
+    for count in (1, 60):  # One scene, too.
+        keys = map(jax.random.key, range(180 // count))
         draws = np.concatenate([DRAW(points, ROW, key, count, 0.4) for key in keys])
         assert collisions(draws, PEOPLE).mean() < 0.03
 
@@ -176,8 +176,8 @@ def test_padding_changes_no_draw(points):
     padded = jnp.concatenate([points, jnp.full((20, 3, 4, 2), 0.1)], axis=1)
     observed = jnp.concatenate([ROW.observed, ROW.observed[:3]])
     scene = ROW.replace(observed=observed, valid=jnp.arange(8) < 5)
-    draws = DRAW(padded, scene, KEY, 50, 0.4)
-    np.testing.assert_array_equal(draws[:, :5], DRAW(points, ROW, KEY, 50, 0.4))
+    draws = DRAW(padded, scene, KEY, 60, 0.4)
+    np.testing.assert_array_equal(draws[:, :5], DRAW(points, ROW, KEY, 60, 0.4))
 
 
 def test_samples_are_drawn_as_often_as_their_probabilities_say():
@@ -206,19 +206,20 @@ def test_the_distribution_is_in_the_callers_frame_and_of_the_seed(model):
     observed = np.array([500.0, -80.0]) + np.random.default_rng(0).normal(
         0, 0.3, (3, 8, 2)
     ).cumsum(1)
-    draws = predict_distribution(model, observed, draws=24)
-    assert draws.shape == (24, 3, 4, 2)
+    draws = predict_distribution(model, observed, draws=7)
+    assert draws.shape == (7, 3, 4, 2)
     assert draws.dtype == np.float64
     assert np.abs(draws - observed[:, -1:]).max() < 10
-    np.testing.assert_array_equal(
-        draws, predict_distribution(model, observed, draws=24)
+    np.testing.assert_array_equal(draws, predict_distribution(model, observed, draws=7))
+    # All points of each person, though they do not appear equally often.
+    seeds = range(100, 130)
+    points = np.concatenate(
+        [predict_distribution(model, observed, draws=24, seed=seed) for seed in seeds]
     )
     for changed in ({"seed": 1}, {"frame": 1}, {"recording": "other"}):
-        other = predict_distribution(model, observed, draws=24, **changed)
+        other = predict_distribution(model, observed, draws=7, **changed)
         assert (other != draws).any()
-        # The same points of each person, though they do not appear equally often.
-        many = predict_distribution(model, observed, draws=2000)
-        assert np.abs(other[:, None] - many).max((-1, -2)).min(1).max() < 1e-4
+        assert np.abs(other[:, None] - points).max((-1, -2)).min(1).max() < 1e-4
     with pytest.raises(InputError, match="draws"):
         predict_distribution(model, observed, draws=0)
     with pytest.raises(InputError, match=r"nj\.forecast"):
@@ -239,9 +240,9 @@ def test_the_distribution_of_a_mirrored_scene_is_the_mirrored_one(model):
     # other.
     scene = make_scene(observed)
     views = (scene, scene.replace(observed=scene.observed * mirror.astype(np.float32)))
-    points = [apply_anchors(model.config, model.params, view).points for view in views]
+    apply = jax.jit(apply_anchors, static_argnums=0)
+    points = [apply(model.config, model.params, view).points for view in views]
     assert np.abs(points[0] - points[1] * mirror.astype(np.float32)).max() > 0.05
-    assert predict_distribution(model, observed, draws=7).shape == (7, 3, 4, 2)
 
 
 @pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
@@ -320,6 +321,7 @@ def test_metrics_of_the_distribution_are_of_draws(model):
     )
     identity = np.array([[0, 0], [0, 1], [0, 2]], np.uint32)
     windows = Windows(paths, np.arange(7), np.array([0, 2, 4, 7]), identity, 8)
+    # The two scenes of two people, which are padded to three.
     options = {
         "samples": 5,
         "seed": 0,
@@ -328,7 +330,7 @@ def test_metrics_of_the_distribution_are_of_draws(model):
     scores = score_forecaster(
         model.forecaster, model.params, make_batches(windows), **options
     ).scores
-    pairs = ((windows.rows(np.array([number])), number) for number in range(3))
+    pairs = ((windows.rows(np.array([number])), number) for number in range(2))
     for rows, number in pairs:
         observed, future = np.split(paths[rows], [8], axis=1)
         draws = independent(model, observed, number)
