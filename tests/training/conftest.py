@@ -6,6 +6,7 @@ import json
 import jax
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.data.windows import Windows
@@ -69,6 +70,22 @@ def cheap_classes():
         yield
 
 
+@pytest.fixture(scope="module")
+def one_class():
+    """Lets a step of anchors be one program, of scenes with up to 6 people."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("neurosym_jax.models.anchors.loss.CLASSES", (6,))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def blank_curves(monkeypatch):
+    """Leaves out of `curves.png` what takes time: axes. Fixtures of a module draw them."""
+    monkeypatch.setattr(
+        "neurosym_jax.plotting.plot_training", lambda *_, **__: Figure()
+    )
+
+
 @pytest.fixture(scope="session")
 def windows(cheap_classes) -> Windows:
     return random_walks([2, 3, 4, 2, 7, 5, 3, 9, 2, 2, 11, 3, 4])
@@ -88,7 +105,7 @@ def batch(windows):
 @pytest.fixture(scope="session")
 def run(windows) -> Run:
     return Run(
-        GENERATOR, RECIPE, windows, random_walks([2, 3, 5], seed=1), "zara1", ("walks",)
+        GENERATOR, RECIPE, windows, random_walks([3, 3, 4], seed=1), "zara1", ("walks",)
     )
 
 

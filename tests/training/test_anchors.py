@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from neurosym_jax.evaluation.scores import score
-from neurosym_jax.models.anchors import loss
 from neurosym_jax.models.anchors.loss import (
     AnchorStream,
     anchor_loss,
@@ -30,6 +29,7 @@ from neurosym_jax.training.batches import augment
 from neurosym_jax.training.loop import train_run
 from tests.repository import exhaustive
 
+pytestmark = pytest.mark.usefixtures("one_class")
 LOSS = jax.jit(anchor_loss, static_argnums=4)
 RECIPE = AnchorRecipe(
     steps=40,
@@ -39,13 +39,6 @@ RECIPE = AnchorRecipe(
     learning_rate=0.01,
     ema=0.8,
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_class():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loss, "CLASSES", (6,))
-        yield
 
 
 def test_overlapping_people_cost_by_their_distance():

@@ -17,7 +17,7 @@ from neurosym_jax.training.custom import make_custom
 from neurosym_jax.training.run import known_configs
 from tests.training.conftest import GENERATOR, RECIPE, random_walks
 
-VALIDATION = random_walks([2, 3, 4, 5], seed=9)
+TRAINING, VALIDATION = random_walks([4] * 8), random_walks([2, 3, 4, 3], seed=9)
 SHORT = dataclasses.replace(RECIPE, steps=25, best_k=2, ema=0.9)
 SOFT = dataclasses.replace(
     GENERATOR,
@@ -38,9 +38,9 @@ def anneal(step):
     return jnp.log(0.1) - step * jnp.log(2.0) / 25
 
 
-def test_all_three_are_used_and_recorded(windows, tmp_path):
+def test_all_three_are_used_and_recorded(tmp_path):
     model = nj.train(
-        windows, VALIDATION, tmp_path, config=SOFT, recipe=SHORT, quiet=True,
+        TRAINING, VALIDATION, tmp_path, config=SOFT, recipe=SHORT, quiet=True,
         loss=far_ahead, optimizer=optax.contrib.prodigy(1.0),
         schedule={"weighting.log_temperature": anneal},
     )  # fmt: skip
@@ -61,14 +61,14 @@ def test_all_three_are_used_and_recorded(windows, tmp_path):
     assert 40 < rows[-1]["g_loss"] < 60
 
 
-def test_a_family_without_rounds_of_its_own_takes_a_loss(windows, tmp_path):
+def test_a_family_without_rounds_of_its_own_takes_a_loss(tmp_path):
     config = AnchorTableConfig(obs_len=4, pred_len=3, samples=3)
     recipe = nj.AnchorRecipe(
         steps=1, batch_scenes=4, validate_every=1, learning_rate=0.1, ema=0.0
     )
     made = [
         nj.train(
-            windows, VALIDATION, tmp_path / str(index), config=config, recipe=recipe,
+            TRAINING, VALIDATION, tmp_path / str(index), config=config, recipe=recipe,
             quiet=True, loss=loss,
         )
         for index, loss in enumerate([None, far_ahead])
@@ -110,11 +110,11 @@ def test_what_is_none_is_refused(options, message):
         ),
     ],
 )
-def test_what_would_not_be_used_is_refused(windows, tmp_path, recipe, options, message):
+def test_what_would_not_be_used_is_refused(tmp_path, recipe, options, message):
     recipe = dataclasses.replace(SHORT, **recipe)
     with pytest.raises(InputError, match=message):
         nj.train(
-            windows,
+            TRAINING,
             VALIDATION,
             tmp_path,
             config=SOFT,
@@ -129,7 +129,7 @@ class MineConfig(nj.GeneratorConfig):
     """A configuration of its own."""
 
 
-def test_a_subclass_is_trained_by_its_own_loss(windows, tmp_path):
+def test_a_subclass_is_trained_by_its_own_loss(tmp_path):
     calls = []
 
     class Mine(GeneratorForecaster):
@@ -145,7 +145,7 @@ def test_a_subclass_is_trained_by_its_own_loss(windows, tmp_path):
     config = MineConfig(**vars(GENERATOR))
     assert forecaster_of(config).model == "mine"
     recipe = dataclasses.replace(SHORT, steps=1)
-    nj.train(windows, VALIDATION, tmp_path, config=config, recipe=recipe, quiet=True)
+    nj.train(TRAINING, VALIDATION, tmp_path, config=config, recipe=recipe, quiet=True)
     (row,) = map(json.loads, (tmp_path / "metrics.jsonl").read_text().splitlines())
     assert calls
     assert row["g_loss"] == pytest.approx(2 * row["once"])

@@ -37,6 +37,7 @@ CHANGES = {
     "ctypes.dlsym/handle",  # renameat2, by which folders are exchanged
     "ctypes.dlsym",
 }
+pytestmark = pytest.mark.usefixtures("one_class")
 TABLE = AnchorTableConfig(4, 3, samples=3)
 ANCHORS = AnchorConfig(4, 3, samples=3)
 
