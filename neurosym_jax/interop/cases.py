@@ -74,16 +74,10 @@ class Case:
 
     @property
     def alpha(self) -> np.ndarray | None:
-        """The stored weights in our places: [S, N, N, T], or rows [S, N, T] of a release."""
+        """The stored weights in our places, see `placed_alpha`."""
         if "alpha" not in self.arrays:
             return None
-        alpha = self.arrays["alpha"]
-        valid = self.valid
-        if isinstance(self.config.pooling, NeurosymIjcnn):
-            # Its agents read the first A rows, see `neurosym`.
-            return placed(alpha[: self.bounds[-1]], valid)
-        pairs = valid[:, :, None] & valid[:, None]
-        return placed(alpha, pairs)
+        return placed_alpha(self.arrays["alpha"], self.valid, self.config)
 
     def stages(self) -> dict[str, np.ndarray]:
         """Our forecast [A, pred_len, 2] and the vectors [A, ...] before it, by torch's names."""
@@ -106,8 +100,7 @@ def _stages(
         context = network.interact(hidden, scene, alpha)
         stages = {"encoder": hidden, "mlp_decoder_context": context}
         if config.pools:
-            is_weighted = not config.pooling.inputs.isdisjoint({"alpha", "alpha_rows"})
-            name = "pool_net_g" if is_weighted else "pool_net"
+            name = "pool_net_g" if weights_pairs(config) else "pool_net"
             stages[name] = network.pool(hidden, scene, alpha)
         stages["pred_rel"] = network.decode(context, scene, noise)
         return stages
@@ -143,8 +136,26 @@ def state_of(arrays: Arrays, prefix: str) -> dict[str, np.ndarray]:
 
 
 def placed(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """`values [A, ...]` in the A places `there [S, ...]` (bool) of zeros: `[S, ..., ...]`."""
+    """`values [A, ...]` in the A places `mask [S, ...]` (bool) of zeros: `[S, ..., ...]`."""
     return unpacked(values[None], mask)[0]
+
+
+def weights_pairs(config: GeneratorConfig) -> bool:
+    """Whether the generator is of one of NeuroSyM's releases, also of the first."""
+    return not config.pooling.inputs.isdisjoint({"alpha", "alpha_rows"})
+
+
+def placed_alpha(
+    alpha: np.ndarray, valid: np.ndarray, config: GeneratorConfig
+) -> np.ndarray:
+    """Weights `alpha [P, T]` of pairs in the places of `valid [S, N]`: [S, N, N, T].
+
+    They are rows [S, N, T] for the first release, whose A agents read the first A rows,
+    see `neurosym`.
+    """
+    if isinstance(config.pooling, NeurosymIjcnn):
+        return placed(alpha[: valid.sum()], valid)
+    return placed(alpha, valid[:, :, None] & valid[:, None])
 
 
 def padded(

@@ -19,7 +19,7 @@ import numpy as np
 __all__ = [
     "TRAINING",
     "Training",
-    "alpha_layouts",
+    "alpha_arguments",
     "discriminator",
     "forecast",
     "inputs",
@@ -27,6 +27,8 @@ __all__ = [
     "random_alpha",
     "random_walks",
     "read",
+    "restore_adam",
+    "takes_alpha",
     "trainings",
 ]
 
@@ -37,6 +39,8 @@ NEEDED = (
 """Arguments that the description of a case has, whether the constructor takes them or not."""
 TRAINING = "training.npz"
 """The file of a training's inputs, and of its results."""
+ADAM = "adam/"
+"""Prefix of the states of optimisers among the inputs: `adam/g/NUMBER/NAME` and `adam/d/...`."""
 FRESH_BIAS = 3.0
 """Added to a fresh discriminator's last bias: it lives for a hundred steps."""
 SIZES = (3, 2, 1, 5)
@@ -147,15 +151,26 @@ def random_alpha(bounds, steps):
     return np.random.RandomState(0).uniform(0.1, 1, (pairs, steps)).astype(np.float32)
 
 
-def alpha_layouts(torch, alpha, bounds):
-    """The forms in which the releases take `alpha [P, T]`, each as a tuple of arguments.
+def takes_alpha(network):
+    """Whether the network's `forward` takes weights of pairs, as NeuroSyM's do."""
+    return any(
+        "weight" in name for name in inspect.signature(network.forward).parameters
+    )
 
-    The robot package takes a list of [N * N, 1, T], one a scene; the first release all
-    rows as [P, T, 1].
+
+def alpha_arguments(torch, network, alpha, bounds):
+    """The arguments that are weights `alpha [P, T]` of pairs, for the `network`'s release.
+
+    SGAN takes none. The first release, which embeds single steps, takes [T, P, 1]; the
+    robot package a list of [N * N, 1, T], one a scene.
     """
-    pairs = ((bounds[:, 1] - bounds[:, 0]) ** 2).tolist()
-    by_scene = [rows[:, None] for rows in torch.split(alpha, pairs)]
-    return [(by_scene,), (alpha[..., None],)]
+    if not takes_alpha(network):
+        return ()
+    pooling = getattr(network, "pool_net_g", None)
+    if pooling is None or pooling.spatial_embedding.in_features == 2:
+        return (alpha.T[..., None],)
+    pairs = (bounds[:, 1] - bounds[:, 0]) ** 2
+    return ([rows[:, None] for rows in torch.split(alpha, pairs.tolist())],)
 
 
 def forecast(torch, network, scenes):
@@ -196,22 +211,15 @@ def forecast(torch, network, scenes):
     positions = observed[0]
     bounds = torch.tensor(scenes["scene_start_end"])
     noise = torch.tensor(scenes["noise"]).to(dtype)
-    layouts = [()]
-    if any("weight" in name for name in inspect.signature(network.forward).parameters):
+    weights = ()
+    if takes_alpha(network):
         arrays["alpha"] = random_alpha(scenes["scene_start_end"], network.obs_len)
         alpha = torch.tensor(arrays["alpha"]).to(dtype)
-        layouts = alpha_layouts(torch, alpha, scenes["scene_start_end"])
-    run = torch.no_grad()(network)
+        weights = alpha_arguments(torch, network, alpha, bounds)
     # The released code moves its states to a CUDA device.
     with mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self):
-        for number, weights in enumerate(layouts):
-            try:
-                moved = run(*observed, *weights, bounds, user_noise=noise)
-                break
-            except (AttributeError, IndexError, RuntimeError, TypeError):
-                if number == len(layouts) - 1:
-                    raise
-                classes.clear()
+        run = torch.no_grad()(network)
+        moved = run(*observed, *weights, bounds, user_noise=noise)
     arrays["pred_rel"] = moved.transpose(0, 1).numpy()
     arrays["pred_abs"] = (positions[-1] + moved.cumsum(dim=0)).transpose(0, 1).numpy()
     return arrays, classes
@@ -252,8 +260,24 @@ def trainings(torch, network, critic, inputs_, settings):
     return arrays
 
 
+def restore_adam(adam, moments):
+    """Put the state of a checkpoint into a new optimiser.
+
+    `moments` are `step`, `exp_avg` and `exp_avg_sq` by NUMBER/NAME, where parameters are
+    numbered in torch's order.
+    """
+    state = adam.state_dict()
+    for key, value in moments.items():
+        number, name = key.split("/")
+        state["state"].setdefault(int(number), {})[name] = value
+    adam.load_state_dict(state)
+
+
 class Training:
-    """SGAN's own steps (`scripts/train.py`), with batches, noises and labels that are given."""
+    """SGAN's and NeuroSyM's own steps, with batches, noises and labels that are given.
+
+    They are those of `scripts/train.py` and `scripts/train_informed.py`.
+    """
 
     def __init__(self, torch, network, critic, settings):
         self.torch, self.network, self.critic = torch, network, critic
@@ -265,6 +289,9 @@ class Training:
 
     def run(self, inputs_):
         """The arrays of `settings["reported"]` steps."""
+        for adam, prefix in ((self.adam, ADAM + "g/"), (self.critic_adam, ADAM + "d/")):
+            names = [name for name in inputs_ if name.startswith(prefix)]
+            restore_adam(adam, {n[len(prefix) :]: inputs_.pop(n) for n in names})
         dtype = self.torch.get_default_dtype()
         bounds, arrays, losses = inputs_.pop("bounds"), {}, []
         self.bounds = bounds
@@ -274,7 +301,7 @@ class Training:
         for step in range(len(inputs_["labels"])):
             at = {name: values[step] for name, values in inputs_.items()}
             real, fake, wanted = at["labels"]
-            first, second = zip(at["traj"], at["traj_rel"])
+            first, second = zip(at["traj"], at["traj_rel"], at["alpha"])
             losses.append(self.step_critic(*first, at["noise_d"], real, fake))
             self.step_network(*second, at["noise_g"], wanted)
             if step + 1 in self.settings["reported"]:
@@ -291,24 +318,32 @@ class Training:
                 states[prefix + name] = value.numpy().copy()
         return states
 
-    def forecast(self, traj, traj_rel, noise):
+    def forecast(self, traj, traj_rel, alpha, noise):
         """Displacements and positions [T, A, 2], first those observed, then the forecast."""
         observed = self.network.obs_len
         seen, moved = traj[:observed].contiguous(), traj_rel[:observed].contiguous()
-        moves = self.network(seen, moved, self.bounds, user_noise=noise)
+        weights = alpha_arguments(
+            self.torch, self.network, alpha[:, :observed], self.bounds
+        )
+        moves = self.network(seen, moved, *weights, self.bounds, user_noise=noise)
         places = seen[-1] + moves.cumsum(dim=0)
         return self.torch.cat([moved, moves]), self.torch.cat([seen, places])
+
+    def scores(self, traj, traj_rel, alpha):
+        """The discriminator's scores [A, 1]."""
+        weights = alpha_arguments(self.torch, self.critic, alpha, self.bounds)
+        return self.critic(traj, traj_rel, *weights, self.bounds)
 
     def cross_entropy(self, scores, label):
         """SGAN's `bce_loss` with one label for all scores."""
         rest = (1 + (-scores.abs()).exp()).log()
         return (scores.clamp(min=0) - scores * label + rest).mean()
 
-    def step_critic(self, traj, traj_rel, noise, label_real, label_fake):
+    def step_critic(self, traj, traj_rel, alpha, noise, label_real, label_fake):
         """SGAN's `discriminator_step`; the loss before it."""
-        moves, places = self.forecast(traj, traj_rel, noise)
-        real = self.critic(traj, traj_rel, self.bounds)
-        fake = self.critic(places, moves, self.bounds)
+        moves, places = self.forecast(traj, traj_rel, alpha, noise)
+        real = self.scores(traj, traj_rel, alpha)
+        fake = self.scores(places, moves, alpha)
         loss = self.cross_entropy(real, label_real)
         loss = loss + self.cross_entropy(fake, label_fake)
         self.critic_adam.zero_grad()
@@ -316,19 +351,19 @@ class Training:
         self.critic_adam.step()
         return loss.item()
 
-    def step_network(self, traj, traj_rel, noises, label):
+    def step_network(self, traj, traj_rel, alpha, noises, label):
         """SGAN's `generator_step`."""
         observed, errors = self.network.obs_len, []
         future = traj_rel[observed:]
         for noise in noises:
-            moves, places = self.forecast(traj, traj_rel, noise)
+            moves, places = self.forecast(traj, traj_rel, alpha, noise)
             squared = (moves[observed:] - future) ** 2
             errors.append(self.settings["variety_weight"] * squared.sum(dim=(0, 2)))
         errors, loss = self.torch.stack(errors, dim=1), 0.0
         for start, end in self.bounds.tolist():
             best = errors[start:end].sum(dim=0).min()
             loss = loss + best / ((end - start) * len(future))
-        scores = self.critic(places, moves, self.bounds)
+        scores = self.scores(places, moves, alpha)
         loss = loss + self.cross_entropy(scores, label)
         self.adam.zero_grad()
         loss.backward()

@@ -1,7 +1,7 @@
-"""Training parity: SGAN's steps of generator and discriminator in torch, and ours beside them.
+"""Training parity: torch's steps of generator and discriminator, and ours beside them.
 
-Both sides begin with the weights of a checkpoint and with new optimisers, and get the
-same batches, noises and labels. Torch's side is `torch_side.Training`.
+Both sides begin with the weights and optimisers of a checkpoint, and get the same
+batches, noises and labels. Torch's side is `torch_side.Training`.
 """
 
 import dataclasses
@@ -17,20 +17,22 @@ import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.tables import aligned_table
 from neurosym_jax.interop import torch_side
-from neurosym_jax.interop.cases import padded, state_of
-from neurosym_jax.interop.checkpoint import discriminator, generator
+from neurosym_jax.interop.cases import padded, placed_alpha, state_of, weights_pairs
+from neurosym_jax.interop.checkpoint import generator
 from neurosym_jax.interop.parity import run_torch
-from neurosym_jax.interop.torch_training import recipe_of
+from neurosym_jax.interop.torch_training import (
+    adam_entries,
+    recipe_of,
+    training_from_torch,
+)
 from neurosym_jax.models.forecast import unpacked
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.models.sgan.torch_names import params_from_torch
-from neurosym_jax.models.sgan.training import GeneratorRecipe, init_adversary, learn
+from neurosym_jax.models.sgan.training import GeneratorRecipe, learn
 from neurosym_jax.runtime.foreign import read_arrays
 from neurosym_jax.scene import model_dtype
-from neurosym_jax.training.state import new_state
 
 __all__ = ["TRAINING_TOLERANCE", "TrainingParity", "TrainingRow", "compare_training"]
 
@@ -152,27 +154,25 @@ def compare_training(
     """Train the checkpoint for some steps in torch and here, in float64 and in float32.
 
     A step is one of the discriminator, then one of the generator, each on a batch of
-    its own: four scenes of people who walk at random. Dropout is off, and the
-    optimisers are new.
+    its own: four scenes of people who walk at random. Pairs of NeuroSyM have random
+    weights. Dropout is off.
 
     Args:
-        module: `FILE.py:CLASS`, SGAN's `TrajectoryGenerator`; the file has a
-            `TrajectoryDiscriminator`, too.
+        module: `FILE.py:CLASS`, SGAN's or NeuroSyM's `TrajectoryGenerator`; the file
+            has a `TrajectoryDiscriminator`, too.
         contents: what `read_torch_file` read of the checkpoint. Without a `d_state`
-            torch draws a discriminator by `seed`.
+            torch draws a discriminator by `seed`; without states of optimisers they
+            are new.
         steps: number of steps, at least 1.
         python: the interpreter that has torch.
         seed: of the scenes, noise, labels and fresh weights.
         tolerance: largest difference of a parameter that passes.
 
     Raises:
-        InputError: for NeuroSyM's networks, and as `run_torch`.
+        InputError: as `recipe_of` and `run_torch`.
     """
-    arguments = contents["args"]
-    config, _ = generator(arguments, contents["g_state"])
-    if config.symbolic:
-        raise InputError("--train compares SGAN's networks, and this one weights pairs")
-    recipe = dataclasses.replace(recipe_of(arguments), steps=steps)
+    config, _ = generator(contents["args"], contents["g_state"])
+    recipe = dataclasses.replace(recipe_of(contents), steps=steps)
     assumed = []
     if "d_state" not in contents:
         recipe = dataclasses.replace(
@@ -181,6 +181,9 @@ def compare_training(
         assumed.append(
             f"a fresh discriminator, by seed {seed}, at {FRESH_RATE:g} of its rate"
         )
+    moments = _moments(contents)
+    if not moments:
+        assumed.append("new optimisers")
     inputs = _inputs(config, recipe, seed)
     settings: dict[str, Any] = {}
     for name in ("learning_rate", "d_learning_rate", "clip_norm", "variety_weight"):
@@ -195,15 +198,15 @@ def compare_training(
             title="training",
             python=python,
             seed=seed,
-            training={"settings": settings, "arrays": inputs},
+            training={"settings": settings, "arrays": inputs | moments},
         )
         arrays = read_arrays(Path(folder) / torch_side.TRAINING, "a training")
-    rows = _rows(arguments, recipe, inputs, arrays, reported)
+    rows = _rows(contents, recipe, inputs, arrays, reported)
     return TrainingParity(rows, tolerance, tuple(assumed))
 
 
 def _rows(
-    arguments: Mapping[str, Any],
+    contents: Mapping[str, Any],
     recipe: GeneratorRecipe,
     inputs: Mapping[str, np.ndarray],
     arrays: Mapping[str, np.ndarray],
@@ -214,7 +217,7 @@ def _rows(
     for name in TYPES:
         with jax.enable_x64(name == "float64"):
             differences[name] = _differences(
-                arguments, recipe, inputs, state_of(arrays, f"{name}/"), reported
+                contents, recipe, inputs, state_of(arrays, f"{name}/"), reported
             )
     rows = []
     for step in reported:
@@ -227,13 +230,25 @@ def _rows(
     return tuple(rows)
 
 
+def _moments(contents: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """States of the checkpoint's optimisers, by `torch_side`'s names."""
+    moments = {}
+    for network in "gd":
+        for place, entry in adam_entries(contents, network).items():
+            for name in ("step", "exp_avg", "exp_avg_sq"):
+                key = f"{torch_side.ADAM}{network}/{place}/{name}"
+                moments[key] = np.asarray(entry[name], np.float64)
+    return moments
+
+
 def _inputs(
     config: GeneratorConfig, recipe: GeneratorRecipe, seed: int
 ) -> dict[str, np.ndarray]:
     """Batches, noises and labels by torch's names, each with a leading axis of steps.
 
-    Two batches a step, `traj` and `traj_rel` [steps, 2, T, A, 2]; `noise_d` [steps,
-    rows, dim], `noise_g` [steps, k, rows, dim] and `labels` [steps, 3].
+    Two batches a step, `traj` and `traj_rel` [steps, 2, T, A, 2] and `alpha` [steps, 2,
+    P, T] of their ordered pairs; `noise_d` [steps, rows, dim], `noise_g` [steps, k,
+    rows, dim] and `labels` [steps, 3].
     """
     steps, length = recipe.steps, config.obs_len + config.pred_len
     batches = [
@@ -247,6 +262,7 @@ def _inputs(
     labels = [recipe.label_real, recipe.label_fake, recipe.label_real]
     moves = np.diff(traj, axis=3, prepend=traj[:, :, :, :1])
     shape = (rows, config.noise_dim)
+    pairs = sum(size**2 for size in torch_side.SIZES)
     return {
         "traj": traj.swapaxes(2, 3),
         "traj_rel": moves.swapaxes(2, 3),
@@ -254,28 +270,25 @@ def _inputs(
         "noise_d": rng.normal(size=(steps, *shape)),
         "noise_g": rng.normal(size=(steps, recipe.best_k, *shape)),
         "labels": rng.uniform(*np.transpose(labels), size=(steps, 3)),
+        "alpha": rng.uniform(0.1, 1, size=(steps, 2, pairs, length)),
     }
 
 
 def _differences(
-    arguments: Mapping[str, Any],
+    contents: Mapping[str, Any],
     recipe: GeneratorRecipe,
     inputs: Mapping[str, np.ndarray],
     arrays: Mapping[str, np.ndarray],
     reported: list[int],
 ) -> Differences:
     """Differences of our training from torch's `arrays` of it, in the current type."""
-    states = {
-        step: tuple(
-            state_of(arrays, f"{step}/{name}/") for name in ("g_state", "d_state")
-        )
-        for step in (0, *reported)
-    }
-    config, params = generator(arguments, states[0][0])
-    critic_config, critic = discriminator(arguments, states[0][1])
-    recipe = dataclasses.replace(recipe, discriminator=critic_config)
-    adversary = init_adversary(recipe, {"params": critic})
-    state = new_state(recipe, {"params": params}, adversary)
+    states = {}
+    for step in (0, *reported):
+        states[step] = {
+            name: state_of(arrays, f"{step}/{name}/") for name in ("g_state", "d_state")
+        }
+    config, read, state = training_from_torch({**contents, **states[0]})
+    recipe = dataclasses.replace(recipe, discriminator=read.discriminator)
     step_both = jax.jit(
         functools.partial(learn, config, recipe), compiler_options=FAST_COMPILE
     )
@@ -284,10 +297,12 @@ def _differences(
         state = step_both(state, **_step_inputs(config, inputs, number))[0]
         step = number + 1
         if step in reported:
-            pairs = (state.params, config), (state.extra.params, critic_config)
+            pairs = (state.params, config), (state.extra.params, read.discriminator)
             differences[step] = {
                 network: _largest(ours["params"], params_from_torch(theirs, kind))
-                for network, (ours, kind), theirs in zip(NETWORKS, pairs, states[step])
+                for network, (ours, kind), theirs in zip(
+                    NETWORKS, pairs, states[step].values()
+                )
             }
     return differences
 
@@ -304,9 +319,14 @@ def _step_inputs(
         positions = inputs["traj"][step, batch].swapaxes(0, 1)
         moves = inputs["traj_rel"][step, batch].swapaxes(0, 1)
         scenes = padded(positions, moves, bounds, config.obs_len)
+        valid = np.asarray(scenes.valid)
         if config.noise.per_agent:
-            noise = unpacked(noise, np.asarray(scenes.valid))
+            noise = unpacked(noise, valid)
         group = scenes.replace(origin=None)
+        if weights_pairs(config):
+            alpha = inputs["alpha"][step, batch, :, : config.obs_len]
+            alpha = placed_alpha(alpha.astype(model_dtype()), valid, config)
+            group = group.replace(alpha=alpha)
         batches.append(((group,), [noise.astype(model_dtype())]))
     first, second = batches
     return {"first": first, "second": second, "real": (real, wanted), "fake": fake}

@@ -3,7 +3,9 @@
 `MixedHistory` is the robot package's pooling, `NoHistory` the first release's.
 """
 
-# ruff: noqa: F821 (the text is read after that of sgan_torch.py)
+# The text is read after that of sgan_torch.py.
+# ruff: noqa: F821
+# pyright: reportUndefinedVariable=false
 
 
 class InformedPooling(nn.Module):
@@ -36,7 +38,7 @@ class MixedHistory(InformedPooling):
 
 class NoHistory(InformedPooling):
     def embed(self, tracks, weight, scene, start, end):
-        rows = weight[start:end].repeat(1, 1, self.embedding_dim)
+        rows = weight.permute(1, 0, 2)[start:end].repeat(1, 1, self.embedding_dim)
         nothing = torch.zeros_like(tracks).repeat(len(tracks), 1, 1)
         return rows.repeat(len(tracks), 1, 1) * self.spatial_embedding(nothing)
 
@@ -74,3 +76,8 @@ class InformedGenerator(TrajectoryGenerator):
 
 class FirstRelease(InformedGenerator):
     pooling = NoHistory
+
+
+class InformedDiscriminator(TrajectoryDiscriminator):
+    def forward(self, traj, traj_rel, traj_weight, seq_start_end=None):
+        return super().forward(traj, traj_rel, seq_start_end)

@@ -83,6 +83,47 @@ def test_the_next_step_is_torchs(torch, checkpoint):
     )
 
 
+def test_the_rate_and_the_order_are_the_optimisers_own(torch, checkpoint, tmp_path):
+    """Torch goes on at the saved rate; torch 0.4 named parameters by their addresses."""
+    _, contents, path = checkpoint
+    expected = load_torch_training(path).state.optimizer
+    saved = contents["g_optim_state"]
+    (group,) = saved["param_groups"]
+    address = {number: 140_000 - 64 * number for number in group["params"]}
+    group |= {"lr": 7e-4, "params": list(address.values())}
+    saved["state"] = {address[n]: entry for n, entry in saved["state"].items()}
+    torch.save(contents, tmp_path / "old.pt")
+    training = load_torch_training(tmp_path / "old.pt")
+    assert training.recipe.learning_rate == 7e-4
+    assert training.recipe.d_learning_rate == 2e-3
+    jax.tree.map(np.testing.assert_array_equal, training.state.optimizer, expected)
+
+
+@pytest.mark.parametrize(
+    ("part", "change", "message"),
+    [
+        ("g_optim_state", {"betas": (0.5, 0.999)}, r"betas is \(0.5, 0.999\)"),
+        ("d_optim_state", {"weight_decay": 0.1}, "weight_decay is 0.1"),
+        ("args", {"clipping_threshold_d": 1.0}, "clipping_threshold_d is 1.0"),
+        ("args", {"g_steps": 2}, "g_steps is 2"),
+    ],
+)
+def test_a_training_that_ours_cannot_continue_is_refused(
+    torch, checkpoint, tmp_path, part, change, message
+):
+    _, contents, _ = checkpoint
+    options = contents[part]
+    if part != "args":
+        (options,) = options["param_groups"]
+    # The fixture's arguments are shared.
+    contents["args"] = dict(contents["args"])
+    target = contents["args"] if part == "args" else options
+    target.update(change)
+    torch.save(contents, tmp_path / "other.pt")
+    with pytest.raises(InputError, match=message):
+        load_torch_training(tmp_path / "other.pt")
+
+
 def test_a_file_without_a_training_is_refused(torch, checkpoint, tmp_path):
     _, contents, _ = checkpoint
     del contents["d_optim_state"]

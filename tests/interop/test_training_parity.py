@@ -1,4 +1,4 @@
-"""A training of SGAN in torch and here, with the same batches, noises and labels."""
+"""A training in torch and here, with the same batches, noises and labels."""
 
 import dataclasses
 import json
@@ -7,8 +7,15 @@ import pytest
 
 from neurosym_jax.commands.parity import run
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.training_parity import DEAD, TrainingParity, TrainingRow
-from tests.interop.test_modules import ARGUMENTS, SGAN, network_of
+from neurosym_jax.interop.torch_side import FRESH_BIAS
+from neurosym_jax.interop.training_parity import (
+    DEAD,
+    NETWORKS,
+    TrainingParity,
+    TrainingRow,
+)
+from tests.interop.test_modules import ARGUMENTS, NEUROSYM, SGAN, network_of
+from tests.interop.test_torch_training import steps_of
 
 OWN = {
     **ARGUMENTS, "d_type": "local", "encoder_h_dim_d": 9, "best_k": 2,
@@ -49,7 +56,36 @@ def test_parameters_after_fifty_steps_are_torchs(checkpoint, tmp_path, capsys):
     assert last["generator_float32"] > 10 * last["generator_float64"]
     losses = [row["d_loss"] for row in rows.values()]
     assert len(set(losses)) == 4
+    assert report["assumed"][-1] == "new optimisers"
     assert "after 50 steps within 1e-06 in float64" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_training_of_neurosym_goes_on_from_its_optimisers(torch, tmp_path, capsys):
+    """The first release, whose alpha is [T, P, 1], with Adams that have moved before."""
+    models, path, code = tmp_path / "models_informed.py", tmp_path / "mine.pt", {}
+    text = SGAN.read_text() + NEUROSYM.read_text()
+    models.write_text(f"{text}\nTrajectoryDiscriminator = InformedDiscriminator\n")
+    exec(text, code)
+    torch.manual_seed(0)
+    names = code["InformedGenerator"].__init__.__code__.co_varnames[1:11]
+    network = code["FirstRelease"](**{name: ARGUMENTS[name] for name in names})
+    critic = code["InformedDiscriminator"](8, 8, 6, 9, 24)
+    with torch.no_grad():
+        critic.real_classifier[-2].bias += FRESH_BIAS
+    contents = {"args": OWN}
+    for letter, part in (("g", network), ("d", critic)):
+        adam, _ = steps_of(torch, part, 1e-3, 3)
+        contents[f"{letter}_state"] = part.state_dict()
+        contents[f"{letter}_optim_state"] = adam.state_dict()
+    torch.save(contents, path)
+    module, out = f"{models}:FirstRelease", tmp_path / "parity.json"
+    assert run(torch_module=module, checkpoint=path, train=2, out=out) == 0
+    report = json.loads(out.read_text())
+    assert report["alive"]
+    # Moments that were rounded to float32 differ by 1e-10.
+    assert max(report["rows"][-1][f"{n}_float64"] for n in NETWORKS) < 1e-14
+    assert "optimisers" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
