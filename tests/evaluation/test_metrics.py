@@ -142,27 +142,6 @@ def test_proper_scores_and_the_central_sample_by_their_formulas(forecast):
     )
 
 
-@pytest.mark.parametrize("weighted", [False, True])
-def test_proper_scores_are_those_of_scoringrules(weighted):
-    """Its fair estimators of independent draws, and its plain ones of weighted samples."""
-    rules = pytest.importorskip("scoringrules", reason="scoringrules is not installed")
-    forecast, truth = scene(k=7)
-    options = {"estimator": "fair", "backend": "numpy"}
-    given = {}
-    if weighted:
-        probability = np.arange(1, 8) / 28
-        options = {"estimator": "nrg", "backend": "numpy", "ens_w": probability}
-        given = {"probability": probability}
-    values = score(forecast, truth, metrics=["energy_score", "crps"], **given)
-    flat = forecast.reshape(7, -1)
-    expected = rules.es_ensemble(truth.ravel(), flat, **options) / np.sqrt(4 * 6)
-    assert_allclose(values["energy_score"].mean, expected, rtol=1e-5)
-    if weighted:
-        options["ens_w"] = np.tile(probability, (flat.shape[1], 1))
-    expected = rules.crps_ensemble(truth.ravel(), flat.T, **options).mean()
-    assert_allclose(values["crps"].mean, expected, rtol=1e-5)
-
-
 @pytest.mark.parametrize("metric", ["energy_score", "crps"])
 def test_proper_scores_do_not_depend_on_the_number_of_draws(metric):
     """One scene by 2, 5 and 50 independent draws, many times: the same within the noise."""

@@ -1,5 +1,7 @@
 """ONNX models in ONNX Runtime: JAX's forecasts for any number of people and samples."""
 
+# pyright: reportArgumentType=false
+
 import itertools
 
 import jax

@@ -14,7 +14,7 @@ import pytest
 
 from neurosym_jax.symbolic import collapse, format_state, observe, validate
 
-CALCULI = {"qtcbs": "b1", "qtccs": "c1", "qtcbcs": "bc1"}
+CALCULI: dict[str, Any] = {"qtcbs": "b1", "qtccs": "c1", "qtcbcs": "bc1"}
 DEFAULTS = {
     "quantisation_factor": 0.0,
     "validate": True,
@@ -47,8 +47,8 @@ class Adapter:
         pairs = own.get("qsrs_for", everywhere.get("qsrs_for", pairs))
         trace = defaultdict(dict)
         for pair in pairs:
-            paths = [np.array(tracks[person]) for person in pair]
-            texts = states_of(*paths, name, options)
+            first, second = (np.array(tracks[person]) for person in pair)
+            texts = states_of(first, second, name, options)
             numbers = range(1, len(texts) + 1)
             # States keep their times if none is left out or put between.
             if options["no_collapse"] and not options["validate"]:

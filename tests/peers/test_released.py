@@ -3,6 +3,7 @@
 import inspect
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -97,7 +98,8 @@ def torchs(torch, network, model, walk):
     spec = model.forecaster.noise
     people = len(walk) if spec.per_agent else 1
     slots = int(bucket_of(len(walk))) if spec.per_agent else 1
-    noise = scene_noise(spec, key_of(key_numbers(0)), scene.identity, 1, slots)
+    key, identity = key_of(jnp.array(key_numbers(0))), jnp.array(scene.identity)
+    noise = scene_noise(spec, key, identity, 1, slots)
     dtype = next(network.parameters()).dtype
     arrays = {"traj": walk, "traj_rel": np.diff(walk, axis=1, prepend=walk[:, :1])}
     places = [torch.tensor(a, dtype=dtype).transpose(0, 1) for a in arrays.values()]

@@ -20,7 +20,6 @@ from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.plugins import load_plugin, loaded
 from neurosym_jax.training.sweep import compare_sweep, run_sweep, unfinished
 from tests.registrations import restored_registrations
-from tests.repository import ROOT
 from tests.rows import write_sweep
 
 CHOSEN = sweep.Options(weighting=("cnd", "ones"), dataset=("cross-path",), seed=(0, 1))
@@ -244,9 +243,7 @@ def test_compared_weightings_are_a_sweep_of_them(tmp_path, capsys):
         dry_run=True,
     )
     assert compare_weightings.run(chosen) == 0
-    printed = capsys.readouterr()
-    assert "Fewer than 3 seeds tell nothing" in printed.err
-    trained = [line.split()[-2] for line in printed.out.splitlines()]
+    trained = [line.split()[-2] for line in capsys.readouterr().out.splitlines()]
     same = dataclasses.replace(
         CHOSEN,
         weighting=("soft", "ones", "shuffled"),
@@ -269,21 +266,6 @@ def test_compared_weightings_are_a_sweep_of_them(tmp_path, capsys):
             compare_weightings.run(dataclasses.replace(chosen, **change))
     with pytest.raises(InputError, match="seeds must be at least 1"):
         compare_weightings.run(dataclasses.replace(chosen, seeds=0))
-
-
-def test_the_power_of_seeds_is_that_of_our_study():
-    """Before the first training: half of an interval of as many of its 24 seeds."""
-    study = pl.read_csv(ROOT / "docs/weighting.csv")
-    for place, spread in compare_weightings.SPREAD.items():
-        rows = study.filter(set=place, metric="all joint_ade").sort("seed")
-        weighted = rows.filter(arm="papers, quantised")["value"].to_numpy()
-        ones = rows.filter(arm="papers")["value"].to_numpy()
-        differences = 100 * (weighted - ones) / ones.mean()
-        assert len(differences) == 24
-        assert np.std(differences, ddof=1) == pytest.approx(spread, abs=0.05)
-    line = compare_weightings.expected_power(8)
-    assert line.startswith("8 seeds told differences in joint ADE of 0.8 % (zara2)")
-    assert "and 3.1 % (corridors)" in line
 
 
 def changed(folder, change):
