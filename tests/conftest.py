@@ -24,6 +24,9 @@ CHEAP = {
     "xla_backend_optimization_level": "0",
     "xla_llvm_disable_expensive_passes": "true",
     "xla_cpu_use_fusion_emitters": "false",
+    # Workers fill the cores: a program need not be split for them, nor prepared for that.
+    "xla_cpu_parallel_codegen_split_count": "1",
+    "xla_llvm_force_inline_before_split": "false",
     # XLA's own width, said so that a command that runs in this process changes nothing.
     "xla_cpu_prefer_vector_width": "256",
 }

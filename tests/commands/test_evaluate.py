@@ -209,9 +209,19 @@ def test_one_step_and_one_agent(options, tmp_path):
     assert row["collision_rate"] == 0
 
 
-def test_further_metrics_where_they_are_asked_for(options, capsys):
+def test_further_metrics_where_they_are_asked_for(options, capsys, tmp_path):
+    rng = np.random.default_rng(0)
+    heading = rng.normal(0, 0.2, (3, 150)).cumsum(1)
+    paths = 0.4 * np.stack([np.cos(heading), np.sin(heading)], axis=-1).cumsum(1)
+    rows = [
+        f"{step},{person},{x:.3f},{y:.3f}"
+        for person, path in enumerate(paths)
+        for step, (x, y) in enumerate(path)
+    ]
+    data = tmp_path / "walks.csv"
+    data.write_text("\n".join(rows))
     fields = {"metrics": ("energy_score", "coverage_50"), "symbols": True}
-    velocity, sampled = run(options(**fields, dataset="cross-path", samples=4))
+    velocity, sampled = run(options(**fields, data=data, samples=4, period=0.4))
     assert "crps" not in sampled
     assert sampled["energy_score"] < velocity["energy_score"]
     assert velocity["coverage_50"] is None  # A single forecast has no region.
