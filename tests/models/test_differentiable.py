@@ -57,7 +57,8 @@ def test_it_is_predict_and_padding_and_a_batch_change_nothing(weighting):
         FORECAST(*network, padded, NOISE, valid=valid)[:, :3], forecast, atol=1e-5
     )
     pair = np.stack([OBSERVED, OBSERVED + 2.0])
-    batch = jax.vmap(lambda observed: FORECAST(*network, observed, NOISE))(pair)
+    each = jax.vmap(lambda observed: FORECAST(*network, observed, NOISE))
+    batch = jax.jit(each)(pair)
     assert_allclose(batch, np.stack([forecast, forecast + 2.0]), atol=1e-5)
 
 
@@ -87,6 +88,7 @@ def test_gradients(soft, given):
             )
             return (FORECAST(soft.config, *how) ** 2).mean()
 
-        slope = jax.grad(value)(0.0)
+        value = jax.jit(value)
+        slope = jax.jit(jax.grad(value))(0.0)
         assert abs(slope) > 1e-4
         assert_allclose(slope, (value(1e-6) - value(-1e-6)) / 2e-6, rtol=1e-4)

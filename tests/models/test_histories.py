@@ -18,6 +18,7 @@ from neurosym_jax.models.histories import fill_history, whole_history
 from neurosym_jax.scene import make_scene, with_steps
 from tests.networks import random_model
 
+FORECAST = jax.jit(nj.forecast, static_argnums=0)
 NAN = np.nan
 WALK = np.arange(8.0)[:, None] * [0.5, 0.1]
 
@@ -50,7 +51,7 @@ def test_histories_get_the_length_that_a_network_takes():
     for count in (1, 2, 5, 8, 11):
         track = np.arange(float(count))[:, None] * [0.5, 0.1]
         on_host, seen = whole_history(track[None], 8, "observed")
-        scene = with_steps(make_scene(track[None]), 8)
+        scene = jax.jit(with_steps, static_argnums=1)(make_scene(track[None]), 8)
         in_jax = np.asarray(scene.observed) + np.asarray(scene.origin)
         np.testing.assert_allclose(in_jax, on_host, atol=1e-5)
         whole = np.arange(8) >= 8 - count
@@ -94,7 +95,7 @@ def test_every_path_takes_every_length(model, people, steps):
     assert np.isfinite(forecast).all()
     (same,) = nj.predict_scenes(model, [observed], samples=5)
     np.testing.assert_allclose(same, forecast, atol=1e-5)
-    pure = nj.forecast(model.config, model.params, observed)
+    pure = FORECAST(model.config, model.params, observed)
     np.testing.assert_allclose(pure, forecast, atol=1e-5)
     if steps > 8:
         np.testing.assert_array_equal(
@@ -135,7 +136,8 @@ def test_no_error_of_tracking_is_added_where_nobody_was_seen():
         nothing = jnp.zeros((1, 40, 4, 2))
         return AnchorForecast(nothing, jnp.zeros(1), nothing[:0])
 
-    batch_loss(apply, (scenes, np.zeros(1, int)), jax.random.key(0), recipe, short=True)
+    loss = jax.jit(lambda batch, key: batch_loss(apply, batch, key, recipe, short=True))
+    loss((scenes, np.zeros(1, int)), jax.random.key(0))
     jax.effects_barrier()
     ((observed, seen),) = learned
     assert np.abs(observed - scenes.observed[0]).max() > 0.5  # It is augmented.
@@ -152,7 +154,7 @@ def test_training_cuts_histories_at_random():
     scenes = jax.tree.map(
         lambda leaf: np.asarray(leaf)[None], make_scene(people).bare()
     )
-    cut = shorten(scenes, jax.random.key(0))
+    cut = jax.jit(shorten)(scenes, jax.random.key(0))
     seen = np.asarray(cut.seen[0])
     counts = seen.sum(1)
     assert set(counts) == set(range(2, 9))

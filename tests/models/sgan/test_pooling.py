@@ -37,7 +37,7 @@ DESCRIBED, ROS = (
 def relu_layers(x, mlp):
     for index in range(len(mlp)):
         layer = mlp[f"layer_{index}"]
-        x = jnp.maximum(x @ layer["kernel"] + layer["bias"], 0)
+        x = (x @ layer["kernel"] + layer["bias"]).clip(0)
     return x
 
 
@@ -132,11 +132,11 @@ def test_only_valid_agents_count(module):
     params = random_params(module, HIDDEN, POSITIONS, ALL, std=0.5)
     apply = jax.jit(module.apply)
     valid = np.array([True, True, False, True, False, False])
-    pooled = apply(params, HIDDEN, POSITIONS, valid)
+    pooled = np.asarray(apply(params, HIDDEN, POSITIONS, valid))
     alone = apply(params, HIDDEN[valid], POSITIONS[valid], np.ones(3, bool))
     assert_allclose(pooled[valid], alone, atol=1e-6)
     assert np.isfinite(pooled).all()
-    complete = apply(params, HIDDEN, POSITIONS, ALL)
+    complete = np.asarray(apply(params, HIDDEN, POSITIONS, ALL))
     assert np.abs(complete[valid] - alone).max() > 1e-3
     assert np.isfinite(apply(params, HIDDEN, POSITIONS, ~ALL)).all()
 
@@ -173,8 +173,9 @@ def test_a_missing_alpha_is_named():
 def test_the_ijcnn_release_has_one_maximum_over_all_but_padding():
     network, present = _IjcnnNetwork(T, E, H, 9, B), np.arange(N) < N - 2
     rows = ALPHA[0]
-    params = network.init(jax.random.key(2), HIDDEN, ALL, rows)
-    pooled = network.apply(params, HIDDEN, present, rows)
+    params = jax.jit(network.init)(jax.random.key(2), HIDDEN, ALL, rows)
+    pooled = jax.jit(network.apply)(params, HIDDEN, present, rows)
+    params = jax.tree.map(np.asarray, params)
     weights = params["params"]
     embedded = (rows[..., None] * weights["spatial_embedding"]["bias"]).reshape(N, -1)
     units = relu_layers(np.concatenate([embedded, HIDDEN], axis=1), weights["mlp"])

@@ -10,6 +10,7 @@ import tomllib
 
 import pytest
 
+from neurosym_jax.__main__ import main
 from neurosym_robot.ros.definitions import GRID, MARKERS, ros1_name
 from neurosym_robot.ros.messages import outputs
 from neurosym_robot.tracking.following import tracks_of_frames
@@ -136,19 +137,28 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("line", of_kind("neurosym replay", "neurosym stitch"))
-def test_of_a_recording(folder, line):
-    """What is served live is stopped when it says so."""
+OF_A_RECORDING = of_kind("neurosym replay", "neurosym stitch")
+SERVED = [line for line in OF_A_RECORDING if "--dashboard" in line]
+
+
+@pytest.mark.parametrize("line", SERVED)
+def test_what_is_served_live_is_stopped_when_it_says_so(folder, line):
     environment = dict(os.environ, PYTHONPATH=str(ROOT), PYTHONUNBUFFERED="1")
-    log = folder / "log"
     here = ["bash", "-c", f"cd {folder} && exec {shlex.join(ours(line))}"]
-    process = Process(log, *here, env=environment)
-    if "--dashboard" in line:
-        process.wait_for(lambda text: text == "live until interrupted")
-        assert process.end(signal.SIGINT) == 130
-    else:
-        assert process.process.wait(200) == 0, "\n".join(process.lines)
+    process = Process(folder / "log", *here, env=environment)
+    process.wait_for(lambda text: text == "live until interrupted")
+    assert process.end(signal.SIGINT) == 130
     said = "\n".join(process.lines)
     assert "Traceback" not in said, said
+
+
+@pytest.mark.parametrize(
+    "line", [line for line in OF_A_RECORDING if line not in SERVED]
+)
+def test_of_a_recording(folder, line, monkeypatch):
+    monkeypatch.chdir(folder)
+    with pytest.raises(SystemExit) as end:
+        main(shlex.split(line)[1:])
+    assert not end.value.code
     for written in re.findall(r"--(?:out|html|foxglove) (\S+)", line):
         assert (folder / written).stat().st_size > 1000
