@@ -210,6 +210,8 @@ def test_every_public_function_and_every_argument_has_a_row():
 @pytest.mark.parametrize("name", [*CALLS, "predict_representatives"])
 def test_each_argument_changes_the_result_or_is_refused(folder, name):
     function = getattr(nj, name)
+    if name == "forecast":
+        function = jax.jit(nj.forecast, static_argnames="config")
     usual, others = CALLS["predict" if name == "predict_representatives" else name]
     base = usual(folder)
     before = outcome(function, base, folder)

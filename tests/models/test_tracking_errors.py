@@ -25,6 +25,7 @@ from neurosym_jax.models.tracking_errors import (
     was_repaired,
 )
 from neurosym_jax.scene import scene_identity
+from tests.repository import exhaustive
 
 PERIOD = 0.4
 TIME = np.arange(8.0)[:, None]
@@ -128,20 +129,21 @@ def limited(ahead, expansion):
 
 @pytest.mark.parametrize("expansion", [1.0, 3.0])
 def test_displacements_are_limited_smoothly_and_in_their_direction(expansion):
-    sizes = expansion * jnp.array([0.1, 0.9, 1.9, 3.0, 1e6])
-    ahead = sizes[:, None, None, None] * jnp.array([0.6, 0.8])
-    result = limited(ahead, expansion)
-    distance = jnp.linalg.norm(result, axis=-1)
+    sizes = expansion * np.array([0.1, 0.9, 1.9, 3.0, 1e6], np.float32)
+    ahead = sizes[:, None, None, None] * np.array([0.6, 0.8], np.float32)
+    result = np.asarray(jax.jit(limited)(ahead, expansion))
+    distance = np.linalg.norm(result, axis=-1)
     np.testing.assert_allclose(distance[:2], sizes[:2], rtol=4e-3)
     np.testing.assert_allclose(result / distance[:, None], [[0.6, 0.8]] * 5, rtol=1e-5)
-    assert (jnp.diff(distance) > 0).all()
+    assert (np.diff(distance) > 0).all()
     np.testing.assert_allclose(distance[-1], expansion * 4 * PERIOD + 0.3, rtol=1e-5)
 
     def furthest(scale):
         return limited(scale * ahead, expansion).sum()
 
-    assert np.isfinite(jax.grad(furthest)(0.0))
-    assert np.isfinite(jax.grad(furthest)(1.0))
+    slope = jax.jit(jax.grad(furthest))
+    assert np.isfinite(slope(0.0))
+    assert np.isfinite(slope(1.0))
 
 
 def test_unknown_motion_goes_everywhere_and_nowhere_on_average():
@@ -152,7 +154,7 @@ def test_unknown_motion_goes_everywhere_and_nowhere_on_average():
     np.testing.assert_allclose(distance.max(), 2.0 * 12 * PERIOD, rtol=0.01)
 
 
-@pytest.fixture(scope="module", params=[8, 12])
+@pytest.fixture(scope="module", params=[8, exhaustive(12)])
 def recommended(request):
     return nj.load_model("recommended", pred_len=request.param)
 
@@ -268,7 +270,8 @@ def test_published_networks_take_positions_as_they_are(model, recwarn):
     assert was_repaired(walks, PERIOD).any()
     sgan = model("pool_net")
     noise = draw_noise(sgan.forecaster.noise, 0, scene_identity("", 0)[None], 4, 5)
-    expected = nj.forecast(sgan.config, sgan.params, walks, noise[:, 0])
+    forecast = jax.jit(nj.forecast, static_argnums=0)
+    expected = forecast(sgan.config, sgan.params, walks, noise[:, 0])
     same = functools.partial(np.testing.assert_allclose, desired=expected, atol=1e-5)
     same(nj.predict(sgan, walks, samples=4))
     same(nj.predict_scenes(sgan, [walks], samples=4)[0])

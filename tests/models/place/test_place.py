@@ -11,6 +11,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.models.place.place import steps_of
 from neurosym_jax.models.place.stream import Steps
+from tests.repository import exhaustive
 
 PERIOD = 0.4
 
@@ -173,7 +174,7 @@ def test_a_runner_is_remembered_as_a_walker_is(model, speed):
     assert np.abs(onward).max() == pytest.approx(12 * PERIOD * speed, rel=0.01)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, exhaustive(1), exhaustive(2)])
 def test_broken_ids_cost_no_more_than_the_limit(model, seed):
     rng = np.random.default_rng(seed)
     place = nj.Place(model)
