@@ -48,6 +48,8 @@ SKIPPED = {
     "OnnxModel(": "run by tests/robot/online/test_onnx.py",
     "Dashboard(": "serves a page",
     "eth-ucy": "needs ETH/UCY, as what follows it",
+    "jax.make_mesh": "needs two devices, as in tests/models/test_transforms.py",
+    "eqx.": "needs Equinox",
     "nj.plotting": "run by studies.gallery",
 }
 """Blocks by words of theirs, and why they are left out."""
@@ -72,7 +74,7 @@ def prepare() -> dict[str, Any]:
     )
     windows = nj.windows_from("my_tracks.csv", 8, 8)
     still = np.repeat(windows.position[None, :, 7:8], 8, axis=2)
-    stamp = np.repeat(windows.stamp, windows.sizes)
+    stamp = np.repeat(np.asarray(windows.stamp), windows.sizes)
     np.savez("mine.npz", samples=still, ids=windows.agent, frames=stamp)
     scene = windows.position[windows.rows(np.array([0]))].astype(np.float32)
     return {

@@ -20,7 +20,11 @@ from jax import Array
 
 from neurosym_jax.configuration import Checked, Rule, Seed, Size, differences, refuse
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.parameters import leaves_by_path, nested_parameters
+from neurosym_jax.models.parameters import (
+    leaves_by_path,
+    nested_parameters,
+    refuse_other_tree,
+)
 from neurosym_jax.models.tracking_errors import repair_scene, settle
 from neurosym_jax.plugins import Registry, additions
 from neurosym_jax.runtime.memory import refuse_beyond_memory
@@ -274,6 +278,7 @@ class Forecaster(abc.ABC):
         shapes = jax.eval_shape(lambda: self.init(jax.random.key(0)))
         if shapes is None:
             return None
+        refuse_other_tree(shapes)
         leaves = leaves_by_path(shapes)
         return {name: (list(leaf.shape), str(leaf.dtype)) for name, leaf in leaves}
 

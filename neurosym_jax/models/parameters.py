@@ -13,6 +13,7 @@ __all__ = [
     "leaves_by_path",
     "nested_parameters",
     "refuse_misfit",
+    "refuse_other_tree",
     "shapes_of",
 ]
 
@@ -27,15 +28,25 @@ def flat_parameters(params: Any) -> dict[str, np.ndarray]:
         InputError: for a tree that would not come back: not dictionaries, empty ones,
             names with a `/`, leaves that are not arrays of numbers.
     """
+    refuse_other_tree(params)
     flat = {name: np.asarray(leaf, order="C") for name, leaf in leaves_by_path(params)}
-    if jax.tree.structure(nested_parameters(flat)) != jax.tree.structure(params):
-        raise InputError(
-            "parameters must be nested dictionaries of arrays, by names without a '/'"
-        )
     for name, array in flat.items():
         if array.dtype.kind not in "fiub" or array.dtype.itemsize > 8:
             raise InputError(f"the parameter {name} is not an array of numbers")
     return flat
+
+
+def refuse_other_tree(params: Any) -> None:
+    """Refuse what is no tree of nested dictionaries, as of an Equinox module.
+
+    Raises:
+        InputError: for a tree that would not come back from its paths.
+    """
+    again = nested_parameters(dict(leaves_by_path(params)))
+    if jax.tree.structure(again) != jax.tree.structure(params):
+        raise InputError(
+            "parameters must be nested dictionaries of arrays, by names without a '/'"
+        )
 
 
 def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:

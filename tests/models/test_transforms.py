@@ -105,6 +105,17 @@ def explicit_mesh(loss, both, params):
     return result
 
 
+def mixed_precision(loss, both, params):
+    """Parameters and positions of bfloat16, whose gradients are of their types."""
+    half = jax.tree.map(lambda leaf: leaf.astype(jnp.bfloat16), params)
+    observed = SCENES[0].astype(jnp.bfloat16)
+    result = jax.eval_shape(both, half, observed)
+    assert {leaf.dtype for leaf in jax.tree.leaves(result[1])} == {
+        np.dtype(jnp.bfloat16)
+    }
+    return result
+
+
 TRANSFORMS = {
     "jax.vmap over scenes": vmap,
     "jax.vmap over networks": vmap_of_seeds,
@@ -114,6 +125,7 @@ TRANSFORMS = {
     "jax.export": export,
     "jax.shard_map": sharded,
     "Explicit mesh": explicit_mesh,
+    "bfloat16": mixed_precision,
 }
 
 

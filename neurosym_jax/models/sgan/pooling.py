@@ -539,12 +539,16 @@ def _backward(layer, saved, cotangent):
         )
         return sums, (own_grad, pair_grads)
 
-    zeros = jax.tree.map(jnp.zeros_like, (shared, neighbours, weight))
+    summed = shared, neighbours, weight
     sums, (own_grads, pair_grads) = jax.lax.scan(
-        backward_agent, zeros, (agents, pairs, winner, cotangent)
+        backward_agent,
+        jax.tree.map(_wide_zeros, summed),
+        (agents, pairs, winner, cotangent),
     )
-    shared_grad, neighbour_grads, weight_grad = sums
-    bias_grad = cotangent.sum(axis=0)
+    shared_grad, neighbour_grads, weight_grad = jax.tree.map(
+        lambda total, leaf: total.astype(leaf.dtype), sums, summed
+    )
+    bias_grad = cotangent.sum(axis=0).astype(kernel.dtype)
     return (
         shared_grad,
         own_grads,
@@ -554,6 +558,11 @@ def _backward(layer, saved, cotangent):
         bias_grad,
         None,
     )
+
+
+def _wide_zeros(leaf: Array) -> Array:
+    """Zeros of the leaf's shape, to sum gradients of bfloat16 in float32."""
+    return jnp.zeros_like(leaf, dtype=jnp.promote_types(leaf.dtype, jnp.float32))
 
 
 def _add_rows(arrays: Any, rows: Array, values: Any) -> Any:
