@@ -59,7 +59,12 @@ from neurosym_jax.evaluation.scores import (
     score_samples,
 )
 from neurosym_jax.evaluation.tables import first_trainings, rows_frame
-from neurosym_jax.models.disk import find_model, load_model, shipped_name
+from neurosym_jax.models.disk import (
+    find_model,
+    load_model,
+    shipped_models,
+    shipped_name,
+)
 from neurosym_jax.models.forecast import Model, SceneForecaster, unpacked
 from neurosym_jax.models.forecaster import FORECASTERS, Forecaster
 from neurosym_jax.runtime import files
@@ -371,6 +376,9 @@ def _told(test: Test, spoken: Mapping[str, str] = NAMED_BY_PATH) -> Test:
                 "were looked for are among its training windows, so its errors are too "
                 "small"
             )
+            stranger = _stranger(model, windows)
+            if stranger is not None:
+                leak += f" ({stranger} was not)"
             warn_caller(leak)
             first, *others = windows.reading
             first = dataclasses.replace(first, warnings=(*first.warnings, leak))
@@ -385,6 +393,18 @@ def _told(test: Test, spoken: Mapping[str, str] = NAMED_BY_PATH) -> Test:
             )
             warn_caller(line)
     return dataclasses.replace(test, windows=windows, learned=frozenset(learned))
+
+
+def _stranger(model: Model, windows: Windows) -> str | None:
+    """Name of a model like `model` that ships and was not trained on these people."""
+    asked = model.family, model.config.obs_len, model.config.pred_len
+    for path in shipped_models():
+        other = load_model(path)
+        if asked == (other.family, other.config.obs_len, other.config.pred_len):
+            hits, looked = seen_before(other.seen, windows)
+            if hits <= ALIKE * looked:
+                return path.name
+    return None
 
 
 # Results of an evaluation: every model of every test set, forecast, scored and timed.

@@ -142,7 +142,7 @@ def test_the_page_shows_what_it_taught(taught):
     assert lines[1]["flows"] is None
     assert "flows" not in lines[0]["now"]
     x, y, way_x, way_y, share, people = np.array(lines[0]["flows"]).T
-    assert len(x) > 5
+    assert len(x) > 3
     is_before = x < 6
     is_behind = y > 1
     assert np.all(way_x[is_before] > 2)

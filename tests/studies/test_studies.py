@@ -60,8 +60,8 @@ def test_pages_on_learning_a_place_have_what_the_study_prints():
     page = (DOCS / "place.md").read_text(encoding="utf-8").replace("−", "-")
     numbers = re.findall(r": ([+-][\d.]+ ± [\d.]+) % \(\d+\)", means)
     counts = re.findall(r"\((\d+)\)", means)
-    assert len(numbers) == len(counts) == 6
-    for row in range(0, 6, 2):
+    assert len(numbers) == len(counts) == 8
+    for row in range(0, 8, 2):
         cells = f"| {counts[row]} | {numbers[row]} | {numbers[row + 1]} |"
         assert cells in page
 

@@ -9,6 +9,9 @@ as the kernel, in position and velocity, and keeps the last moments of `CELL` di
 people; so people who stand for an hour take one row, and a busy corner does not push
 out what happened elsewhere. Cells share places of a table by a hash. A collision costs
 nothing but room, since what is found is weighted by its true distance.
+
+A turned kernel compares how people move, whichever way they face. What followed is
+turned to the way that a person faces now, and is recalled in a mirror, too.
 """
 
 import dataclasses
@@ -19,6 +22,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+
+from neurosym_jax.models.anchors.frames import turned
 
 __all__ = [
     "FEATURES",
@@ -42,15 +47,17 @@ FAR = 3.0
 ENOUGH = 8
 """People whose moments are alike, from which a kernel has its whole share."""
 POINTS = 16
-"""People whose ways on are recalled at once for one person."""
+"""Ways on that are recalled at once for one person, by position and as many turned ones."""
 FOUND = 64
-"""Most similar moments among which the `POINTS` different people are looked for."""
+"""Most similar moments among which those of `POINTS` different people are looked for."""
 CELL = 8
 """Moments that a cell keeps."""
 CORNERS = np.array(np.meshgrid(*[[0, 1]] * 4)).reshape(4, -1).T
 """[16, 4] offsets of the cells around a moment, two along each axis."""
 PRIMES = np.array([73856093, 19349663, 83492791, 49979687], np.uint32)
 """Factors of the hash of a cell: M. Teschner et al., VMV 2003, section 4.1."""
+MIRROR = np.array([1, -1, 1, -1, 1, -1], np.float32)
+"""Factors of features seen in a mirror that lies along the velocity."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +73,8 @@ class Kernel:
     """Metres; infinite where it does not matter where people are."""
     speed: float
     """Metres per second."""
+    turned: bool = False
+    """Whether moments are compared in the directions of their own velocities."""
 
     def likeness(self, place: Array, motion: Array) -> Array:
         """[...] weights, 1 for the same moment and 0 beyond `FAR`, see `_gaps`."""
@@ -73,7 +82,15 @@ class Kernel:
         return jnp.where(distance < FAR, jnp.exp(-distance), 0)
 
     def scaled(self, moment: Array) -> Array:
-        """[..., 4] position and velocity of `moment [..., 6]`, in widths."""
+        """[..., 4] position and velocity of `moment [..., 6]`, in widths.
+
+        Of a turned kernel: nothing, the speed, and how fast a person went aside before.
+        """
+        if self.turned:
+            seen = _from_within(moment)
+            aside = jnp.abs(seen[..., 5]) / (2 * self.speed)
+            motion = jnp.stack([seen[..., 2] / self.speed, aside], axis=-1)
+            return jnp.concatenate([jnp.zeros_like(motion), motion], axis=-1)
         place = moment[..., :2] / self.place
         velocity = moment[..., 2:4] / self.speed
         return jnp.concatenate([place, velocity], -1)
@@ -93,11 +110,28 @@ def _gaps(moment: Array, others: Array) -> tuple[Array, Array]:
     return jax.lax.optimization_barrier((place, motion))
 
 
+def _direction(velocity: Array) -> Array:
+    """[..., 2] of length 1; along x for who stands, and where there is no moment."""
+    speed = jnp.linalg.norm(velocity, axis=-1, keepdims=True)
+    moves = (speed > 0) & jnp.isfinite(speed)
+    along_x = jnp.array([1.0, 0.0], velocity.dtype)
+    return jnp.where(moves, velocity / jnp.where(moves, speed, 1), along_x)
+
+
+def _from_within(moment: Array) -> Array:
+    """`moment [..., 6]` as the person sees it: from the origin, with the velocity along x."""
+    direction = _direction(moment[..., 2:4])
+    velocity = turned(moment[..., 2:4], direction, -1)
+    earlier = turned(moment[..., 4:6], direction, -1)
+    origin = jnp.zeros_like(velocity)
+    return jnp.concatenate([origin, velocity, earlier], axis=-1)
+
+
 KERNELS = (
     Kernel("near", 1.5, 0.3),
     Kernel("around", 3.0, 0.5),
-    Kernel("place", 1.5, 2.0),
     Kernel("manner", np.inf, 0.15),
+    Kernel("gait", np.inf, 0.15, turned=True),
 )
 """The kernels of a place; `studies.place` says what they were chosen on."""
 
@@ -128,7 +162,8 @@ class Recall(NamedTuple):
     """[N, U, T, 2] offsets from the last position, metres."""
     weight: Array
     """[N, K, U] probability of each by each kernel; sums to `min(1, people / ENOUGH)`, where
-    a moment of one half-life ago counts for half a person."""
+    a moment of one half-life ago counts for half a person, and one in a mirror for one
+    more."""
 
 
 def empty_memory(moments: int, steps: int, kernels: int = len(KERNELS)) -> Memory:
@@ -224,35 +259,80 @@ def recall(
 
     A moment counts for half after `half_life` [] seconds before `now` [].
     """
+    parts = [
+        _recall_alike(kernels, is_turned, memory, moment, now, half_life)
+        for is_turned in sorted({kernel.turned for kernel in kernels})
+    ]
+    onward = jnp.concatenate([part.onward for part in parts], axis=1)
+    weight = jnp.concatenate([part.weight for part in parts], axis=2)
+    return Recall(onward, weight)
+
+
+def _recall_alike(
+    kernels: tuple[Kernel, ...],
+    is_turned: bool,
+    memory: Memory,
+    moment: Array,
+    now: Array | float,
+    half_life: Array | float,
+) -> Recall:
+    """What kernels recall that are turned, or those that are not; the others have no weight."""
     rows = []
     for number, kernel in enumerate(kernels):
-        slots = _around(memory, kernel, moment)
-        entries = memory.table[number, slots]  # [N, 16, CELL]
-        rows.append(entries.reshape(len(moment), -1))
+        if kernel.turned == is_turned:
+            slots = _around(memory, kernel, moment)
+            entries = memory.table[number, slots]  # [N, 16, CELL]
+            rows.append(entries.reshape(len(moment), -1))
     row = jnp.concatenate(rows, axis=1)
     others = memory.moment.at[row].get(mode="fill", fill_value=jnp.inf)
+    person = memory.person.at[row].get(mode="fill", fill_value=-1)
+    seen = moment
+    if is_turned:
+        seen, others = _from_within(moment), _from_within(others)
+        others = jnp.concatenate([others, others * MIRROR], axis=1)
+        row = jnp.concatenate([row, row], axis=1)
+        # Somebody in a mirror is another person.
+        person = jnp.concatenate([person, ~person], axis=1)
+
+    gaps = _gaps(seen, others)
     time = memory.time.at[row].get(mode="fill", fill_value=-jnp.inf)
     # An empty row has an infinite age, of which an infinite half-life makes NaN.
     age = jnp.where(time > -jnp.inf, now - time, 0)
     kept = jnp.exp2(-jnp.maximum(age, 0) / half_life)
-
-    gaps = _gaps(moment, others)
-    weight = jnp.stack([kernel.likeness(*gaps) for kernel in kernels], axis=1)
-    weight = weight * kept[:, None]
+    nothing = jnp.zeros_like(kept)
+    weight = jnp.stack(
+        [
+            kernel.likeness(*gaps) * kept if kernel.turned == is_turned else nothing
+            for kernel in kernels
+        ],
+        axis=1,
+    )
     total = jnp.maximum(weight.sum(axis=2, keepdims=True), 1e-9)
     likeness = (weight / total).sum(axis=1)
-    best = _best_of_people(memory, row, likeness)
-    return jax.vmap(functools.partial(_recall_one, memory))(row, weight, kept, *best)
+
+    best, likeness = _best_of_people(person, likeness)
+    weight = jnp.take_along_axis(weight, best[:, None], axis=2)
+    weight = jnp.where(likeness[:, None] > 0, weight, 0)
+    kept = jnp.take_along_axis(kept, best, axis=1)
+    people = jnp.where(weight > 0, kept[:, None], 0).sum(axis=2, keepdims=True)
+    share = jnp.minimum(people / ENOUGH, 1)
+    total = jnp.maximum(weight.sum(axis=2, keepdims=True), 1e-9)
+    row = jnp.take_along_axis(row, best, axis=1)
+    onward = memory.onward.at[row].get(mode="fill", fill_value=0)
+    if is_turned:
+        was = memory.moment.at[row, 2:4].get(mode="fill", fill_value=0)
+        is_mirrored = best >= others.shape[1] // 2
+        onward = _turned_ways(onward, was, is_mirrored, moment[:, None, 2:4])
+    return Recall(onward, share * weight / total)
 
 
-def _best_of_people(memory: Memory, row: Array, likeness: Array) -> tuple[Array, Array]:
+def _best_of_people(person: Array, likeness: Array) -> tuple[Array, Array]:
     """[N, U] the most similar moments of different people, and their likeness, 0 if none.
 
-    `row [N, n]` are rows of the memory, some more than once.
+    `person [N, n]` says whose the moments are, `likeness [N, n]` how similar.
     """
     likeness, best = jax.lax.top_k(likeness, FOUND)
-    found = jnp.take_along_axis(row, best, axis=1)
-    person = memory.person.at[found].get(mode="fill", fill_value=-1)
+    person = jnp.take_along_axis(person, best, axis=1)
     same = person[:, :, None] == person[:, None]
     repeated = jnp.tril(same, -1).any(axis=2)
     likeness = jnp.where(repeated, 0, likeness)
@@ -260,21 +340,14 @@ def _best_of_people(memory: Memory, row: Array, likeness: Array) -> tuple[Array,
     return jnp.take_along_axis(best, order, axis=1), likeness
 
 
-def _recall_one(
-    memory: Memory,
-    row: Array,
-    weight: Array,
-    kept: Array,
-    best: Array,
-    likeness: Array,
-) -> Recall:
-    """What the `best [U]` of the rows [n] did, with the `weight [K, n]` of each."""
-    weight = jnp.where(likeness > 0, weight[:, best], 0)
-    people = jnp.where(weight > 0, kept[best], 0).sum(axis=1, keepdims=True)
-    share = jnp.minimum(people / ENOUGH, 1)
-    total = jnp.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
-    onward = memory.onward.at[row[best]].get(mode="fill", fill_value=0)
-    return Recall(onward, share * weight / total)
+def _turned_ways(
+    onward: Array, was: Array, is_mirrored: Array, velocity: Array
+) -> Array:
+    """Ways `onward [N, U, T, 2]` of people whose velocity `was [N, U, 2]`, for `velocity [N, 1, 2]`."""
+    way = turned(onward, _direction(was)[:, :, None], -1)
+    aside = jnp.where(is_mirrored[..., None], -way[..., 1], way[..., 1])
+    way = jnp.stack([way[..., 0], aside], axis=-1)
+    return turned(way, _direction(velocity)[:, :, None], 1)
 
 
 @jax.jit

@@ -305,7 +305,7 @@ class Place:
     def _learn(self, awaited: _Awaited, number: int) -> None:
         """Score forecasts by the tracks of those who are still in view."""
         steps = self.model.config.pred_len
-        tracks = self._followed.tracks(number, steps + 1, steps + 1)
+        tracks = self._followed.tracks(number, steps + 1)
         future = np.zeros((awaited.offsets.shape[1], steps, 2), np.float32)
         seen = np.zeros(len(awaited.people), bool)
         for row, person in enumerate(awaited.people):
@@ -337,37 +337,30 @@ class Place:
     def _remember(self, number: int) -> None:
         """Remember the moments whose way on ends with step `number`."""
         config = self.model.config
-        least = memories.STRIDE + 1
-        most = BEFORE
-        tracks = self._followed.tracks(
-            number, least + config.pred_len, most + config.pred_len
-        )
-        groups = _consistent(tracks, config.period)
-        count = sum(len(people) for people, _ in groups)
-        if not count:
+        length = BEFORE + config.pred_len
+        tracks = self._followed.tracks(number, length)
+        people, group = _consistent(tracks, config.period)
+        if not len(people):
             return
-        size = int(bucket_of(count))
+        size = int(bucket_of(len(people)))
         feature = np.zeros((size, memories.FEATURES), np.float32)
         onward = np.zeros((size, config.pred_len, 2), np.float32)
-        people = np.full(size, -1, np.int32)
-        row = 0
-        for numbers, group in groups:
-            rows = slice(row, row + len(numbers))
-            past = group[:, : -config.pred_len] - self._origin
-            future = group[:, -config.pred_len :] - self._origin
-            feature[rows] = memories.features(past, config.period)
-            onward[rows] = future - past[:, -1:]
-            people[rows] = numbers % 2**31
-            row = rows.stop
+        numbers = np.full(size, -1, np.int32)
+        rows = slice(len(people))
+        past = group[:, :BEFORE] - self._origin
+        future = group[:, BEFORE:] - self._origin
+        feature[rows] = memories.features(past, config.period)
+        onward[rows] = future - past[:, -1:]
+        numbers[rows] = people % 2**31
         time = np.full(size, self._now, np.float32)
         self._memory = memories.remember(
-            KERNELS, self._memory, feature, onward, people, time
+            KERNELS, self._memory, feature, onward, numbers, time
         )
 
     def _expect(self, number: int) -> None:
         """Forecast everybody with a whole window, to be scored once the truth has come."""
         config = self.model.config
-        tracks = self._followed.tracks(number, config.obs_len, config.obs_len)
+        tracks = self._followed.tracks(number, config.obs_len)
         if not tracks:
             return
         observed = np.array(list(tracks.values()))
@@ -397,19 +390,17 @@ class Place:
 
 def _consistent(
     tracks: Mapping[int, np.ndarray], period: float
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """People [n] and tracks [n, S, 2] of each length without tracking errors.
+) -> tuple[np.ndarray, np.ndarray]:
+    """People [n] and tracks [n, S, 2], of equal length, without tracking errors.
 
     A track that jumps is of two people. Speed is no error, see `tracking_errors`: a
     runner's way on is remembered.
     """
-    groups = []
-    for length in sorted({len(track) for track in tracks.values()}):
-        people = [person for person, track in tracks.items() if len(track) == length]
-        group = np.array([tracks[person] for person in people])
-        whole = ~was_repaired(group, period)
-        groups.append((np.array(people)[whole], group[whole]))
-    return groups
+    people, group = np.array(list(tracks)), np.array(list(tracks.values()))
+    if not len(people):
+        return people, group
+    whole = ~was_repaired(group, period)
+    return people[whole], group[whole]
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -31,9 +31,9 @@ from neurosym_jax.models.place.mixture import energy
 __all__ = ["LOSS", "RATE", "Commitment", "Ledger", "Scored", "experts", "new_ledger"]
 __all__ += ["risk_of"]
 
-RATE = 0.35
+RATE = 0.7
 """How fast weights follow scores, per metre."""
-ALONE = 0.5
+ALONE = 0.2
 """Weight of the network alone before anything was scored."""
 STEPS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
 """Shares of the memory that experts have."""

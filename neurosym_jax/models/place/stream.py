@@ -117,14 +117,14 @@ class Followed:
             id: person for id, person in self._people.items() if person.seen >= oldest
         }
 
-    def tracks(self, number: int, least: int, most: int) -> dict[int, np.ndarray]:
-        """The last steps [S, 2] by the person's number, `least` <= S <= `most`.
+    def tracks(self, number: int, length: int) -> dict[int, np.ndarray]:
+        """The last steps [length, 2] by the person's number.
 
-        Of everybody who is in step `number`, the last one.
+        Of everybody who is in step `number`, the last one, and was in so many before.
         """
         tracks = {}
         for person in self._people.values():
             track = person.track
-            if person.seen == number and len(track) >= least:
-                tracks[person.number] = track[-most:].copy()
+            if person.seen == number and len(track) >= length:
+                tracks[person.number] = track[-length:].copy()
         return tracks

@@ -47,7 +47,8 @@ def weights(memory, moment):
 
 def test_nothing_is_recalled_of_an_empty_memory():
     found = recall(KERNELS, empty_memory(100, STEPS), moments([0, 0], RIGHT))
-    assert found.onward.shape == (1, POINTS, STEPS, 2)
+    # As many ways on that are turned.
+    assert found.onward.shape == (1, 2 * POINTS, STEPS, 2)
     assert not np.any(found.weight)
 
 
@@ -73,10 +74,50 @@ def test_kernels_differ_in_place_and_velocity():
     here = weights(memory, moments([0, 0], RIGHT))
     elsewhere = weights(memory, moments([500, 0], RIGHT))
     back = weights(memory, moments([0, 0], -RIGHT))
-    assert all(value == pytest.approx(1) for value in here.values())
-    assert elsewhere == {"near": 0, "around": 0, "place": 0, "manner": pytest.approx(1)}
-    assert back["place"] == pytest.approx(1)
-    assert back["near"] == back["manner"] == 0
+    faster = weights(memory, moments([0, 0], 2 * RIGHT))
+    one = pytest.approx(1)
+    assert here == {"near": one, "around": one, "manner": one, "gait": one}
+    assert elsewhere == {"near": 0, "around": 0, "manner": one, "gait": one}
+    assert back == {"near": 0, "around": 0, "manner": 0, "gait": one}
+    assert faster == {"near": 0, "around": 0, "manner": 0, "gait": 0}
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, 2.5, -1.9])
+def test_a_gait_is_turned_to_the_own_way_and_told_in_a_mirror(angle):
+    """Who walks along x and turns left by a metre may turn left or right elsewhere."""
+    memory = empty_memory(100, STEPS)
+    memory = after(memory, moments([0, 0], RIGHT, ENOUGH), [2, 1], np.arange(ENOUGH))
+    ahead = np.array([np.cos(angle), np.sin(angle)])
+    found = recall(KERNELS, memory, moments([70, -30], 1.2 * ahead))
+    weight = np.asarray(found.weight[0, NAMES.index("gait")])
+    end = np.asarray(found.onward[0, :, -1])[weight > 0]
+    left = np.array([-ahead[1], ahead[0]])
+    assert sorted(end @ left) == pytest.approx([-1] * ENOUGH + [1] * ENOUGH, abs=1e-5)
+    assert end @ ahead == pytest.approx(2, abs=1e-5)
+
+
+def test_a_gait_knows_to_which_side_somebody_turned_before():
+    memory = empty_memory(100, STEPS)
+    turning = np.array([[0, 0, 1.2, 0, 1.2, 0.3]], np.float32)
+    turning = np.repeat(turning, ENOUGH, axis=0)
+    memory = after(memory, turning, [2, 1], np.arange(ENOUGH))
+    # Along y, and to the other side of it before.
+    other_side = np.array([[9, 9, 0, 1.2, 0.3, 1.2]], np.float32)
+    found = recall(KERNELS, memory, other_side)
+    gait = np.asarray(found.weight[0, NAMES.index("gait")])
+    x, y = gait @ np.asarray(found.onward[0, :, -1])
+    assert x > 0.5
+    assert y > 1
+
+
+def test_of_who_stands_a_gait_tells_all_directions_that_were_gone():
+    memory = empty_memory(100, STEPS)
+    memory = after(memory, moments([0, 0], [0, 0], ENOUGH), [2, 1], np.arange(ENOUGH))
+    found = recall(KERNELS, memory, moments([70, -30], [0, 0]))
+    assert np.isfinite(found.onward).all()
+    weight = np.asarray(found.weight[0, NAMES.index("gait")])
+    length = np.linalg.norm(found.onward[0, :, -1], axis=-1)
+    assert length[weight > 0] == pytest.approx(np.sqrt(5), abs=1e-5)
 
 
 def test_somebody_counts_once_and_few_people_count_in_part():
@@ -85,8 +126,10 @@ def test_somebody_counts_once_and_few_people_count_in_part():
     rows[:, 0] = np.linspace(-2, 2, len(rows))
     memory = after(memory, rows, [0, 0], np.zeros(len(rows)))
     found = recall(KERNELS, memory, moments([0, 0], [0, 0]))
-    assert (np.asarray(found.weight[0]) > 0).sum(1).max() == 1
-    assert np.asarray(found.weight[0]).sum(1) == pytest.approx(1 / ENOUGH)
+    # In a mirror once more.
+    assert (np.asarray(found.weight[0]) > 0).sum(1).tolist() == [1, 1, 1, 2]
+    share = np.asarray(found.weight[0]).sum(1)
+    assert share == pytest.approx(np.array([1, 1, 1, 2]) / ENOUGH)
 
 
 def test_who_stands_for_an_hour_takes_one_row_and_pushes_nobody_out():

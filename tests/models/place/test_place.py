@@ -123,8 +123,9 @@ def test_what_comes_later_changes_no_earlier_forecast(model):
 
 
 def test_nothing_is_remembered_before_it_is_over(model):
+    """Seven steps tell the two velocities, and twelve what followed."""
     place = nj.Place(model)
-    for step in range(16):
+    for step in range(19):
         assert place.moments == 0
         place.watch([[0.4 * step, 0.0]], [7], PERIOD * step)
     assert place.moments == 1
@@ -214,15 +215,17 @@ def mirrored(people):
 def test_a_place_that_flips_at_noon_recovers(morning, half_life):
     morning.half_life = half_life
     assert brought(morning, mirrored(10)) < 0.95
-    assert morning.drops == 1
+    # What has faded may lose too little to be dropped.
+    assert morning.drops in (0, 1)
+    assert morning.drops or half_life < np.inf
     assert brought(morning, mirrored(6)) < 0.6
-    assert morning.drops == 1
+    assert morning.drops <= 1
 
 
 def test_who_was_there_one_half_life_ago_counts_for_half(model):
     places = [nj.Place(model, half_life=half_life) for half_life in (48.0, np.inf)]
     for place in places:
-        place.watch_tracks(crowd(4, every=0.0, seconds=6.4))
+        place.watch_tracks(crowd(4, every=0.0, seconds=7.6))
         for step in range(120):
             place.watch([], [], PERIOD * step)
     fading, lasting = (
