@@ -1,6 +1,7 @@
 """What may import what (docs/architecture.md): read from the source, so that no path is missed."""
 
 import ast
+import functools
 import graphlib
 import re
 from pathlib import Path
@@ -57,11 +58,14 @@ def imports(path: Path) -> list[tuple[str, bool]]:
     return names
 
 
-IMPORTS: list[tuple[str, str, bool]] = []
-"""(file, what it imports, whether at once) of the package."""
-for path in PACKAGE.rglob("*.py"):
-    file = path.relative_to(PACKAGE).as_posix()
-    IMPORTS += [(file, *imported) for imported in imports(path)]
+@functools.cache
+def imports_below(folder: Path) -> list[tuple[str, str, bool]]:
+    """(file, what it imports, whether at once) of the files below `folder`."""
+    found = []
+    for path in folder.rglob("*.py"):
+        file = path.relative_to(folder).as_posix()
+        found += [(file, *imported) for imported in imports(path)]
+    return found
 
 
 def ours(name: str) -> str:
@@ -81,14 +85,18 @@ def package(file: str) -> str:
 
 @pytest.mark.parametrize("library", LIBRARIES)
 def test_a_library_is_imported_in_its_packages(library):
-    users = {file for file, name, _ in IMPORTS if name.split(".")[0] == library}
+    users = {
+        file
+        for file, name, _ in imports_below(PACKAGE)
+        if name.split(".")[0] == library
+    }
     assert {file for file in users if not file.startswith(LIBRARIES[library])} == set()
     assert users or not LIBRARIES[library], "a rule about nothing"
 
 
 def test_heavy_and_optional_libraries_are_imported_on_demand():
     at_once = set()
-    for file, name, now in IMPORTS:
+    for file, name, now in imports_below(PACKAGE):
         heavy = name.split(".")[0] in ON_DEMAND or ours(name) == "plotting"
         if now and heavy:
             at_once.add((file, name))
@@ -102,7 +110,7 @@ def test_packages_import_what_is_left_of_them():
     later = {name: PACKAGES[place + 1 :] for place, name in enumerate(PACKAGES)}
     later["runtime"] = PACKAGES
     wrong = set()
-    for file, name, _ in IMPORTS:
+    for file, name, _ in imports_below(PACKAGE):
         if ours(name) in later.get(package(file), ()):
             wrong.add((file, ours(name)))
     assert wrong == LATER
@@ -119,7 +127,7 @@ def test_no_two_files_import_each_other():
 def test_the_core_uses_no_command_study_test_or_robot():
     outside = {"studies", "tests", "benchmarks", "examples"}
     users = set()
-    for file, name, _ in IMPORTS:
+    for file, name, _ in imports_below(PACKAGE):
         command = ours(name) == "commands" and not file.startswith("commands/")
         if command or name.split(".")[0] in outside:
             users.add(file)

@@ -5,14 +5,9 @@ from importlib.metadata import entry_points
 import pytest
 
 from tests.repository import ROOT, run_python
-from tests.test_architecture import imports
+from tests.test_architecture import imports_below
 
 PACKAGE = ROOT / "neurosym_robot"
-IMPORTS: list[tuple[str, str, bool]] = []
-"""(file, what it imports, whether at once) of the package."""
-for path in PACKAGE.rglob("*.py"):
-    file = path.relative_to(PACKAGE).as_posix()
-    IMPORTS += [(file, *imported) for imported in imports(path)]
 PACKAGES = {
     "tracking": {"tracking"},
     "input": {"tracking", "input"},
@@ -31,7 +26,7 @@ LIBRARIES = {
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_package_imports_what_it_may(package):
     packages = set()
-    for file, name, _ in IMPORTS:
+    for file, name, _ in imports_below(PACKAGE):
         definitions = name.startswith("neurosym_robot.ros.definitions")
         ours = name.startswith("neurosym_robot.") and not definitions
         if ours and file.startswith(f"{package}/"):
@@ -40,7 +35,9 @@ def test_a_package_imports_what_it_may(package):
 
 
 def test_libraries_have_their_packages_and_are_imported_on_demand():
-    imports = [(file, name.split(".")[0], now) for file, name, now in IMPORTS]
+    imports = [
+        (file, name.split(".")[0], now) for file, name, now in imports_below(PACKAGE)
+    ]
     for library, packages in LIBRARIES.items():
         assert {
             file
