@@ -12,16 +12,15 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from neurosym_jax import load_model, predict, predict_distribution
 from neurosym_jax.data.recordings import open_source
+from neurosym_jax.data.tracks import PERIOD
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.plotting import PALETTE, plot_forecasts, save_figure
-from neurosym_jax.plotting.forecasts import draw_paths
-from neurosym_jax.plotting.style import INK, dress_floor, new_figure
+from neurosym_jax.plotting import plot_forecasts, save_figure
+from neurosym_jax.plotting.animation import Moment, plot_animation, save_animation
 
 __all__ = ["draw", "draw_home"]
 
@@ -86,40 +85,21 @@ def _lively(windows: Windows) -> tuple[int, int]:
 def _animate(model: Any, windows: Windows, path: Path) -> Path:
     """Write successive moments of the recording, and at each what everybody may do next."""
     first = _lively(windows)[0] - 3
-    moments = [windows.take(slice(n, n + 1)) for n in range(first, first + MOMENTS)]
-    people = sorted(set(np.concatenate([scene.agent for scene in moments])))
-    frames = []
-    for scene in moments:
+    moments = []
+    for number in range(first, first + MOMENTS):
+        scene = windows.take(slice(number, number + 1))
         past, _ = np.split(scene.position, [8], axis=1)
         draws = predict_distribution(model, past, draws=DRAWS, seed=0)
-        figure, ((axes,),) = new_figure(5.0, 3.6)
-        dress_floor(axes, f"{PLACE}: the next 4.8 s, by recommended")
-        axes.set(aspect="auto", xlim=(0, 15), ylim=(1.5, 10.5))
-        for row, person in enumerate(scene.agent):
-            colour = PALETTE[people.index(person) % len(PALETTE)]
-            draw_paths(
-                axes,
-                draws[:, row],
-                np.repeat(past[None, row], DRAWS, 0),
-                color=colour,
-                lw=0.7,
-                alpha=0.4,
-            )
-            draw_paths(axes, past[row, None], color=INK, lw=1.2)
-            axes.plot(*past[row, -1], "o", color=colour, ms=6)
-        frames.append(_pixels(figure))
+        moments.append(Moment(scene.agent, past, draws))
+    title = f"{PLACE}: the next 4.8 s, by recommended"
+    save_animation(plot_animation(moments, title=title), path, PERIOD)
+    with Image.open(path) as whole:
+        frames = [frame.convert("RGB") for frame in ImageSequence.Iterator(whole)]
     method = Image.Quantize.FASTOCTREE
-    images = [frame.quantize(128, method, dither=Image.Dither.NONE) for frame in frames]
+    images = [frame.quantize(64, method, dither=Image.Dither.NONE) for frame in frames]
     options: Any = {"duration": 400, "loop": 0, "optimize": True}
     images[0].save(path, save_all=True, append_images=images[1:], **options)
     return path
-
-
-def _pixels(figure: Any) -> Image.Image:
-    figure.set_dpi(110)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 
 
 if __name__ == "__main__":

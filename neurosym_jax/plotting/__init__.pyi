@@ -1,3 +1,6 @@
+from .animation import Moment as Moment
+from .animation import plot_animation as plot_animation
+from .animation import save_animation as save_animation
 from .curves import plot_horizon_errors as plot_horizon_errors
 from .curves import plot_training as plot_training
 from .flows import plot_flows as plot_flows

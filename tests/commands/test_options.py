@@ -43,7 +43,9 @@ OF_READING = {
     "evaluate": "--data {d}/a/%s --no-figures",
     "inspect": "{d}/a/%s",
     "symbols": "{d}/a/%s --forecast --model sgan_zara1_8",
+    "animate": "{d}/a/%s",
 }
+ANIMATION = "neurosym_jax.plotting.animation"
 PARITY = "--torch-module m.py:M --checkpoint c.pt"
 BASE = {
     command: line.replace("%s", "walk.txt") for command, line in OF_READING.items()
@@ -156,6 +158,12 @@ CASES: dict[str, dict[str, Case]] = {
         **added("--weighting quantised --style talk", WALK),
         **added("--forecast", f"{WALK} --model {N}"),
     },
+    "animate": {
+        "DATA": (WALK, "{d}/b/walk.txt"),
+        **added("--dataset walk", "{d}/a"),
+        **added("--window 3 --pictures 2 --pred-len 12 --draws 3 --seed 3 --out a.gif"),
+        "--model": "--model sgan_zara1_8",
+    },
     "inspect": {
         "PATH": (WALK, "{d}/b/walk.txt"),
         "--figure": "--figure f.png",
@@ -247,6 +255,11 @@ def inner(data):
             f"{C}.symbols.predict_distribution": np.zeros((2, 5, 8, 2)),
             f"{C}.symbols.forecast_rows": [],
             **figure,
+        },
+        "animate": {
+            f"{C}.animate.predict_distribution": np.zeros((2, 5, 8, 2)),
+            f"{ANIMATION}.plot_animation": None,
+            f"{ANIMATION}.save_animation": Path("a.gif"),
         },
         "inspect": figure
         | {
@@ -390,6 +403,10 @@ REFUSED = {
     "symbols --weighting cdn": "unknown weighting 'cdn'",
     "symbols --dataset moon": "unknown data set 'moon'",
     "symbols {d}/a/walk.txt --window 59": "--window must lie in [0, 59), not 59",
+    "animate --out a.png": "a.png: an animation's name must end in .gif or .mp4",
+    "animate --window 999": "--window must lie in [0, ",
+    "animate --draws 0": "--draws must be at least 1",
+    "animate --model sgan_zara1_8 --pred-len 12": "--pred-len 12: sgan_zara1_8 has 8",
     "parity cases --seed 1": "--seed: has no effect on stored cases",
     "download thor --mirror a": "--mirror: has no effect on THÖR",
 }

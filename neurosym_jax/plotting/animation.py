@@ -1,0 +1,98 @@
+"""Forecasts as an animation: moment by moment where people are, and what they may do next."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.plotting import style
+from neurosym_jax.plotting.forecasts import draw_paths
+from neurosym_jax.runtime.files import new_file
+
+__all__ = ["ENDINGS", "Moment", "plot_animation", "save_animation"]
+
+ENDINGS = (".gif", ".mp4")
+MARGIN = 1.0
+"""Metres around all people who are shown."""
+WIDTH, DOTS = 5.0, 110
+"""Inches, and dots of an inch."""
+
+
+class Moment(NamedTuple):
+    """N people at one step, and what they may do next."""
+
+    people: np.ndarray
+    """[N] ids, the same for a person in all moments."""
+    observed: np.ndarray
+    """[N, obs_len, 2] metres."""
+    futures: np.ndarray
+    """[n, N, pred_len, 2] metres."""
+
+
+def plot_animation(
+    moments: Sequence[Moment], period: float = 0.4, title: str | None = None
+) -> FuncAnimation:
+    """An animation with a picture of each moment; each person has a colour.
+
+    Args:
+        moments: one after the other, at least one.
+        period: seconds between two of them.
+        title: of all pictures.
+    """
+    ends = np.concatenate([moment.observed[:, -1] for moment in moments])
+    low, high = ends.min(axis=0) - MARGIN, ends.max(axis=0) + MARGIN
+    extent = high - low
+    height = float(np.clip(WIDTH * extent[1] / extent[0], 0.4 * WIDTH, WIDTH))
+    figure, ((axes,),) = style.new_figure(WIDTH, height + 0.5)
+    figure.set_dpi(DOTS)
+    people = np.unique(np.concatenate([moment.people for moment in moments]))
+    colours = dict(zip(people.tolist(), style.PALETTE * len(people)))
+
+    def draw(number: int) -> None:
+        axes.clear()
+        style.dress_floor(axes, title)
+        axes.set_aspect("equal", adjustable="box")
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        moment = moments[number]
+        for row, person in enumerate(moment.people.tolist()):
+            past = moment.observed[row]
+            futures = moment.futures[:, row]
+            before = np.repeat(past[None], len(futures), axis=0)
+            look = {"color": colours[person], "linewidth": 0.7, "alpha": 0.4}
+            draw_paths(axes, futures, before, **look)
+            draw_paths(axes, past[None], color=style.INK, linewidth=1.2)
+            axes.plot(*past[-1], "o", color=colours[person], markersize=6)
+
+    interval = 1000 * period
+    return FuncAnimation(figure, draw, frames=len(moments), interval=interval)
+
+
+def save_animation(animation: FuncAnimation, path: str | Path, period: float) -> Path:
+    """Write an animation as GIF or MP4, by the ending of `path`, at its own speed.
+
+    Raises:
+        InputError: for another ending, MP4 without the program ffmpeg, or a file that
+            cannot be written.
+    """
+    path = Path(path)
+    check_animation(path)
+    writer = FFMpegWriter if path.suffix.lower() == ".mp4" else PillowWriter
+    with new_file(path) as beside:
+        animation.save(str(beside), writer=writer(fps=1 / period))
+    return path
+
+
+def check_animation(path: Path) -> None:
+    """Refuse a name that `save_animation` would refuse.
+
+    Raises:
+        InputError: as `save_animation`.
+    """
+    ending = path.suffix.lower()
+    if ending not in ENDINGS:
+        raise InputError(f"{path}: an animation's name must end in .gif or .mp4")
+    if ending == ".mp4" and not FFMpegWriter.isAvailable():
+        raise InputError(f"{path}: .mp4 needs the program ffmpeg; .gif needs nothing")
