@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
@@ -80,8 +80,9 @@ def save_animation(animation: FuncAnimation, path: str | Path, period: float) ->
     path = Path(path)
     check_animation(path)
     writer = FFMpegWriter if path.suffix.lower() == ".mp4" else PillowWriter
+    rate: Any = 1 / period  # A film may have 2.5 pictures a second.
     with new_file(path) as beside:
-        animation.save(str(beside), writer=writer(fps=1 / period))
+        animation.save(str(beside), writer=writer(fps=rate))
     return path
 
 
