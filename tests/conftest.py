@@ -31,6 +31,7 @@ CHEAP = {
     "xla_cpu_prefer_vector_width": "256",
 }
 
+FIRST = ("test_optimised.py", "test_wheel.py")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 QUIET = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
@@ -105,10 +106,11 @@ def pytest_collection_modifyitems(
 ) -> None:
     """Leave the tests that hang on rounding to `test_optimised.py`, where that is run.
 
-    It begins first: it is one process for a minute, and another worker would wait for it.
+    What takes a minute in one process begins first: another worker would wait for it.
     """
-    items.sort(key=lambda item: item.path.name != "test_optimised.py")
-    if items and items[0].path.name == "test_optimised.py" and os.environ["XLA_FLAGS"]:
+    items.sort(key=lambda item: item.path.name not in FIRST)
+    optimised = any(item.path.name == "test_optimised.py" for item in items)
+    if optimised and os.environ["XLA_FLAGS"]:
         complete = "not exhaustive" not in config.option.markexpr
         left = [
             item

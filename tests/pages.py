@@ -105,10 +105,11 @@ def run_command(example: Example) -> None:
     if (LACK.search(command) and not shown) or command in done:
         return
     words = shlex.split(command)[1:]
-    if words[0] in ("train", "sweep"):
-        words = shlex.split(re.sub(r" --steps \d+|$", " --steps 2", command, count=1))[
-            1:
-        ]
+    if words[0] in ("train", "sweep", "compare-weightings"):
+        short = re.sub(r" --steps \d+|$", " --steps 2", command, count=1)
+        words = shlex.split(short)[1:]
+    if words[0] == "compare-weightings":
+        words += ["--set", "batch_scenes=2", "best_k=1", "max_agents=4"]
     printed, status = io.StringIO(), None
     with contextlib.redirect_stdout(printed):
         try:

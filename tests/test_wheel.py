@@ -24,20 +24,18 @@ SOURCES = (
 )
 SOURCES += ("README.md", "LICENSE")
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
-# The network and the recipe of test_sweep.py, whose programs are compiled there or
-# here.
 TRAIN = (
     "--steps",
-    "25",
+    "2",
     "--out",
     "run",
     "--dataset",
     "cross-path",
     "--family",
-    "sgan",
+    "anchor_table",  # Compiled in a second.
     "--set",
+    "batch_scenes=4",
 )
-TRAIN += ("batch_scenes=4", "best_k=2", "max_agents=4")
 WALK = [
     f"{0.4 * t:.1f},{who},{0.3 * t + who},{2 * who}"
     for t, who in itertools.product(range(20), (0, 1))
