@@ -84,7 +84,7 @@ class Options:
         "data": "data dataset pred_len obs_len period test_on min_agents read",
         "model": "model all samples baselines forecasts partial label",
         "output": "metrics table intervals symbols json "
-        "figures plots style save_forecasts",
+        "figures plots scene style save_forecasts",
     }
     model: tuple[str, ...] = ()
     """Models to evaluate: folder, .pt file or name (see `neurosym models`); of a folder of models,
@@ -144,6 +144,8 @@ class Options:
     """Draw figures."""
     plots: Path = Path("results/figures")
     """Folder of the figures; or a prefix of their names that ends in .png, .pdf or .svg."""
+    scene: int | None = None
+    """Index of the scene that figures show; default: one that is harder than nine of ten."""
     style: Literal["paper", "talk"] = "paper"
     """Look of the figures; a talk's have larger letters and lines."""
     save_forecasts: Path | None = None
@@ -197,7 +199,9 @@ def run(options: Options) -> list[Row]:
             _labels(options, files, tests, models),
             options.online,
             options.place,
+            options.scene,
         )
+        _refuse_absent_scene(options.scene, tests)
         if is_text and default and source and source.about:
             print(f"{source.about}\n")
         tested = evaluate_tests(tests, settings, run_tests)
@@ -315,6 +319,21 @@ def prepare_arguments(arguments: Sequence[str]) -> list[str]:
     if is_recording and not words[0].endswith((".yaml", ".yml")):
         return ["--data", *words]
     return words
+
+
+def _refuse_absent_scene(scene: int | None, tests: Sequence[compare.Test]) -> None:
+    """Refuse a scene to show that a test set does not have.
+
+    Raises:
+        InputError: naming the first such set.
+    """
+    for test in tests:
+        scenes = test.windows.scenes
+        if scene is not None and not 0 <= scene < scenes:
+            name = test.test_set.dataset
+            raise InputError(
+                f"--scene must lie in [0, {scenes}) for {name}, not {scene}"
+            )
 
 
 def _labels(
@@ -452,6 +471,6 @@ def _validate(options: Options) -> None:
 
         check_figures(options.plots)
     else:
-        refuse_unused(options, ["plots", "style"], "with --no-figures")
+        refuse_unused(options, ["plots", "style", "scene"], "with --no-figures")
     if options.save_forecasts:
         saved_forecasts.check_forecasts_file(options.save_forecasts)

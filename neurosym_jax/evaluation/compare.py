@@ -443,6 +443,8 @@ class Settings:
     """Whether models are tested a second time, with what they recall of the place."""
     place: Path | None = None
     """File of a place with which each recording begins, online."""
+    scene: int | None = None
+    """Index of the example; None for one that is harder than nine of ten, see `_example_scene`."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -554,7 +556,9 @@ def _evaluate_test(
             runs = _runs(entry, test, settings, online)
         evaluation, spread = _averaged(runs, settings)
         if example is None or number is None:
-            number = _example_scene(test, evaluation)
+            number = settings.scene
+            if number is None:
+                number = _example_scene(test, evaluation)
             example = single_scene(test.windows, number)
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))

@@ -143,7 +143,7 @@ CASES: dict[str, dict[str, Case]] = {
             f"{BASE['evaluate']} --partial",
             "--partial: has no effect without --forecasts",
         ),
-        **added("--plots here.png --style talk", f"--data {WALK}"),
+        **added("--plots here.png --scene 3 --style talk", f"--data {WALK}"),
         **added("--online", f"--data {WALK}"),
         "--place": (
             BASE["evaluate"],
@@ -345,6 +345,8 @@ REFUSED = {
     "train --dataset general": "general is for models of real people",
     "train --fps 25": "--fps: has no effect on simulations",
     "symbols --forecast --style talk": "--style: has no effect with --forecast",
+    "evaluate --no-figures --scene 3": "--scene: has no effect with --no-figures",
+    "evaluate --data {d}/a/walk.txt --scene 59": "--scene must lie in [0, 5",
     "evaluate --no-figures --style talk": "--style: has no effect with --no-figures",
     "train absent.yaml": "absent.yaml: cannot be read: No such file or directory",
     "train 'stepps: 3'": "unknown option 'stepps': did you mean --steps?",

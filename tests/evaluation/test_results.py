@@ -102,6 +102,17 @@ def test_the_scene_that_is_shown_is_harder_than_nine_of_ten(simulated):
     assert np.mean(means < shown - 1e-5) == pytest.approx(0.9, abs=2 / len(means))
 
 
+def test_another_scene_is_shown_where_one_is_asked_for(simulated):
+    straight = dataclasses.replace(simulated[0], entries=simulated[0].entries[-1:])
+    (result,) = evaluate_tests([straight], Settings(scene=17))
+    example = result.example
+    windows = straight.windows
+    truth = windows.position[windows.bounds[17] : windows.bounds[18], windows.obs_len :]
+    present = int(example.valid.sum())
+    shown = example.future[:present] + example.origin
+    np.testing.assert_allclose(shown, truth, atol=1e-5)
+
+
 def test_the_seed_is_0_by_default():
     model, tracks = (
         nj.load_model("sgan_simulations_8"),
