@@ -172,18 +172,10 @@ def compare_training(
         InputError: as `recipe_of` and `run_torch`.
     """
     config, _ = generator(contents["args"], contents["g_state"])
-    recipe = dataclasses.replace(recipe_of(contents), steps=steps)
-    assumed = []
-    if "d_state" not in contents:
-        recipe = dataclasses.replace(
-            recipe, d_learning_rate=FRESH_RATE * recipe.d_learning_rate
-        )
-        assumed.append(
-            f"a fresh discriminator, by seed {seed}, at {FRESH_RATE:g} of its rate"
-        )
+    recipe, assumed = _recipe(contents, steps, seed)
     moments = _moments(contents)
     if not moments:
-        assumed.append("new optimisers")
+        assumed += ("new optimisers",)
     inputs = _inputs(config, recipe, seed)
     settings: dict[str, Any] = {}
     for name in ("learning_rate", "d_learning_rate", "clip_norm", "variety_weight"):
@@ -202,7 +194,19 @@ def compare_training(
         )
         arrays = read_arrays(Path(folder) / torch_side.TRAINING, "a training")
     rows = _rows(contents, recipe, inputs, arrays, reported)
-    return TrainingParity(rows, tolerance, tuple(assumed))
+    return TrainingParity(rows, tolerance, assumed)
+
+
+def _recipe(
+    contents: Mapping[str, Any], steps: int, seed: int
+) -> tuple[GeneratorRecipe, tuple[str, ...]]:
+    """The recipe of `steps` steps, and what it assumes of the discriminator, in words."""
+    recipe = dataclasses.replace(recipe_of(contents), steps=steps)
+    if "d_state" in contents:
+        return recipe, ()
+    rate = FRESH_RATE * recipe.d_learning_rate
+    fresh = f"a fresh discriminator, by seed {seed}, at {FRESH_RATE:g} of its rate"
+    return dataclasses.replace(recipe, d_learning_rate=rate), (fresh,)
 
 
 def _rows(
@@ -269,7 +273,7 @@ def _inputs(
         "bounds": np.stack([np.append(0, ends[:-1]), ends], axis=1),
         "noise_d": rng.normal(size=(steps, *shape)),
         "noise_g": rng.normal(size=(steps, recipe.best_k, *shape)),
-        "labels": rng.uniform(*np.transpose(labels), size=(steps, 3)),
+        "labels": rng.uniform(*np.array(labels).T, size=(steps, 3)),
         "alpha": rng.uniform(0.1, 1, size=(steps, 2, pairs, length)),
     }
 
