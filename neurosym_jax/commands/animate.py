@@ -15,6 +15,7 @@ from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.disk import find_model, load_model
 from neurosym_jax.models.distribution import predict_distribution
+from neurosym_jax.models.forecast import Model
 from neurosym_jax.runtime.files import refuse_unwritable
 
 __all__ = ["run"]
@@ -49,12 +50,8 @@ def run(
     Raises:
         InputError: for data, a window, a model or a file that cannot be used.
     """
-    from neurosym_jax.plotting.animation import (
-        Moment,
-        check_animation,
-        plot_animation,
-        save_animation,
-    )
+    from neurosym_jax.plotting import Moment, plot_animation, save_animation
+    from neurosym_jax.plotting.animation import check_animation
 
     refuse(Count, {"--draws": draws, "--pictures": pictures})
     refuse(Seed, {"--seed": seed})
@@ -75,17 +72,25 @@ def run(
     first = _busiest(windows, pictures) if window is None else window
     if not 0 <= first < windows.scenes:
         raise InputError(f"--window must lie in [0, {windows.scenes}), not {first}")
-    moments = []
-    for number in _following(windows, first, pictures):
-        scene = windows.take(slice(number, number + 1))
-        observed = scene.position[:, :-1]
-        futures = predict_distribution(network, observed, draws=draws, seed=seed)
-        moments.append(Moment(scene.agent, observed, futures))
+    moments = [
+        Moment(*_forecast(network, windows, number, draws, seed))
+        for number in _following(windows, first, pictures)
+    ]
     seconds = network.config.pred_len * period
     title = f"{name}: the next {seconds:.1f} s, by {model.stem}"
     animation = plot_animation(moments, period, title)
     save_animation(animation, out, period)
     print(f"{len(moments)} steps of {period:g} s: {out}")
+
+
+def _forecast(
+    network: Model, windows: Windows, number: int, draws: int, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ids [N] of a window, observed [N, obs_len, 2] and futures [n, N, pred_len, 2], metres."""
+    scene = windows.take(slice(number, number + 1))
+    observed = scene.position[:, :-1]
+    futures = predict_distribution(network, observed, draws=draws, seed=seed)
+    return scene.agent, observed, futures
 
 
 def _busiest(windows: Windows, count: int) -> int:
