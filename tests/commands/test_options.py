@@ -45,7 +45,7 @@ OF_READING = {
     "symbols": "{d}/a/%s --forecast --model sgan_zara1_8",
     "animate": "{d}/a/%s",
 }
-ANIMATION = "neurosym_jax.plotting.animation"
+ANIMATION = "neurosym_jax.plotting"
 PARITY = "--torch-module m.py:M --checkpoint c.pt"
 BASE = {
     command: line.replace("%s", "walk.txt") for command, line in OF_READING.items()
