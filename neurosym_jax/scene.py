@@ -34,7 +34,7 @@ __all__ = [
     "model_dtype",
 ]
 __all__ += ["pad_scene", "relative_positions", "scene_identity", "to_world"]
-__all__ += ["with_steps"]
+__all__ += ["turned", "with_steps"]
 
 DECIMALS = 8
 """Decimals of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
@@ -267,6 +267,14 @@ def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
             f"{name}: agent {agent}, step {step} is not finite, or beyond {FAR:g} m"
         )
     return positions
+
+
+def turned(vector: jax.Array, direction: jax.Array, sign: int) -> jax.Array:
+    """`vector [..., 2]` rotated by the angle of `direction [..., 2]`; with sign -1 rotated back."""
+    x, y = vector[..., 0], vector[..., 1]
+    cos = direction[..., 0]
+    sin = sign * direction[..., 1]
+    return jnp.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
 def with_steps(scene: Scene, steps: int) -> Scene:

@@ -124,9 +124,9 @@ a level one. Most of its leads there are smaller than their intervals. Train on 
 
 ## The distribution
 
-**At six places on which its distribution was not chosen, `recommended` has the least energy score at five and is level at the sixth.** They are
-THÖR 1 and 3, MAGNI, CITR and Stanford's recordings, of which five were kept back. It is significantly ahead of every other model at
-four of them; on Stanford's recordings it is not ahead of the anchor table.
+**At six places on which its distribution was not chosen, `recommended` has the least energy score at five and is level at the
+sixth.** They are THÖR 1 and 3, MAGNI, CITR and Stanford's recordings, of which five were kept back. It is significantly ahead of
+every other model at four of them; on Stanford's recordings it is not ahead of the anchor table.
 
 At the other six, ETH/UCY and the corridors, its distribution was [chosen](studies.md#pages-for-authors-and-reviewers). It has the
 least at all six, significantly ahead of all at five. On eth, with 70 scenes, nothing is significant. On univ its lead over sampled
@@ -192,8 +192,8 @@ HEADLINE = """![Joint ADE of six models at eight places that no model saw](figur
 others 20, of which the best counts.
 
 **On ETH/UCY it has a third less joint error than the published SGAN-20V.** Most of the lead comes from
-hotel and eth, and eth has only 70 scenes at 8 + 12: without these two it is 0.34 against 0.40 m. The central forecast errs by 0.46 m ADE, constant velocity
-by 0.52 m. That difference was not tested for significance, and four fifths of it come from eth and hotel."""
+hotel and eth, and eth has only 70 scenes at 8 + 12: without these two it is 0.34 against 0.40 m. The
+central forecast errs by 0.46 m ADE, constant velocity by 0.52 m. That difference was not tested for significance, and four fifths of it come from eth and hotel."""
 """Written by hand from the numbers; check it when they change."""
 NAMES = {"anchors": "`recommended`"}
 """Models whose family has another name for users."""

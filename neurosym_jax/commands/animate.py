@@ -1,7 +1,7 @@
 """Animate the forecasts of a recording.
 
-Each picture has everybody at one step, and what they may do next, drawn from the model's
-distribution.
+Each picture has one step: people who have been seen for the model's observed steps, and
+what they may do next, drawn from its distribution.
 """
 
 from pathlib import Path

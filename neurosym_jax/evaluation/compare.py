@@ -397,10 +397,10 @@ def _told(test: Test, spoken: Mapping[str, str] = NAMED_BY_PATH) -> Test:
 
 def _stranger(model: Model, windows: Windows) -> str | None:
     """Name of a model like `model` that ships and was not trained on these people."""
-    asked = model.family, model.config.obs_len, model.config.pred_len
+    family = model.family, model.config.obs_len, model.config.pred_len
     for path in shipped_models():
         other = load_model(path)
-        if asked == (other.family, other.config.obs_len, other.config.pred_len):
+        if family == (other.family, other.config.obs_len, other.config.pred_len):
             hits, looked = seen_before(other.seen, windows)
             if hits <= ALIKE * looked:
                 return path.name

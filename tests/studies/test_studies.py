@@ -53,6 +53,20 @@ def test_the_results_are_what_their_study_writes(tmp_path):
         )
 
 
+def test_the_lead_without_two_data_sets_is_that_of_the_table():
+    rows = pl.read_csv(DOCS / "results.csv").filter(
+        (pl.col("steps") == "8 + 12") & (pl.col("metric") == "joint ADE / FDE")
+    )
+    means = []
+    for name in ("anchors, 5 trainings", "SGAN-20V, published network"):
+        row = rows.row(by_predicate=pl.col("model") == name, named=True)
+        errors = [float(row[place].split()[0]) for place in ("univ", "zara1", "zara2")]
+        means.append(f"{np.mean(errors):.2f}")
+    lead = f"it is {means[0]} against {means[1]} m"
+    for page in (DOCS / "results.md", ROOT / "README.md"):
+        assert lead in page.read_text(encoding="utf-8")
+
+
 def test_pages_on_learning_a_place_have_what_the_study_prints():
     table, means = place.page(pl.read_csv(place.TABLE)).split("\n\n")
     page = (ROOT / "studies" / "pages" / "place.md").read_text(encoding="utf-8")

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from neurosym_jax.scene import turned
 from neurosym_jax.symbolic.qtc import observe
 
 __all__ = [
@@ -15,7 +16,6 @@ __all__ = [
     "heading_of",
     "length",
     "pair_features",
-    "turned",
 ]
 
 SLOW = 0.125
@@ -33,14 +33,6 @@ def heading_of(velocity: Array, slow: float) -> Array:
     instead.
     """
     return velocity / length(velocity, slow)[..., None]
-
-
-def turned(vector: Array, heading: Array, sign: int) -> Array:
-    """`vector [..., 2]` rotated by the angle of `heading [..., 2]`; with sign -1 rotated back."""
-    x, y = vector[..., 0], vector[..., 1]
-    cos = heading[..., 0]
-    sin = sign * heading[..., 1]
-    return jnp.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
 def length(vector: Array, smooth: float = 1e-3) -> Array:

@@ -29,13 +29,7 @@ from neurosym_jax.models.anchors.config import (
     AnchorForecast,
     AnchorTableConfig,
 )
-from neurosym_jax.models.anchors.frames import (
-    SLOW,
-    attend,
-    heading_of,
-    length,
-    turned,
-)
+from neurosym_jax.models.anchors.frames import SLOW, attend, heading_of, length
 from neurosym_jax.models.tracking_errors import (
     Repair,
     expansion_of,
@@ -43,6 +37,7 @@ from neurosym_jax.models.tracking_errors import (
     repair_tracks,
     settle,
 )
+from neurosym_jax.scene import turned
 
 __all__ = [
     "AnchorConfig",

@@ -23,6 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from neurosym_jax.scene import turned
+
 __all__ = [
     "FEATURES",
     "KERNELS",
@@ -116,18 +118,11 @@ def _direction(velocity: Array) -> Array:
     return jnp.where(moves, velocity / jnp.where(moves, speed, 1), along_x)
 
 
-def _turned(vector: Array, direction: Array, sign: int) -> Array:
-    """`vector [..., 2]` turned by the angle of `direction [..., 2]`; with sign -1 turned back."""
-    x, y = vector[..., 0], vector[..., 1]
-    cos, sin = direction[..., 0], sign * direction[..., 1]
-    return jnp.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
-
-
 def _from_within(moment: Array) -> Array:
     """`moment [..., 6]` as the person sees it: from the origin, with the velocity along x."""
     direction = _direction(moment[..., 2:4])
-    velocity = _turned(moment[..., 2:4], direction, -1)
-    earlier = _turned(moment[..., 4:6], direction, -1)
+    velocity = turned(moment[..., 2:4], direction, -1)
+    earlier = turned(moment[..., 4:6], direction, -1)
     origin = jnp.zeros_like(velocity)
     return jnp.concatenate([origin, velocity, earlier], axis=-1)
 
@@ -349,10 +344,10 @@ def _turned_ways(
     onward: Array, was: Array, is_mirrored: Array, velocity: Array
 ) -> Array:
     """Ways `onward [N, U, T, 2]` of people whose velocity `was [N, U, 2]`, for `velocity [N, 1, 2]`."""
-    way = _turned(onward, _direction(was)[:, :, None], -1)
+    way = turned(onward, _direction(was)[:, :, None], -1)
     aside = jnp.where(is_mirrored[..., None], -way[..., 1], way[..., 1])
     way = jnp.stack([way[..., 0], aside], axis=-1)
-    return _turned(way, _direction(velocity)[:, :, None], 1)
+    return turned(way, _direction(velocity)[:, :, None], 1)
 
 
 @jax.jit

@@ -443,7 +443,7 @@ def load_place(file: Path | str, model: Model, *, half_life: float = math.inf) -
             )
         kernels = [dataclasses.asdict(kernel) for kernel in KERNELS]
         if facts["kernels"] != kernels:
-            raise InputError("was learned with other kernels")
+            raise InputError("was learned with other kernels: begin another file")
         place = _restored(model, facts, arrays)
     place.half_life = half_life
     return place
