@@ -176,6 +176,7 @@ class Predictor:
         """Whether it forecasts without JAX, and so scores no more than what is published."""
         self._repairs = any(network.repairs for network in networks)
         self._watched = -math.inf
+        self._unlearned: tuple[float, Observed] | None = None
         self._rehearsed: dict[int, Remembered] = {}
         sizes = set().union(*(network.sizes(max_people) for network in networks))
         self.programs = Programs(sorted(sizes), compile, report, self._example)
@@ -190,8 +191,8 @@ class Predictor:
     ) -> Forecast | None:
         """Take in one frame; return its forecast, or None if the frame is refused.
 
-        `window.push` and `forecast` in one: of several that wait, only the last needs
-        the second. A frame is everybody seen at the `stamp` [s] of the message's
+        `window.push`, `forecast` and `learn` in one: of several that wait, only the
+        last needs a forecast. A frame is everybody seen at the `stamp` [s] of the message's
         header: `ids` [N] whole numbers at `xy` [N, 2] world metres. Beyond
         `max_people`, those nearest to `focus` [2] are forecast, the robot, by default
         those nearest to the centre of all.
@@ -200,10 +201,15 @@ class Predictor:
             InputError: if the shapes differ; whatever else is wrong is counted in
                 `health`.
         """
-        return self.forecast(focus) if self.window.push(stamp, ids, xy, focus) else None
+        if not self.window.push(stamp, ids, xy, focus):
+            return None
+        forecast = self.forecast(focus)
+        self.learn()
+        return forecast
 
     def forecast(self, focus: ArrayLike | None = None) -> Forecast:
         """The forecast of the newest frame, which may be of nobody."""
+        self.learn()
         began, waited = time.perf_counter(), self.waited
         observed = self.window.complete()
         self.dropped = self.window.incomplete(observed.ids)
@@ -217,7 +223,7 @@ class Predictor:
             self.health["repaired"] += int(changed.sum())
         recall = None if self.place is None else self.place.recalled
         models = self._forecast(observed, self.window.index, slots, recall)
-        self._watch(observed)
+        self._unlearned = self.window.stamp, observed
         places = self.window.resampled([*self.dropped], [self.window.stamp])
         took = time.perf_counter() - began - (self.waited - waited)
         return Forecast(
@@ -233,15 +239,21 @@ class Predictor:
             whereabouts=places[:, 0],
         )
 
-    def _watch(self, observed: Observed) -> None:
-        """Let the place learn from those who are seen."""
-        if self.place is None:
+    def learn(self) -> None:
+        """Let the place learn from those who were seen in the newest forecast.
+
+        Called once the forecast is published, so that nobody waits for it; the next
+        forecast calls it, too.
+        """
+        unlearned, self._unlearned = self._unlearned, None
+        if self.place is None or unlearned is None:
             return
-        if self.window.stamp <= self._watched:  # The clock was set back.
+        stamp, observed = unlearned
+        if stamp <= self._watched:  # The clock was set back.
             self.place.begin()
-        self._watched = self.window.stamp
+        self._watched = stamp
         seen = observed.take(np.flatnonzero(observed.extrapolated == 0))
-        self.place.watch(seen.positions[:, -1], seen.ids, self._watched)
+        self.place.watch(seen.positions[:, -1], seen.ids, stamp)
 
     def _rehearse(self, size: int) -> "Remembered":
         """What the place recalls of `size` people; the first time that is compiled."""

@@ -256,6 +256,7 @@ def replay(
         event = advance([mended], predictor, robot(frame.stamp))
         deadline += predictor.waited - waited  # The recording waits for the compiler.
         age = time.monotonic() - deadline
+        predictor.learn()
         yield event._replace(age=age, scored=analytics.add(event.forecast))
 
 

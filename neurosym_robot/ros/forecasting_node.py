@@ -262,6 +262,7 @@ class ForecastingNode(abc.ABC):
                 arguments = self._new, event.forecast, output.model, *common
                 outlet.publish(output.make, *arguments)
             self.status.published(self._now() - event.frame.stamp, event.skipped)
+        self.predictor.learn()
         for done in self.analytics.add(event.forecast):
             self._truth.publish(truth_message, self._new, done, *common)
         for frame in frames:

@@ -105,6 +105,21 @@ def test_draws_are_the_models_own_before_anything_was_learned(model):
         assert_allclose(first.draws, second.draws, atol=1e-5)
 
 
+def test_a_forecast_waits_for_nothing_that_is_learned(model):
+    """Learning comes after it, at the latest before the next one, and to the same bits."""
+    at_once, later = (predictor_at(nj.Place(model), model) for _ in range(2))
+    for frame in corner(3):
+        known = at_once.place.seconds
+        at_once.push(*frame)
+        later.window.push(*frame)
+        later.forecast()
+        assert later.place.seconds == known
+    later.learn()
+    later.learn()
+    for name, array in at_once.place.contents().items():
+        assert_array_equal(later.place.contents()[name], array, err_msg=name)
+
+
 def test_what_was_learned_elsewhere_harms_nobody(model, taught, tmp_path):
     """People turn to the other side now: the bound holds, and then it is learned anew."""
     taught[0].place.save(tmp_path / "left.npz")
