@@ -1,8 +1,9 @@
-"""Draw the figures of docs/evaluate.md, and those of home: `python -m studies.gallery DATA`.
+"""Draw the gallery of figures, and those of home: `python -m studies.gallery DATA`.
 
-DATA is ETH/UCY (`neurosym download eth-ucy`). Of docs/evaluate.md the page's own code
-runs. Home shows zara1 and `recommended`, which did not learn from it, 8 + 12 steps: one
-scene of seven people who walk, and 16 s of the recording as an animation. Seeds are 0.
+DATA is ETH/UCY (`neurosym download eth-ucy`). The gallery is made by the code of its
+page, docs/reference/plotting.md. Home shows zara1 and `recommended`, which did not
+learn from it, 8 + 12 steps: one scene of seven people who walk, and 16 s of the
+recording as an animation. Seeds are 0.
 """
 
 import re
@@ -25,7 +26,7 @@ from neurosym_jax.plotting.animation import Moment, plot_animation, save_animati
 __all__ = ["draw", "draw_home"]
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-CODE = re.compile(r"(?:\(figures/(\w+)\.png\)\n\n)?```python\n(.*?)```", re.DOTALL)
+CODE = re.compile(r"(?:\(\.\./figures/(\w+)\.png\)\n\n)?```python\n(.*?)```", re.DOTALL)
 """Code, and the name of the figure above it; the first code begins all others."""
 WIDE = 1300
 """Most dots of a figure's width."""
@@ -35,8 +36,8 @@ DRAWS = 30
 
 def draw(data: str, folder: Path = DOCS / "figures") -> list[Path]:
     """Draw the figures of the page into `folder`."""
-    page = (DOCS / "evaluate.md").read_text()
-    section = page.split("\n## Figures\n")[1].replace('"eth-ucy"', repr(data))
+    page = (DOCS / "reference" / "plotting.md").read_text()
+    section = page.split("\n## Gallery\n")[1].replace('"eth-ucy"', repr(data))
     (_, start), *figures = CODE.findall(section)
     paths = []
     for name, code in figures:
