@@ -221,11 +221,15 @@ def displacements(positions: np.ndarray) -> np.ndarray:
 
 def pad_scene(scene: Scene, agents: int) -> Scene:
     """Pad a scene to `agents` slots; added slots are not valid and hold zeros."""
-    extra = agents - len(np.asarray(scene.valid))
+    count = len(np.asarray(scene.valid))
 
     def pad(array):
         array = np.asarray(array)
-        return np.pad(array, [(0, extra)] + [(0, 0)] * (array.ndim - 1))
+        if count == agents:
+            return array
+        padded = np.zeros((agents, *array.shape[1:]), array.dtype)
+        padded[:count] = array
+        return padded
 
     names = ("observed", "displacement", "valid", "seen", "future", "extras")
     return scene.replace(

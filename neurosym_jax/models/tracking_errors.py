@@ -126,16 +126,18 @@ def _numpy_of(array: Any) -> Any:
     return jnp
 
 
+def _beyond(vectors: Any, speed: Any, period: float) -> Any:
+    """Whether steps `vectors [..., 2]` are faster than `speed`, m/s."""
+    limit = speed * period
+    return (vectors * vectors).sum(-1) > limit * limit
+
+
 def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
     """Which of `steps [N, S, 2]` are errors `[N, S]`, and what bridges two of them.
 
     The bridge `[N, S - 1, 2]` is the mean of two consecutive steps; it replaces them
     where `[N, S - 1]` says so.
     """
-
-    def beyond(vectors: Any, speed: Any) -> Any:
-        return xp.square(vectors).sum(-1) > xp.square(speed * period)
-
     # The step that differs least from all others.
     difference = steps[:, :, None] - steps[:, None]
     difference = xp.sqrt(xp.square(difference).sum(-1) + 1e-6)
@@ -144,11 +146,11 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
     typical_speed = xp.sqrt(xp.square(typical).sum(-1)) / period  # [N, 1]
     change = xp.clip(CHANGE_SHARE * typical_speed, TOP_CHANGE, FAST_CHANGE)
 
-    turn = beyond(steps[:, 1:] - steps[:, :-1], change)
+    turn = _beyond(steps[:, 1:] - steps[:, :-1], change, period)
     end = xp.ones_like(middle, bool)
     turn_before = xp.concatenate([end, turn], 1)
     turn_after = xp.concatenate([turn, end], 1)
-    unlike = beyond(steps - typical, change)
+    unlike = _beyond(steps - typical, change, period)
 
     # The run of steps around the typical one, and whether enough agree with it.
     begins = xp.concatenate([~end, turn], 1)
@@ -165,9 +167,9 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
 
     sudden = turn_before & turn_after & unlike
     # Where too few steps agree, none is a witness.
-    wrong = beyond(steps, limit) | sudden | ~believed[:, None]
+    wrong = _beyond(steps, limit, period) | sudden | ~believed[:, None]
     bridge = (steps[:, 1:] + steps[:, :-1]) / 2
-    mends = ~beyond(bridge, limit) & ~beyond(bridge - typical, change)
+    mends = ~_beyond(bridge, limit, period) & ~_beyond(bridge - typical, change, period)
     return wrong, bridge, wrong[:, 1:] & wrong[:, :-1] & mends
 
 
@@ -185,12 +187,15 @@ def repair_scene(scene: "Scene", period: float) -> "tuple[Scene, Repair]":
 
 def was_repaired(observed: np.ndarray, period: float) -> np.ndarray:
     """[N] bool, which of the tracks `observed [N, T, 2]` metres have tracking errors."""
-    wrong, _, _ = _errors(np, np.diff(observed, axis=1), period)
-    # Only tracks with a wrong step are changed; most have none.
-    repaired = wrong.any(axis=1)
-    repair = repair_tracks(observed[repaired], period)
-    changed = (repair.tracks != observed[repaired]).any((1, 2))
-    repaired[repaired] = changed | repair.offset.any(1) | repair.lost
+    steps = np.diff(observed, axis=1)
+    turns = _beyond(np.diff(steps, axis=1), TOP_CHANGE, period).any(axis=1)
+    # Steps that all agree are errors only where nobody is as fast; most tracks are such.
+    repaired = np.asarray(turns | _beyond(steps, FASTEST, period).any(axis=1))
+    if repaired.any():
+        group = observed[repaired]
+        repair = repair_tracks(group, period)
+        changed = (repair.tracks != group).any((1, 2))
+        repaired[repaired] = changed | repair.offset.any(1) | repair.lost
     return repaired
 
 

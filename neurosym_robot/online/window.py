@@ -268,9 +268,11 @@ class Window:
     def resampled(self, ids: ArrayLike, times: ArrayLike) -> np.ndarray:
         """[N, T, 2] where people were at `times` [T], NaN where that is not known."""
         ids, times = np.asarray(ids), np.asarray(times, np.float64)
+        positions = np.full((len(ids), len(times), 2), np.nan)
+        if not len(ids):  # In most frames: whoever is followed has a forecast.
+            return positions
         is_known = np.isin(ids, self._ids)
         people = np.searchsorted(self._ids, ids[is_known])
-        positions = np.full((len(ids), len(times), 2), np.nan)
         positions[is_known] = self._at(
             people, np.broadcast_to(times, (len(people), len(times)))
         )

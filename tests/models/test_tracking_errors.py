@@ -127,6 +127,22 @@ def limited(ahead, expansion):
     return result[:, 0, 0]
 
 
+@pytest.mark.parametrize("steps", [1, 2, 3, 7])
+def test_who_was_repaired_is_whoever_a_repair_changes(steps):
+    rng = np.random.default_rng(steps)
+    # From walks without an error to pixels, with runners between them.
+    scale = 10 ** rng.uniform(-2, 2, (4000, 1, 1))
+    speed = rng.uniform(0, 25, (4000, 1, 2)) * PERIOD
+    step = speed * rng.integers(0, 2, (4000, 1, 1)) + rng.normal(
+        0, scale, (4000, steps, 2)
+    )
+    tracks = np.concatenate([np.zeros((4000, 1, 2)), step.cumsum(axis=1)], axis=1)
+    repair = repair_tracks(tracks, PERIOD)
+    changed = (repair.tracks != tracks).any((1, 2)) | repair.offset.any(1) | repair.lost
+    assert 500 < changed.sum() < 3500
+    np.testing.assert_array_equal(was_repaired(tracks, PERIOD), changed)
+
+
 @pytest.mark.parametrize("expansion", [1.0, 3.0])
 def test_displacements_are_limited_smoothly_and_in_their_direction(expansion):
     sizes = expansion * np.array([0.1, 0.9, 1.9, 3.0, 1e6], np.float32)
