@@ -55,13 +55,13 @@ rng = np.random.default_rng(0)
 at, velocity = rng.uniform(-8, 8, (40, 2)), rng.normal(0, 1, (40, 2))
 first = everybody = None
 latency, late = [], 0.0
-for frame in range(400):
+for frame in range(3000):
     due = ready + frame / 10
     time.sleep(max(0.0, due - time.monotonic()))
     late = max(late, time.monotonic() - due)
     forecast = predictor.push(frame / 10, np.arange(40), at + frame / 10 * velocity)
     analytics.add(forecast)
-    if forecast is not None:
+    if forecast is not None and len(forecast.ids):
         latency.append(forecast.latency)
         first = first or time.monotonic()
         if len(forecast.ids) == 40:
