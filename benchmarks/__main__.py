@@ -38,8 +38,9 @@ Name = Literal[
     "stream",
     "numeric",
     "trainings",
+    "place",
 ]
-NAMES: tuple[Name, ...] = get_args(Name)[:-5]
+NAMES: tuple[Name, ...] = get_args(Name)[:-6]
 ON_GPU: tuple[Name, ...] = ("numeric", "scaling", "training", "zoo")
 
 
@@ -50,9 +51,9 @@ class BenchmarkOptions:
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
     """What to measure: the evaluation of the published checkpoints, training iterations, QTC and
     alpha of all pairs, online latency, the age of a forecast, whole processes, reading and
-    windowing, scaling. Five run where they are named: onnx, exported models in ONNX Runtime; node,
+    windowing, scaling. Six run where they are named: onnx, exported models in ONNX Runtime; node,
     a robot's node with one; stream, a hundred thousand scenes in bounded memory; numeric, the tests
-    of numbers; and trainings, whole ones."""
+    of numbers; trainings, whole ones; and place, what a memory of a place costs."""
     gpu: bool = False
     """Measure what depends on an accelerator: numeric, scaling, training, and zoo where there are
     --data and --checkpoints. Without a GPU it runs on the CPU."""

@@ -66,6 +66,7 @@ TITLES = {
     "reading": "reading",
     "scaling": "Scaling",
     "numeric": "tests of numbers",
+    "place": "a frame where a place is watched",
 }
 
 
