@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from neurosym_jax.data.clock import resample
 from neurosym_jax.data.recordings import read_any
-from neurosym_jax.data.windows import resample
 from neurosym_robot.online.predictor import Forecast, Predictor, load_models
 from neurosym_robot.online.replay import straight
 from neurosym_robot.tracking.following import Frame

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from neurosym_jax.data.clock import resample
 from neurosym_jax.data.recordings import read_any
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.data.windows import resample
 from neurosym_jax.evaluation.intervals import student_half
 from neurosym_robot.tracking.kalman import KalmanFilter, LinkOptions
 

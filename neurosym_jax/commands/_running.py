@@ -45,12 +45,11 @@ def run_command(
     """Run a command on the command line or a file in YAML, and exit.
 
     `options` is the dataclass that `action` takes, or without `action` a function of
-    the options. `prepare` removes arguments that other programs add. The exit status is
+    the options. Options whose `needs_jax` is false run without JAX. `prepare` removes arguments that other programs add. The exit status is
     the integer that is returned, else 0; 2 for bad input or a full or read-only disk;
     128 and the number of the signal that ended it, such as 130 after Ctrl-C.
     """
     tune()
-    enable_compilation_cache()
     _write_any_text()
     with spoken_as_flags(), interruptible() as signals:
         try:
@@ -118,13 +117,19 @@ def _run(
         if everything or {"-h", "--help"} & set(arguments):
             print(help_text(options, prog or "neurosym", everything))
             sys.exit(0)
+        if action is None:  # A function, which the parser calls.
+            enable_compilation_cache()
         value = tyro.cli(
             options,
             args=arguments,
             prog=prog,
             config=(tyro.conf.DisallowNone,),
         )
-        return action(value) if action else value
+        if action is None:
+            return value
+        if getattr(value, "needs_jax", True):
+            enable_compilation_cache()
+        return action(value)
 
 
 def _refuse_repeated(options: Callable[..., Any], arguments: Sequence[str]) -> None:

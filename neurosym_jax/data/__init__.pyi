@@ -1,3 +1,5 @@
+from .clock import on_grid as on_grid
+from .clock import resample as resample
 from .recordings import EthUcy as EthUcy
 from .recordings import Files as Files
 from .recordings import Source as Source
@@ -16,6 +18,4 @@ from .windows import Batch as Batch
 from .windows import Windows as Windows
 from .windows import cut_windows as cut_windows
 from .windows import make_batches as make_batches
-from .windows import on_grid as on_grid
-from .windows import resample as resample
 from .windows import single_scene as single_scene

@@ -8,9 +8,10 @@ import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 from neurosym_jax.configuration import component
+from neurosym_jax.data.clock import on_grid, resample
 from neurosym_jax.data.columns import (
     names_in_comments,
     names_tracks,
@@ -22,10 +23,12 @@ from neurosym_jax.data.readers import columns, storage, thor, trajnet
 from neurosym_jax.data.readers.storage import FRAME, is_frame, table_of
 from neurosym_jax.data.tables import AS_IT_SAYS, Format, ReadOptions, read_head
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
-from neurosym_jax.data.windows import Windows, cut_windows, on_grid, resample
 from neurosym_jax.errors import InputError, InputWarning, brief, option, printable
 from neurosym_jax.plugins import Registry, load_entry_points
 from neurosym_jax.runtime.foreign import reading
+
+if TYPE_CHECKING:
+    from neurosym_jax.data.windows import Windows
 
 __all__ = [
     "FORMATS",
@@ -584,13 +587,16 @@ def windows_from(
     read: ReadOptions = AS_IT_SAYS,
     skip: int = 1,
     min_agents: int = 2,
-) -> Windows:
+) -> "Windows":
     """Read recordings, resample them to steps of `period` seconds, and cut them into windows.
 
     `data` is a file of any known format, a folder of them, a dataframe of pandas or
     polars, tracks on any clock (see `make_tracks`), or several of these; `skip` and
     `min_agents` are those of `cut_windows`.
     """
+    # Only here, so that recordings are read without JAX.
+    from neurosym_jax.data.windows import cut_windows
+
     grid = [
         on_grid(tracks, period, read.max_gap) for tracks in recordings_in(data, read)
     ]

@@ -19,6 +19,7 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.configuration import Count, refuse
+from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.recordings import GENERAL, EthUcy, Source, recordings_in
 from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import PERIOD, Tracks
@@ -28,7 +29,6 @@ from neurosym_jax.data.windows import (
     Windows,
     cut_windows,
     make_batches,
-    on_grid,
     seen_before,
     single_scene,
 )

@@ -1,7 +1,8 @@
 """This process: its settings, its progress, and what its results depend on.
 
 Scripts and commands switch settings (compilation cache, memory allocator, XLA flags)
-on, never `import neurosym_jax`.
+on, never `import neurosym_jax`. JAX is imported by functions that need it alone: a
+command on an .onnx model runs without.
 """
 
 import contextlib
@@ -19,13 +20,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-import jax
-from jax._src import xla_bridge
-
 from neurosym_jax.errors import InputError, printable
 from neurosym_jax.plugins import installed_version
-from neurosym_jax.runtime.compiled import keep_programs, private_folder
-from neurosym_jax.runtime.programs import keep_whole
 
 __all__ = [
     "COMPILED_QUICKLY",
@@ -42,9 +38,18 @@ __all__ += [
 __all__ += ["refuse_forked"]
 __all__ += ["run_environment", "tune"]
 
+
+def _version_of(package: str) -> str:
+    """The installed version, empty where there is none."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
 _LEVEL = "xla_backend_optimization_level"
 _EMITTERS = "xla_cpu_use_fusion_emitters"
-_KNOWN_VERSION = jax.__version_info__[:2] == (0, 10)
+_KNOWN_VERSION = _version_of("jax").startswith("0.10.")
 """Whether this version of JAX was tried with flags of XLA, of which an unknown one ends a process."""
 
 
@@ -98,6 +103,9 @@ def enable_compilation_cache() -> None:
     """
     if os.environ.get("NEUROSYM_NO_CACHE") or (folder := cache_folder()) is None:
         return
+    from neurosym_jax.runtime.compiled import keep_programs, private_folder
+    from neurosym_jax.runtime.programs import keep_whole
+
     # JAX's key does not know the number of threads, which changes what is compiled.
     programs_of_jax = folder / f"xla-threads-{os.environ.get('NPROC', 'all')}"
     if private_folder(programs_of_jax):
@@ -148,6 +156,8 @@ def progress_of(total: int) -> Callable[[str], None]:
 
 def run_environment() -> dict[str, Any]:
     """Versions, threads, instruction set, device and precision; JSON-able. Starts JAX's backend."""
+    import jax
+
     device = jax.devices()[0]
     info = Path("/proc/cpuinfo")
     words = info.read_text().split() if info.exists() else []
@@ -219,7 +229,8 @@ def _digests(paths: Iterable[Path | str]) -> dict[str, str]:
 
 
 def _note_fork() -> None:
-    if xla_bridge.backends_are_initialized():
+    bridge = sys.modules.get("jax._src.xla_bridge")
+    if bridge is not None and bridge.backends_are_initialized():
         _forked[:] = [os.getpid()]
 
 

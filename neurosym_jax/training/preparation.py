@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.recordings import recordings_in
 from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
@@ -19,7 +20,6 @@ from neurosym_jax.data.windows import (
     Windows,
     chance_shapes,
     cut_windows,
-    on_grid,
     seen_before,
     shared_shapes,
 )

@@ -13,12 +13,10 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from neurosym_jax.commands._options import refuse_given
 from neurosym_jax.errors import InputError, printable
-from neurosym_jax.models.forecast import Model
-from neurosym_jax.models.place.place import Place
 from neurosym_robot import (
     Dashboard,
     LinkOptions,
@@ -38,6 +36,10 @@ from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.programs import When
 from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
+
+if TYPE_CHECKING:
+    from neurosym_jax.models.forecast import Model
+    from neurosym_jax.models.place.place import Place
 
 NAME = "neurosym_jax"  # of a node
 
@@ -146,13 +148,18 @@ class LiveOptions:
         if isinstance(self.foxglove, Path) and not self.dashboard:
             refuse_given("on a file for Foxglove", host="host" in options)
 
+    @property
+    def needs_jax(self) -> bool:
+        """Whether a model is in JAX."""
+        return any(path.suffix != ".onnx" for path in self.model)
+
     @functools.cached_property
-    def models(self) -> dict[str, Model | OnnxModel]:
+    def models(self) -> "dict[str, Model | OnnxModel]":
         """The models by name; InputError as of `load_models`."""
         return load_models(self.model)
 
     @functools.cached_property
-    def watched(self) -> Place | None:
+    def watched(self) -> "Place | None":
         """The place of --place; InputError as of `open_place`, or for another frame."""
         if self.place is None:
             return None

@@ -5,16 +5,18 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.forecast import Model
-from neurosym_jax.models.place.place import Place, load_place, write_place
 from neurosym_jax.runtime.files import refuse_unwritable
 from neurosym_robot.dashboard.view import View
 from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.online.onnx_network import OnnxModel
 from neurosym_robot.online.replay import ReplayEvent
+
+if TYPE_CHECKING:
+    from neurosym_jax.models.forecast import Model
+    from neurosym_jax.models.place.place import Place
 
 DROPPED = (
     "the memory of the place was dropped, because forecasts had become worse with it: "
@@ -24,8 +26,8 @@ EVERY = 300.0  # seconds between two times that the file is written
 
 
 def open_place(
-    file: Path, model: Model | OnnxModel, half_life: float = math.inf
-) -> Place:
+    file: Path, model: "Model | OnnxModel", half_life: float = math.inf
+) -> "Place":
     """The place of a file, or a new one where there is none, which forgets by `half_life` [s].
 
     Raises:
@@ -34,6 +36,8 @@ def open_place(
     """
     if isinstance(model, OnnxModel):
         raise InputError("--place learns with a model in JAX, not with an .onnx file")
+    from neurosym_jax.models.place.place import Place, load_place
+
     refuse_unwritable(file)
     if file.exists():
         return load_place(file, model, half_life=half_life)
@@ -48,7 +52,7 @@ class PlaceFile(View):
     def __init__(
         self,
         file: Path,
-        place: Place,
+        place: "Place",
         source: PeopleSource,
         report: Callable[[str], None],
         every: float = EVERY,
@@ -98,6 +102,8 @@ class PlaceFile(View):
             self._report(f"{self.where}: the place is in the frame {frame!r}")
 
     def _write_now(self, contents: Mapping[str, Any]) -> None:
+        from neurosym_jax.models.place.place import write_place
+
         try:
             write_place(self._file, contents)
         except InputError as error:

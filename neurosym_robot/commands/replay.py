@@ -9,12 +9,11 @@ import warnings
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from neurosym_jax.commands._options import Positional, Reading, refuse_given
 from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.models.place.place import Place
 from neurosym_robot import (
     Analytics,
     Predictor,
@@ -30,6 +29,9 @@ from neurosym_robot.dashboard.view import Newest
 from neurosym_robot.input.source import REACH, PeopleSource
 from neurosym_robot.ros.definitions import is_bag
 from neurosym_robot.ros.forecasting_node import ForecastBag
+
+if TYPE_CHECKING:
+    from neurosym_jax.models.place.place import Place
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -73,7 +75,7 @@ class Options(LiveOptions):
             refuse_given("on a file of tracks", **unused)
 
     @functools.cached_property
-    def watched(self) -> Place | None:
+    def watched(self) -> "Place | None":
         """As of nodes; InputError where a file of tracks may be of another frame."""
         place = super().watched
         if place is None or not place.frame or self.fixed_frame:

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from neurosym_robot.tracking.stitching import LinkOptions, stitch
 class Options:
     """Join the tracks of one person that occlusions broke; write rows `frame ped x y`."""
 
+    needs_jax: ClassVar[bool] = False
     tracks: Positional[Path]
     """A recording of any format in docs/data.md."""
     out: Path

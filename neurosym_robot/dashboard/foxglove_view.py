@@ -1,8 +1,8 @@
 """A stream for Foxglove: over its websocket, or into an MCAP file.
 
 `/forecasts` is a SceneUpdate of people, samples and most probable paths, `/stream` has
-the numbers of `Status.now()` as JSON, and `/events` the probable events in words.
-foxglove-sdk is imported when a view is made.
+the numbers of `Status.now()` as JSON, and `/events`, of models in JAX, the probable
+events in words. foxglove-sdk is imported when a view is made.
 """
 
 import importlib
@@ -56,7 +56,7 @@ class FoxgloveView(View):
             reason = "Foxglove needs foxglove-sdk: pip install 'neurosym-jax[foxglove]'"
             raise InputError(reason) from None
         self._frame_id, self._at_least = frame_id, at_least
-        self._period = predictor.window.period
+        self._period, self._is_light = predictor.window.period, predictor.is_light
         # Channels are closed with their context, and log nothing then.
         self._context = context = foxglove.Context()
         self._scene = foxglove.channels.SceneUpdateChannel(
@@ -104,16 +104,8 @@ class FoxgloveView(View):
                         forecast.ids.tolist(), self._lines(forecast, name, colour)
                     )
                 ]
-                for likely in likely_events(
-                    forecast, name, self._period, self._at_least
-                ):
-                    log = kinds.Log(
-                        timestamp=common["timestamp"],
-                        name=name,
-                        message=likely.words(forecast.ids),
-                        level=kinds.LogLevel.Info,
-                    )
-                    self._events.log(log, log_time=at)
+                if not self._is_light:
+                    self._log_events(forecast, name, at)
         self._scene.log(kinds.SceneUpdate(entities=entities), log_time=at)
         self._numbers.log(
             {
@@ -124,6 +116,18 @@ class FoxgloveView(View):
             },
             log_time=at,
         )
+
+    def _log_events(self, forecast: Forecast, model: str, at: int) -> None:
+        """Publish the probable events of a model's forecast at the stamp `at` [ns]."""
+        kinds = self._kinds
+        for likely in likely_events(forecast, model, self._period, self._at_least):
+            log = kinds.Log(
+                timestamp=kinds.Timestamp(*divmod(at, 10**9)),
+                name=model,
+                message=likely.words(forecast.ids),
+                level=kinds.LogLevel.Info,
+            )
+            self._events.log(log, log_time=at)
 
     def close(self) -> None:
         """Finish the file, or end all connections."""

@@ -21,8 +21,8 @@ metres;
   of the central forecast, and `regions` [N][T] as x, y, two half axes of one standard
   deviation [cm], the first axis' angle, and the radii of the 50 and 90 % regions in
   standard deviations; `codes`, the states of the pairs (0, 1), (0, 2), ... (N-2,
-  N-1); `alpha` [N * N] or null; `likely` events as (name, k, l, probability, seconds),
-  and `score`.
+  N-1), or null; `alpha` [N * N] or null; `likely` events as (name, k, l, probability, seconds),
+  and `score`. Beside an .onnx file alone, pairs have neither codes nor events.
 
 The last line has the final `score` alone.
 """
@@ -37,17 +37,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from neurosym_jax.data.tracks import SNAP
-from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.foreign import read_yaml
-from neurosym_jax.runtime.programs import program
-from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.weighting import Cnd, Parameters, Weighting
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.regions import Regions
@@ -64,24 +58,6 @@ LARGEST = 4096  # pixels along a side; larger maps are shown coarser
 UNKNOWN = 48  # opacity of cells of which nothing is known, of 255
 
 
-@program((0, 4))
-def newest_symbols(
-    weighting: Weighting,
-    parameters: Parameters,
-    positions: jax.Array,
-    valid: jax.Array,
-    period: float,
-) -> tuple[jax.Array, jax.Array]:
-    """The newest state of every pair of people, and its weight, from `positions` [N, T, 2].
-
-    [N, N] codes as of `states.encode_state`, (i, j) with i as k and j as l; and [N, N]
-    alpha. Where `valid` [N] is False there is nobody.
-    """
-    codes = weighting.codes(parameters, positions[:, -2:], period=period)
-    alpha = weighting.alpha(parameters, positions, valid, period=period)
-    return codes[:, :, -1], alpha[:, :, -1]
-
-
 class Moments:
     """Turns what follows from frames into lines of JSON for the page."""
 
@@ -95,14 +71,18 @@ class Moments:
     ):
         """Begin a page with a title, a map as of `read_floor_map`, and events from `at_least`."""
         window, self._period = predictor.window, predictor.window.period
-        # Symbols are by the convention of the first NeuroSyM; else the papers'.
         models = predictor.models
-        self._weighted = weighted = next(
-            (name for name in models if models[name].weighting), None
-        )
-        self._of_events = weighted or next(iter(models))
-        self._weighting = models[self._of_events].weighting or Cnd()
-        self._parameters = models[self._of_events].params.get("weighting", {})
+        weighting = likely = None
+        self.pairs = None
+        """What tells the symbols of pairs, if a model is in JAX."""
+        if not predictor.is_light:
+            # Only here, so that the page of an .onnx file needs no JAX.
+            from neurosym_robot.dashboard.pair_symbols import PairSymbols
+
+            self.pairs = pairs = PairSymbols(models, window.period)
+            weighting = pairs.weighting
+            words = {"model": pairs.model, "words": pairs.words}
+            likely = {"at_least": at_least, **words}
         self._flows: Any = []
         self._at_least, self._wait = at_least, window.period - SNAP
         self._start = self._stamp = self._told = math.nan
@@ -113,17 +93,10 @@ class Moments:
                 "period": window.period,
                 "observed": (window.steps - 1) * window.period,
                 "models": list(models),
-                "weighting": weighted
-                and {"model": weighted, "name": self._weighting.name},
+                "weighting": weighting,
                 "place": predictor.place is not None,
                 "map": None if floor_map is None else read_floor_map(floor_map),
-                "likely": {
-                    "model": self._of_events,
-                    "at_least": at_least,
-                    "words": {
-                        name: event.in_short(name) for name, event in EVENTS.items()
-                    },
-                },
+                "likely": likely,
             }
         )
 
@@ -171,30 +144,8 @@ class Moments:
         """The last line, with the final score."""
         return _json({"score": score})
 
-    def symbols(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """`newest_symbols` of people `observed` [N, T, 2]; no alpha where no model has any."""
-        people = len(observed)
-        scene = pad_scene(make_scene(observed), int(bucket_of(people)))
-        arrays = scene.observed, scene.valid
-        newest = newest_symbols(
-            self._weighting, self._parameters, *arrays, self._period
-        )
-        codes, alpha = (np.asarray(values)[:people, :people] for values in newest)
-        return codes, alpha if self._weighted else None
-
     def _step(self, forecast: Forecast) -> dict[str, Any]:
-        codes, alpha = self.symbols(forecast.observed)
-        last, people = forecast.observed[:, -1:], len(codes)
-        events = likely_events(forecast, self._of_events, self._period, self._at_least)
-        # The most probable of each pair; then of every kind, so that frequent kinds
-        # hide no other.
-        pairs = {frozenset((event.k, event.l)): event for event in reversed(events)}
-        turns, counts = [], collections.Counter()
-        events = [event for event in events if event in pairs.values()]
-        for event in events:
-            turns.append(counts[event.name])
-            counts[event.name] += 1
-        likely = [events[n] for n in np.argsort(turns, kind="stable")]
+        last, people = forecast.observed[:, -1:], len(forecast.ids)
         models = {}
         for name, result in forecast.models.items():
             futures, weights, central = result.weighted
@@ -212,8 +163,30 @@ class Moments:
             "extrapolated": forecast.extrapolated.tolist(),
             "since": np.round(forecast.seen, 3).tolist(),
             "models": models,
-            "codes": codes[np.triu_indices(people, 1)].tolist(),
-            "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
+            **self._symbols(forecast),
+        }
+
+    def _symbols(self, forecast: Forecast) -> dict[str, Any]:
+        """Codes, alpha and likely events of pairs; none without a model in JAX."""
+        if self.pairs is None:
+            return {"codes": None, "alpha": None, "likely": []}
+        codes, alpha = self.pairs.newest(forecast.observed)
+        if alpha is not None:
+            alpha = np.round(alpha, 4).ravel().tolist()
+        model = self.pairs.model
+        events = likely_events(forecast, model, self._period, self._at_least)
+        # The most probable of each pair; then of every kind, so that frequent kinds
+        # hide no other.
+        pairs = {frozenset((event.k, event.l)): event for event in reversed(events)}
+        turns, counts = [], collections.Counter()
+        events = [event for event in events if event in pairs.values()]
+        for event in events:
+            turns.append(counts[event.name])
+            counts[event.name] += 1
+        likely = [events[n] for n in np.argsort(turns, kind="stable")]
+        return {
+            "codes": codes[np.triu_indices(len(codes), 1)].tolist(),
+            "alpha": alpha,
             "likely": [
                 (*event[:3], *np.round(event[3:], 3).tolist()) for event in likely
             ],

@@ -26,8 +26,10 @@ class Panels {
     Object.assign(this, { recording, style, choose });
     const { weighting, likely, models } = recording;
     say(find("near-model"), models[0]);
+    // Pairs need a model in JAX.
+    for (const part of ["pair", "events"]) find(part).hidden = !likely;
     say(find("convention"), weighting ? `QTC_C1, weights of ${weighting.model}` : "QTC_C1");
-    say(find("likely-from"), `${likely.model}, ${Math.round(100 * likely.at_least)} % or more`);
+    if (likely) say(find("likely-from"), `${likely.model}, ${Math.round(100 * likely.at_least)} % or more`);
     for (const id of ["k", "l"]) find(id).onchange = () => choose([find("k").value, find("l").value]);
     find("analysis").ontoggle = () => { this.analysed = null; this.show(this.shown, this.pair); };
   }

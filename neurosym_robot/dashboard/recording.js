@@ -110,7 +110,7 @@ class Recording {
   // Symbols q1 .. q4 of k and l in a forecast, the weight that l has for k, and metres apart.
   pair(step, k, l) {
     const [i, j] = [step?.row.get(k), step?.row.get(l)];
-    if (i === undefined || j === undefined || i === j) return null;
+    if (!step?.codes || i === undefined || j === undefined || i === j) return null;
     const [low, high] = [Math.min(i, j), Math.max(i, j)];
     const people = step.ids.length;
     const code = step.codes[low * people - (low * (low + 1)) / 2 + high - low - 1];

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from neurosym_jax.data.clock import on_grid, resample
 from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks
-from neurosym_jax.data.windows import on_grid, resample
 from neurosym_jax.errors import InputError
 
 

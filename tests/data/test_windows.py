@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from neurosym_jax.data.clock import resample
 from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks
 from neurosym_jax.data.windows import (
@@ -17,7 +18,6 @@ from neurosym_jax.data.windows import (
     cut_windows,
     gather_scenes,
     make_batches,
-    resample,
     single_scene,
 )
 from neurosym_jax.errors import InputError

@@ -7,8 +7,9 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.commands import evaluate
+from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.tracks import make_tracks
-from neurosym_jax.data.windows import cut_windows, make_batches, on_grid
+from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.compare import Settings, Test, TestSet, evaluate_tests
 from neurosym_jax.evaluation.online import recall_batches, watch_windows

@@ -2,9 +2,11 @@
 
 import contextlib
 import io
+import itertools
 import json
 import re
 import runpy
+import types
 from unittest import mock
 
 import matplotlib.pyplot as plt
@@ -14,9 +16,10 @@ import pytest
 
 from neurosym_jax.data.recordings import read_any
 from neurosym_jax.errors import InputError
-from studies import place
+from neurosym_jax.simulation import social_force
+from neurosym_robot.online.window import Window
+from studies import driving, place
 from studies.distribution import table as distribution_table
-from studies.driving import CONTACT, STEPS, drive
 from studies.mistakes.__main__ import tell
 from studies.mistakes.corpus import MISTAKES
 from studies.more_data import (
@@ -123,16 +126,56 @@ def test_a_table_of_energy_scores_has_one_model_of_a_kind():
         distribution_table(pl.DataFrame(rows))
 
 
-def test_a_robot_goes_round_people_it_believes_in():
-    people = np.full((301, 1, 2), [6.0, 7.5])  # in its way
-    beliefs = [(np.full((1, n, STEPS, 2), [6.0, 7.5]), np.ones(1)) for n in (1, 0)]
-    (hit, least, way, _), (blind, *_, time) = (
-        drive(people, [belief] * 75) for belief in beliefs
-    )
-    assert (hit, blind) == (0, 1)
-    assert least > CONTACT
-    assert 14.5 < way < 16
-    assert time < 16
+def test_a_robot_goes_round_those_it_believes_in_its_way():
+    start = driving.START
+    ahead = np.full((2, 1, driving.STEPS, 2), start + np.array([2.0, 0.0]))
+    ahead[1] += 5.0
+    for probability, straight_on in ((0.9, False), (0.01, True)):
+        belief = ahead, np.array([probability, 1 - probability])
+        velocity = driving.plan(start, belief, 2.0, driving.NEAR)
+        assert np.allclose(velocity, [1, 0]) == straight_on
+    assert not np.allclose(driving.plan(start, belief, 200.0, driving.NEAR), [1, 0])
+
+
+def test_people_are_pushed_as_in_the_social_force_model():
+    rng = np.random.default_rng(0)
+    position, velocity = rng.uniform(0, 3, (2, 5, 2))
+    heading = rng.uniform(-3, 3, 4)
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    arrays = position[:4], velocity[:4], ahead, position, velocity
+    expected = np.zeros((4, 2))
+    for n, m in itertools.permutations(range(5), 2):
+        if n < 4:
+            pair = position[n], position[m], heading[n], velocity[n], velocity[m]
+            expected[n] += social_force._repulsion(*pair)
+    with mock.patch.object(driving, "CONTACT", 0.0):
+        np.testing.assert_allclose(driving.repulsion(*arrays), expected, rtol=2e-3)
+
+
+def test_a_robot_crosses_and_its_episodes_are_compared_in_pairs(tmp_path):
+    window = Window(8, driving.PERIOD)
+    crowd = driving.begin(0, window)
+    predictor = types.SimpleNamespace(window=window)
+    setting = driving.Setting("constant velocity", 2.0, 0.7)
+    outcome = driving.cross(crowd, predictor, setting)
+    assert 8 < outcome.way < 14
+    assert 8.5 < outcome.seconds < 20
+    assert 0.3 < outcome.least < 2
+
+    # A pass of each second episode, and twice the time for none.
+    passes = {
+        n: driving.Outcome(0.6 + 0.2 * (n // 2 % 2), 10.0, 9.0) for n in range(40)
+    }
+    none = {n: driving.Outcome(0.8, 20.0, 9.0) for n in range(40)}
+    tables = {}
+    for belief in driving.BELIEFS:
+        tables[driving.Setting(belief, 1.0, 0.7)] = driving.table_of(passes)
+        tables[driving.Setting(belief, 8.0, 0.7)] = driving.table_of(none)
+    for price, weight, mean in ((5.0, 1.0, 12.5), (80.0, 8.0, 20.0)):
+        chosen, cost = driving.chosen_costs(tables, price)["20 draws"]
+        assert chosen.weight == weight
+        assert cost.mean() == mean
+        assert len(cost) == 20
 
 
 def test_data_kept_back_and_test_data_are_not_trained_on(tmp_path):

@@ -15,7 +15,8 @@ from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import Soft, initial_parameters
-from neurosym_robot.dashboard.moments import MAX_NAMED, UNKNOWN, Moments, read_floor_map
+from neurosym_robot.dashboard.moments import MAX_NAMED, UNKNOWN, read_floor_map
+from neurosym_robot.dashboard.pair_symbols import PairSymbols
 from neurosym_robot.online.pairs import LikelyEvent
 from neurosym_robot.online.replay import ReplayEvent, advance
 from neurosym_robot.tracking.following import Frame
@@ -48,7 +49,7 @@ def test_a_forecast_is_told_whole_once_a_period(moments, stream):
         now["age"],
         now["score"],
     )
-    codes, alpha = moments.symbols(forecast.observed)
+    codes, alpha = moments.pairs.newest(forecast.observed)
     assert step["codes"] == [int(codes[pair]) for pair in ((0, 1), (0, 2), (1, 2))]
     assert_allclose(step["alpha"], alpha.ravel(), atol=6e-5)
 
@@ -83,15 +84,14 @@ def test_symbols_and_weights_are_the_models_own():
     config = Soft(learned=True)
     parameters = initial_parameters(config) | {"log_speed": np.float32(np.log(0.5))}
     generator = GeneratorConfig(pooling="as_described", weighting=config)
-    one, other = predictor(), predictor()
-    one.models = {"SGAN": Model(GeneratorConfig(), {})}
-    other.models = one.models | {"own": Model(generator, {"weighting": parameters})}
-    codes, alpha = Moments(other).symbols(path)
+    models = {"SGAN": Model(GeneratorConfig(), {})}
+    other = models | {"own": Model(generator, {"weighting": parameters})}
+    codes, alpha = PairSymbols(other, 0.4).newest(path)
     states = observe(path[:, None], path, quantisation_factor=0.2)[:, :, -1]
     assert_array_equal(codes, (np.asarray(states) + 1) @ [27, 9, 3, 1])
     centred = path - path[:, -1].mean(axis=0)
     assert_allclose(alpha, config.alpha(parameters, centred)[..., -1], rtol=1e-4)
-    assert Moments(one).symbols(path)[1] is None
+    assert PairSymbols(models, 0.4).newest(path)[1] is None
 
 
 def test_time_never_falls(moments):

@@ -234,7 +234,7 @@ def test_the_pair_and_what_is_likely(page, moments, play, stream):
         return page.locator("#symbols dd").all_inner_texts()
 
     forecast = next(e[0].forecast for e in reversed(events[:57]))
-    code = int(moments.symbols(forecast.observed)[0][0, 2])
+    code = int(moments.pairs.newest(forecast.observed)[0][0, 2])
     expected = ["−0+"[code // place % 3] for place in (27, 9, 3, 1)]
     assert symbols() == expected
     assert (

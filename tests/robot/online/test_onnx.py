@@ -1,5 +1,7 @@
 """A predictor of an .onnx file: the numbers of JAX, in a process that has none."""
 
+import os
+import re
 import subprocess
 import sys
 
@@ -8,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from rosbags.highlevel import AnyReader
 
 from neurosym_jax.commands import export
 from neurosym_jax.errors import InputError
@@ -164,15 +167,17 @@ def test_forecasts_are_those_of_jax(model, file):
     assert_array_equal(result.draws, one.draws)
 
 
-WITHOUT_JAX = """
+BLOCK = """
 import sys
 
 class Blocked:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in ("jax", "jaxlib", "flax"):
+        if name.partition(".")[0] in ("jax", "jaxlib", "flax", "optax", "orbax"):
             raise ImportError(f"{name} is not here")
 
 sys.meta_path.insert(0, Blocked())
+"""
+WITHOUT_JAX = f"""{BLOCK}
 import numpy as np
 from neurosym_robot import Analytics, OnnxModel, PeopleSource, Predictor, Status
 from neurosym_robot import KalmanFilter, OnlineStitcher, replay
@@ -192,6 +197,10 @@ analytics.finish()
 assert "published" in status.table() or "ADE" in status.table(), status.table()
 assert "jax" not in sys.modules
 np.savez(sys.argv[3], samples=result.samples, radius=result.regions.radius)
+"""
+COMMAND = f"""{BLOCK}
+from neurosym_jax.__main__ import main
+main(sys.argv[1:])
 """
 
 
@@ -214,6 +223,55 @@ def test_it_needs_no_jax(model, file, tmp_path):
     assert_allclose(result["samples"], expected.samples, atol=1e-4)
     assert result["radius"].shape == (2, PEOPLE, 12)
     assert (result["radius"] > 0).all()
+
+
+def run_without_jax(folder, *words, check=True):
+    """A command in a process in which JAX cannot be imported."""
+    command = [sys.executable, "-c", COMMAND, *map(str, words)]
+    paths = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder)}
+    done = subprocess.run(
+        command, capture_output=True, text=True, cwd=folder, env=os.environ | paths
+    )
+    assert (done.returncode == 0) == check, done.stderr
+    assert not re.search("Traceback|is not here|warning: plugin", done.stderr), (
+        done.stderr
+    )
+    return done
+
+
+@pytest.fixture
+def tracks(tmp_path):
+    """The stream as a file."""
+    rows = []
+    for time, ids, places in stream():
+        rows += [f"{time},{id},{x},{y}\n" for id, (x, y) in zip(ids, places)]
+    (tmp_path / "tracks.csv").write_text("t,id,x,y\n" + "".join(rows))
+    return tmp_path / "tracks.csv"
+
+
+def test_commands_need_no_jax(file, tracks):
+    folder = tracks.parent
+    light = ["--model", file, "--samples", 6]
+    done = run_without_jax(
+        folder, "replay", tracks, *light, "--html", "page.html", "--out", "out.bag"
+    )
+    assert "published" in done.stdout or "ADE" in done.stdout
+    assert '"likely":null' in (folder / "page.html").read_text()
+    with AnyReader([folder / "out.bag"]) as bag:
+        topics = set(bag.topics)
+    assert "/hri/human_poses_prediction/samples" in topics
+    assert not any(topic.endswith("/events") for topic in topics)
+    run_without_jax(folder, "stitch", tracks, "--out", "mended.txt")
+    for command in ("replay", "ros1", "ros2", "stitch"):
+        run_without_jax(folder, command, "--help")
+    done = run_without_jax(folder, "ros2", *light, check=False)
+    assert "rclpy" in done.stderr
+    done = run_without_jax(folder, "ros1", *light, "--name", "a b", check=False)
+    assert "a b" in done.stderr
+    done = run_without_jax(
+        folder, "replay", tracks, *light, "--place", "hall.npz", check=False
+    )
+    assert "--place learns with a model in JAX" in done.stderr
 
 
 def test_what_cannot_be_is_refused(model, file, tmp_path):

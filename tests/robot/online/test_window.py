@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from neurosym_jax.data.clock import resample
 from neurosym_jax.data.tracks import make_tracks
-from neurosym_jax.data.windows import resample
 from neurosym_robot.online.window import Window
 
 EMPTY = np.zeros((0, 2))
