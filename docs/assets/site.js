@@ -37,9 +37,53 @@ document.querySelectorAll("article table:not(.filtered)").forEach((table) => {
   if (heads.length < 5) return;
   table.dataset.wide = "";
   [...table.tBodies].flatMap((body) => [...body.rows]).forEach((row) => {
-    [...row.cells].forEach((cell, column) => { cell.dataset.head = heads[column] ?? ""; });
+    [...row.cells].forEach((cell, column) => {
+      cell.dataset.head = heads[column] ?? "";
+      const content = document.createElement("span");
+      content.append(...cell.childNodes);
+      cell.append(content);
+    });
   });
 });
+
+// Numbers and their intervals stay in one line.
+document.querySelectorAll('article td[style*="right"]').forEach((cell) => {
+  cell.classList.toggle("number", cell.textContent.length < 14);
+});
+
+// Options are not broken at their hyphens.
+document.querySelectorAll("article code").forEach((code) => {
+  const walker = document.createTreeWalker(code, NodeFilter.SHOW_TEXT);
+  const texts = [];
+  while (walker.nextNode()) texts.push(walker.currentNode);
+  texts.forEach((text) => {
+    const parts = text.data.split(/((?<![^\s(])--?[A-Za-z][\w-]{0,24}(?![\w-]))/);
+    if (parts.length < 2) return;
+    text.replaceWith(...parts.map((part, place) => {
+      if (place % 2 === 0) return part;
+      const option = document.createElement("span");
+      option.className = "whole";
+      option.textContent = part;
+      return option;
+    }));
+  });
+});
+
+// What programs print in columns keeps its lines: its letters are small enough for the window.
+const aligned = [...document.querySelectorAll("article .highlight pre > code")].filter((code) =>
+  code.textContent.split("\n").filter((line) => /\S {2,}\S.* {2,}\S/.test(line)).length > 1);
+const fit = () => aligned.forEach((code) => {
+  code.dataset.aligned = "";
+  code.style.fontSize = code.style.paddingRight = "";
+  const longest = Math.max(...code.textContent.split("\n").map((line) => line.length));
+  const style = getComputedStyle(code);
+  const room = code.clientWidth - 2 * parseFloat(style.paddingLeft);
+  const size = room / (0.61 * longest);
+  if (size < parseFloat(style.fontSize)) code.style.fontSize = `${size}px`;
+  if (size < 1.2 * parseFloat(style.fontSize)) code.style.paddingRight = style.paddingLeft;
+});
+fit();
+window.addEventListener("resize", fit);
 
 // What the theme leaves without a name or out of reach of the keyboard.
 document.querySelector(".md-search").setAttribute("aria-label", "Search");

@@ -17,6 +17,8 @@ __all__ = ["ENDINGS", "Moment", "plot_animation", "save_animation"]
 ENDINGS = (".gif", ".mp4")
 MARGIN = 1.0
 """Metres around all people who are shown."""
+REACH = 0.95
+"""Share of forecast positions, along x and along y, that are shown at least."""
 WIDTH, DOTS = 5.0, 110
 """Inches, and dots of an inch."""
 
@@ -42,8 +44,7 @@ def plot_animation(
         period: seconds between two of them.
         title: of all pictures.
     """
-    ends = np.concatenate([moment.observed[:, -1] for moment in moments])
-    low, high = ends.min(axis=0) - MARGIN, ends.max(axis=0) + MARGIN
+    low, high = _limits(moments)
     extent = high - low
     height = float(np.clip(WIDTH * extent[1] / extent[0], 0.4 * WIDTH, WIDTH))
     figure, ((axes,),) = style.new_figure(WIDTH, height + 0.5)
@@ -68,6 +69,17 @@ def plot_animation(
 
     interval = 1000 * period
     return FuncAnimation(figure, draw, frames=len(moments), interval=interval)
+
+
+def _limits(moments: Sequence[Moment]) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left and upper right corner [2] of all people and most of what they may do."""
+    ends = np.concatenate([moment.observed[:, -1] for moment in moments])
+    futures = [moment.futures.reshape(-1, 2) for moment in moments]
+    outside = (1 - REACH) / 2
+    least, most = np.quantile(np.concatenate(futures), [outside, 1 - outside], axis=0)
+    low = np.minimum(ends.min(axis=0) - MARGIN, least)
+    high = np.maximum(ends.max(axis=0) + MARGIN, most)
+    return low, high
 
 
 def save_animation(animation: FuncAnimation, path: str | Path, period: float) -> Path:

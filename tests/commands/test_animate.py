@@ -58,6 +58,22 @@ def test_each_person_has_a_colour_and_the_picture_shows_everybody(tmp_path):
     assert len(colours[0] - colours[1]) > 0
 
 
+def test_most_of_what_people_may_do_is_within_the_picture(tmp_path):
+    """The first page's animation cut every second future off."""
+    observed = np.zeros((1, 8, 2))
+    steps = np.arange(1, 13)[:, None]
+    headings = np.linspace(0, 2 * np.pi, 20)
+    ways = np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    futures = 0.5 * ways[:, None, None] * steps
+    animation = plot_animation([Moment(np.array([1]), observed, futures)])
+    save_animation(animation, tmp_path / "a.gif", 0.4)
+    (axes,) = animation._fig.axes
+    for axis, limits in enumerate((axes.get_xlim(), axes.get_ylim())):
+        positions = futures[..., axis]
+        shown = (limits[0] < positions) & (positions < limits[1])
+        assert shown.mean() > 0.94
+
+
 def first(observed):
     futures = np.broadcast_to(observed[None, :1, -1:], (3, 1, 2, 2))
     return observed[:1], futures

@@ -32,6 +32,7 @@ from studies.more_data import (
     write,
 )
 from studies.notebooks import FOLDER
+from studies.weighting_figure import PLACES, difference
 from tests.repository import ROOT, exhaustive
 
 DOCS = ROOT / "docs"
@@ -81,6 +82,26 @@ def test_pages_on_learning_a_place_have_what_the_study_prints():
     for row in range(0, 8, 2):
         cells = f"| {counts[row]} | {numbers[row]} | {numbers[row + 1]} |"
         assert cells in page
+
+
+def test_the_page_of_weighting_has_the_differences_of_its_table():
+    rows = pl.read_csv(DOCS / "weighting.csv")
+    page = (DOCS / "weighting.md").read_text(encoding="utf-8")
+    pairs = [
+        *(("papers, " + name, "papers") for name in ("quantised", "shuffled", "cnd")),
+        ("papers, quantised", "papers, shuffled"),
+        ("papers, quantised", "papers, cnd"),
+        ("anchors, symbols", "anchors, nothing"),
+        ("anchors, geometry", "anchors, nothing"),
+        ("anchors, both", "anchors, geometry"),
+    ]
+    lines = re.findall(r"(?m)^\| .* \| (−.* ± .*) \| (−.* ± .*) \|$", page)
+    for arm, reference in pairs:
+        cells = [difference(rows, place, arm, reference) for place in PLACES]
+        assert tuple(map(str, cells)) in lines, (arm, reference)
+    grey = difference(rows, "zara2", "anchors, symbols", "anchors, nothing")
+    assert not grey.answered
+    assert difference(rows, "zara2", "papers, cnd", "papers").answered
 
 
 def test_the_page_of_places_left_out_is_what_its_study_prints(capsys):
