@@ -79,7 +79,7 @@ def export_onnx(model: Model, samples: int = 20, points: bool = False) -> bytes:
     """
     spec = model.forecaster.noise
     properties = {
-        "model": model.name,
+        "model": model.forecaster.title,
         "period": f"{model.config.period:g}",
         "noise": spec.distribution if spec.dim else "none",
     }

@@ -296,7 +296,10 @@ def load_model(
     Raises:
         InputError: for a path that is no model, is damaged, or has another format.
     """
-    path = find_model(path, dataset, pred_len)
+    typed, path = str(path), find_model(path, dataset, pred_len)
+    # A folder of this name may lie here, and holds another model.
+    ships = path.parent == _shipped_folder()
+    called = RECOMMENDED if typed == RECOMMENDED and ships else ""
     if os.path.isfile(path):
         from neurosym_jax.interop.checkpoint import load_torch_checkpoint
 
@@ -313,7 +316,7 @@ def load_model(
         )
         raise InputError(f"{path}: no such model ({hint})")
     try:
-        return _read(path)
+        return dataclasses.replace(_read(path), called=called)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or type(error).__name__}") from None
     except InputError as error:
@@ -414,7 +417,7 @@ def _card(model: Model) -> str:
     tested = f", to be tested on {model.dataset}" if model.dataset else ""
     assumed = f"\nAssumed of its torch checkpoint: {'; '.join(model.assumed)}.\n"
     return (
-        f"# {model.name}{tested}\n\n"
+        f"# {model.forecaster.title}{tested}\n\n"
         f"Forecasts {config.pred_len} steps of {config.period:g} s from {config.obs_len} observed "
         f"ones. `neurosym_jax.load_model` reads this folder.\n{assumed if model.assumed else ''}"
     )

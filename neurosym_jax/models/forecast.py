@@ -102,11 +102,13 @@ class Model:
     """Steps of training after which its parameters were kept; None where it is not known."""
     recipe: str = ""
     """Digest of its recipe without the seed; empty where it is not known."""
+    called: str = ""
+    """Name by which `load_model` was asked for it, if that is `recommended`."""
 
     @property
     def name(self) -> str:
-        """Name in tables: the forecaster's title."""
-        return self.forecaster.title
+        """Name in tables: `recommended`, if it was called so, else the forecaster's title."""
+        return self.called or self.forecaster.title
 
     @property
     def forecaster(self) -> Forecaster:

@@ -2,8 +2,10 @@ import dataclasses
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import neurosym_jax as nj
 from neurosym_jax import load_model
 from neurosym_jax.commands.models import run
 from neurosym_jax.errors import InputError, InputWarning
@@ -122,3 +124,18 @@ def test_recommended_is_called_what_was_typed():
     model = load_model(place)
     assert spoken_name("recommended", place, model) == "recommended (anchors_zara1_12)"
     assert spoken_name("anchors_zara1_12", place, model) == "anchors"
+
+
+def test_a_model_is_called_recommended_in_tables_if_it_was_asked_for_so(tmp_path):
+    """Commands said `recommended` and Python `anchors`, of the same model."""
+    model = load_model("recommended")
+    walk = np.arange(24)[:, None] * [0.5, 0.0]
+    people = [(step, who) for step in range(24) for who in (0, 1)]
+    rows = [f"{0.4 * t:.1f},{who},{walk[t, 0]},{who}" for t, who in people]
+    (tmp_path / "a.csv").write_text("\n".join(["time,id,x,y", *rows]))
+    table = nj.evaluate(model, tmp_path / "a.csv", samples=2, baselines=())
+    assert table["model"].to_list() == ["recommended"]
+    assert load_model("anchors_general_8").name == "anchors"
+    save_model(tmp_path / "copy", model)
+    assert load_model(tmp_path / "copy").name == "anchors"
+    assert (tmp_path / "copy/README.md").read_text().count("recommended") == 0
