@@ -13,7 +13,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from PIL import Image, ImageSequence
+from PIL import Image
 
 from neurosym_jax import load_model, predict, predict_distribution
 from neurosym_jax.data.recordings import open_source
@@ -94,12 +94,6 @@ def _animate(model: Any, windows: Windows, path: Path) -> Path:
         moments.append(Moment(scene.agent, past, draws))
     title = f"{PLACE}: the next 4.8 s, by recommended"
     save_animation(plot_animation(moments, title=title), path, PERIOD)
-    with Image.open(path) as whole:
-        frames = [frame.convert("RGB") for frame in ImageSequence.Iterator(whole)]
-    method = Image.Quantize.FASTOCTREE
-    images = [frame.quantize(64, method, dither=Image.Dither.NONE) for frame in frames]
-    options: Any = {"duration": 400, "loop": 0, "optimize": True}
-    images[0].save(path, save_all=True, append_images=images[1:], **options)
     return path
 
 

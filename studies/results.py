@@ -164,10 +164,8 @@ Joint error on eth by Joint Metrics Matter's protocol, second hand but for ours 
 
 - Means over {seeds} seeds of the noise. Each row is of one training unless it says how many.
 - Intervals are Student's t over trainings; rows of one training have none. A mean over data sets takes them as independent.
-- Scenes / people at 8 + 8: {sizes_8}. At 8 + 12: {sizes_12}.
-- Of SGAN and NeuroSyM for eth and zara1 `results.csv` has three trainings each, whose intervals overlap. The NeuroSyM that ships
-  for eth at 8 + 12 (0.57) is the best of its three (0.63 ± 0.12).
-- "Windows of one person too" in `results.csv` is the protocol of Joint Metrics Matter, with means over scenes.
+- The NeuroSyM that ships for eth at 8 + 12 (0.57) is the best of three trainings (0.63 ± 0.12). [Every
+  number](../studies/pages/by_data_set.md) is a page of its own.
 - The test sets were used before: earlier recipes were published on them ([what was chosen on
   what](../studies/pages/recipe.md#what-was-chosen-on-what)).
 - The commands are in the first lines of `studies/results.py`.
@@ -192,13 +190,6 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 def document(rows: Sequence[dict[str, Any]]) -> str:
     """The page."""
-    sizes = {}
-    for steps in (8, 12):
-        texts = []
-        for row in rows:
-            if row["pred_len"] == steps and row["model"] == rows[0]["model"]:
-                texts.append(f"{row['dataset']} {row['scenes']} / {row['agents']}")
-        sizes[f"sizes_{steps}"] = ", ".join(texts)
     return PAGE.format(
         headline=HEADLINE,
         means=_means(rows),
@@ -206,7 +197,6 @@ def document(rows: Sequence[dict[str, Any]]) -> str:
         distribution=_distribution(),
         samples=max(row["samples"] for row in rows),
         seeds=max(row["seeds"] for row in rows),
-        **sizes,
     )
 
 

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.colors import to_rgb
+from PIL import Image
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.plotting import style
@@ -91,11 +93,37 @@ def save_animation(animation: FuncAnimation, path: str | Path, period: float) ->
     """
     path = Path(path)
     check_animation(path)
-    writer = FFMpegWriter if path.suffix.lower() == ".mp4" else PillowWriter
+    writer = FFMpegWriter if path.suffix.lower() == ".mp4" else _GifWriter
     rate: Any = 1 / period  # A film may have 2.5 pictures a second.
     with new_file(path) as beside:
         animation.save(str(beside), writer=writer(fps=rate))
     return path
+
+
+class _GifWriter(PillowWriter):
+    """Writes pictures in the colours of our figures.
+
+    A palette of a picture's own, which Pillow makes, changes the colours of few dots.
+    """
+
+    def finish(self) -> None:
+        """Write the file."""
+        palette = Image.new("P", (1, 1))
+        palette.putpalette(_shades().tobytes())
+        none = Image.Dither.NONE
+        pictures = [frame.convert("RGB") for frame in self._frames]
+        self._frames = [
+            picture.quantize(palette=palette, dither=none) for picture in pictures
+        ]
+        super().finish()
+
+
+def _shades() -> np.ndarray:
+    """[n, 3] uint8: every colour of our figures and black, in steps to white."""
+    steps = np.linspace(0, 1, 14)[:, None]
+    colours = [to_rgb(name) for name in (*style.PALETTE, style.INK, "black")]
+    shades = [steps * colour + (1 - steps) for colour in np.array(colours)]
+    return np.unique((255 * np.concatenate(shades)).round().astype(np.uint8), axis=0)
 
 
 def check_animation(path: Path) -> None:

@@ -4,13 +4,14 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import matplotlib.colors
 import numpy as np
 import pytest
 from PIL import Image
 
 from neurosym_jax.commands.animate import run
 from neurosym_jax.errors import InputError
-from neurosym_jax.plotting import Moment, plot_animation, save_animation
+from neurosym_jax.plotting import PALETTE, Moment, plot_animation, save_animation
 
 SGAN = Path("sgan_zara1_8")
 
@@ -56,6 +57,21 @@ def test_each_person_has_a_colour_and_the_picture_shows_everybody(tmp_path):
         assert image.info["duration"] == 200
         colours = [image_colours(image, number) for number in range(2)]
     assert len(colours[0] - colours[1]) > 0
+
+
+def test_people_of_a_crowd_keep_their_colours_in_a_gif(tmp_path):
+    """Pillow's own palette, of many blends, has brown for the dot of an orange person."""
+    number = len(PALETTE)
+    rng = np.random.default_rng(0)
+    observed = np.cumsum(rng.normal(0.4, 0.1, (number, 8, 2)), axis=1)
+    observed[:, :, 1] += 2 * np.arange(number)[:, None]
+    steps = np.cumsum(rng.normal(0.4, 0.5, (40, number, 12, 2)), axis=2)
+    moment = Moment(np.arange(number), observed, observed[:, None, -1] + steps)
+    path = save_animation(plot_animation([moment] * 2), tmp_path / "a.gif", 0.4)
+    with Image.open(path) as image:
+        dots = np.asarray(image.convert("RGB")).reshape(-1, 3)
+    for colour in map(matplotlib.colors.to_rgb, PALETTE):
+        assert (dots == np.round(255 * np.array(colour))).all(axis=1).sum() > 10
 
 
 def test_most_of_what_people_may_do_is_within_the_picture(tmp_path):
