@@ -6,8 +6,7 @@ rosbags is imported when a bag is read.
 import dataclasses
 from pathlib import Path
 
-from neurosym_jax.data.recordings import register_format
-from neurosym_jax.data.tables import Format, ReadOptions
+from neurosym_jax.data.tables import Format, ReadOptions, register_format
 from neurosym_jax.data.tracks import Tracks
 from neurosym_robot.ros.definitions import is_bag
 

@@ -25,7 +25,7 @@ from sybil.parsers.markdown import CodeBlockParser
 
 import neurosym_jax as nj
 from neurosym_jax.__main__ import main
-from neurosym_jax.data.recordings import FORMATS
+from neurosym_jax.data.tables import FORMATS
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.models.forecaster import FORECASTERS
 from neurosym_jax.symbolic.weighting import WEIGHTINGS

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from types import ModuleType
 
 from neurosym_jax import plugins
-from neurosym_jax.data.recordings import FORMATS
+from neurosym_jax.data.tables import FORMATS
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.models.forecaster import FORECASTERS
 from neurosym_jax.models.sgan.network import POOLINGS

@@ -15,17 +15,27 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import docstring_parser
 import yaml
 from tyro.conf import OmitArgPrefixes, Positional
 
-from neurosym_jax.data.recordings import Source, Synthetic, open_source
 from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.plugins import installed_version, loaded
 from neurosym_jax.runtime.foreign import read_yaml
+
+if TYPE_CHECKING:
+    from neurosym_jax.data.recordings import Source
 
 __all__ = [
     "Positional",
@@ -361,13 +371,16 @@ def open_data(
     dataset: str | None,
     *files: object,
     **options: Any,
-) -> Source:
+) -> "Source":
     """Open the source that --data and --dataset name, see `open_source`.
 
     Raises:
         InputError: for options of reading where neither the source nor any of `files`
             is read.
     """
+    # Only here, so that a robot's commands need no library of tables.
+    from neurosym_jax.data.recordings import Synthetic, open_source
+
     source = open_source(data, dataset, read=read, **options)
     if isinstance(source, Synthetic) and not any(files):
         refuse_unused(read, vars(read), "on simulations (--data names recordings)")

@@ -6,11 +6,11 @@ from .recordings import Source as Source
 from .recordings import Synthetic as Synthetic
 from .recordings import open_source as open_source
 from .recordings import read_any as read_any
-from .recordings import register_format as register_format
 from .recordings import windows_from as windows_from
 from .tables import Format as Format
 from .tables import Head as Head
 from .tables import ReadOptions as ReadOptions
+from .tables import register_format as register_format
 from .tracks import Reading as Reading
 from .tracks import Tracks as Tracks
 from .tracks import make_tracks as make_tracks

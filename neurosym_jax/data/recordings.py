@@ -1,5 +1,5 @@
-"""Recordings by name, folder or file: the table of formats, what is read of a folder, and
-sources of windows.
+"""Recordings by name, folder or file: their format, what is read of a folder, and sources of
+windows.
 """
 
 import abc
@@ -19,19 +19,18 @@ from neurosym_jax.data.columns import (
     vocabulary,
 )
 from neurosym_jax.data.evidence import judge
-from neurosym_jax.data.readers import columns, storage, thor, trajnet
+from neurosym_jax.data.readers import columns, storage
 from neurosym_jax.data.readers.storage import FRAME, is_frame, table_of
-from neurosym_jax.data.tables import AS_IT_SAYS, Format, ReadOptions, read_head
+from neurosym_jax.data.tables import AS_IT_SAYS, FORMATS, Format, ReadOptions, read_head
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, brief, option, printable
-from neurosym_jax.plugins import Registry, load_entry_points
+from neurosym_jax.plugins import load_entry_points
 from neurosym_jax.runtime.foreign import reading
 
 if TYPE_CHECKING:
     from neurosym_jax.data.windows import Windows
 
 __all__ = [
-    "FORMATS",
     "GENERAL",
     "SCENES",
     "EthUcy",
@@ -50,13 +49,12 @@ __all__ = [
     "read_any",
     "recordings_in",
     "refuse_useless",
-    "register_format",
     "split_files",
     "windows_from",
 ]
 
 
-# The table of file formats, and reading with the one that knows how a file begins.
+# Reading with the format that knows how a file begins.
 
 # Endings of the files that are taken from a folder.
 SUFFIXES = (".txt", ".csv", ".tsv", ".ndjson", ".json", ".gz", ".parquet", ".feather")
@@ -72,28 +70,6 @@ SUFFIXES += (
     ".mat",
     ".xlsx",
 )
-
-FORMATS: Registry[type[Format]] = Registry(
-    "format",
-    {
-        "text": columns.Text,
-        "columns": columns.Columns,
-        "obsmat": columns.Obsmat,
-        "stanford": columns.Stanford,
-        "mot": columns.Mot,
-        "mot_results": columns.MotResults,
-        "qtm": thor.Qtm,
-        "tracklets": thor.Tracklets,
-        "cliff": columns.Cliff,
-        "storage": storage.Storage,
-        "json": storage.Json,
-        "trajnet": trajnet.Trajnet,
-    },
-)
-"""The last is asked first whether it knows a file; `text` takes what no other format knows."""
-
-register_format = FORMATS.register
-"""Decorate a class of `Format` with its name."""
 
 
 def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:

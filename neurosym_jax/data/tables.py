@@ -1,5 +1,5 @@
-"""Files to tables: the options of reading, the head of a file, a format's class, and a
-table of text columns.
+"""Files to tables: the options of reading, the head of a file, the table of formats, and
+a table of text columns.
 """
 
 import abc
@@ -17,19 +17,23 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
-import polars as pl
 from numpy.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, Positive, refuse
 from neurosym_jax.data.tracks import Reading, Tracks, make_tracks
 from neurosym_jax.errors import InputError, option, printable
+from neurosym_jax.plugins import Registry
 from neurosym_jax.runtime.foreign import TIMES, UNPACKED
+
+if TYPE_CHECKING:
+    import polars as pl
 
 __all__ = [
     "AS_IT_SAYS",
+    "FORMATS",
     "GUARDS",
     "STEPS",
     "Format",
@@ -44,6 +48,7 @@ __all__ = [
     "read_head",
     "read_table",
     "read_text_file",
+    "register_format",
     "separator_of",
 ]
 
@@ -270,6 +275,30 @@ class Format(abc.ABC):
         """The recordings in a file; where frames are numbered, one step is `period` seconds."""
 
 
+_READERS = "neurosym_jax.data.readers"
+FORMATS: Registry[type[Format]] = Registry(
+    "format",
+    modules={
+        "text": f"{_READERS}.columns:Text",
+        "columns": f"{_READERS}.columns:Columns",
+        "obsmat": f"{_READERS}.columns:Obsmat",
+        "stanford": f"{_READERS}.columns:Stanford",
+        "mot": f"{_READERS}.columns:Mot",
+        "mot_results": f"{_READERS}.columns:MotResults",
+        "qtm": f"{_READERS}.thor:Qtm",
+        "tracklets": f"{_READERS}.thor:Tracklets",
+        "cliff": f"{_READERS}.columns:Cliff",
+        "storage": f"{_READERS}.storage:Storage",
+        "json": f"{_READERS}.storage:Json",
+        "trajnet": f"{_READERS}.trajnet:Trajnet",
+    },
+)
+"""The last is asked first whether it knows a file; `text` takes what no other format knows."""
+
+register_format = FORMATS.register
+"""Decorate a class of `Format` with its name."""
+
+
 def read_text_file(path: Path) -> str:
     """The text of a file in UTF-8, UTF-16 or Windows-1252, without byte-order mark.
 
@@ -366,7 +395,7 @@ class Table:
 
     path: Path
     names: Sequence[str]  # of the C columns; 1, 2, ... without a header
-    fields: pl.Series  # [R] lists of C texts
+    fields: "pl.Series"  # [R] lists of C texts
     row: np.ndarray  # [R] lines of the file
     comments: tuple[str, ...] = ()  # before the first row, without #
     facts: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -407,21 +436,23 @@ class Table:
             left_out=left_out,
         )
 
-    def with_column(self, name: str, texts: pl.Series) -> "Table":
+    def with_column(self, name: str, texts: "pl.Series") -> "Table":
         """The table with one more column, [R] texts."""
         fields = self.fields.list.concat(texts)
         return dataclasses.replace(self, names=[*self.names, name], fields=fields)
 
-    def column(self, place: int) -> pl.Series:
+    def column(self, place: int) -> "pl.Series":
         """[R] texts of a column, without blanks and quotes around them."""
         return self.fields.list.get(place).str.strip_chars(BLANKS)
 
-    def words(self, place: int) -> pl.Series:
+    def words(self, place: int) -> "pl.Series":
         """[R] texts of a column in lower-case letters."""
         return self.column(place).str.to_lowercase()
 
     def numbers(self, *places: int, missing: bool = False) -> np.ndarray:
         """[R, columns] finite float64; if fields may be `missing`, empty ones and nan are NaN."""
+        import polars as pl
+
         texts = self.fields.list.gather(list(places)).explode().str.strip_chars(BLANKS)
         values = texts.cast(pl.Float64, strict=False)
         usable = values.is_finite().fill_null(False) | (missing & absent(texts))
@@ -453,6 +484,8 @@ class Table:
             InputError: for a missing id, and two that are one number (1, 1.0) or word
                 (P1, p01).
         """
+        import polars as pl
+
         texts = self.column(place).str.strip_prefix(prefix)
         self.refuse(
             absent(texts).to_numpy(), lambda at: f"the id is missing ({texts[at]!r})"
@@ -481,6 +514,8 @@ class Table:
     def extra(self, place: int, texts: bool = True) -> np.ndarray:
         """[R] float64 numbers, else with `texts` 0, 1, ... in order of text; NaN where a field is
         missing or, without, no number."""
+        import polars as pl
+
         column = self.column(place)
         column = column.set(absent(column), None)
         values = column.cast(pl.Float64, strict=False)
@@ -577,7 +612,7 @@ def _backward_rows(stamp: np.ndarray, id: np.ndarray) -> np.ndarray:
     return order[1:][is_earlier & same]
 
 
-def absent(texts: pl.Series) -> pl.Series:
+def absent(texts: "pl.Series") -> "pl.Series":
     """[R] bool: fields that say that there is no value."""
     words = ("", "nan", "null", "none", "na", "n/a", "<na>", "nat", "?")
     return texts.str.to_lowercase().is_in(words)
@@ -634,13 +669,15 @@ def read_table(
     return table
 
 
-def _lines_of(path: Path) -> tuple[pl.Series, np.ndarray, tuple[str, ...]]:
+def _lines_of(path: Path) -> "tuple[pl.Series, np.ndarray, tuple[str, ...]]":
     """[R] lines of a file that are no comments nor empty, their [R] numbers from 1, and the
     comments before the first, without #.
 
     Raises:
         InputError: for XML, and what is no text.
     """
+    import polars as pl
+
     text = pl.Series([read_text_file(path)])
     lines = text.str.split("\n").explode().str.strip_chars(" \r")
     is_comment = lines.str.starts_with("#")
@@ -672,7 +709,7 @@ def _stripped(fields: Sequence[str]) -> list[str]:
     return [field.strip(BLANKS) for field in fields]
 
 
-def _refuse_other_widths(table: Table, lines: pl.Series) -> None:
+def _refuse_other_widths(table: Table, lines: "pl.Series") -> None:
     """Refuse the first of the `lines` [R] that has not one field for each name."""
     width = len(table.names)
     widths = table.fields.list.len().to_numpy()
@@ -731,8 +768,10 @@ def _are_decimal_commas(text: str) -> bool:
     return commas > 0 and commas == text.count(",") and not has_points
 
 
-def _split(path: Path, lines: pl.Series, mark: str) -> pl.Series:
+def _split(path: Path, lines: "pl.Series", mark: str) -> "pl.Series":
     """[R] lists of the fields of `lines` [R], which may be quoted."""
+    import polars as pl
+
     if not lines.str.contains('"', literal=True).any():
         return lines.str.split(mark)
     reader = csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)

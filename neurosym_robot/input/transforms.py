@@ -14,7 +14,6 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from neurosym_robot.ros.definitions import seconds_of
 
@@ -213,12 +212,21 @@ class Transforms:
             if stamp is None and not edge.poses:
                 raise NotYet(f"where {frame} lies is not known yet")
             pose = edge.poses[-1][1] if stamp is None else edge.at(frame, stamp, hold)
-            step[:3, :3], step[:3, 3] = (
-                Rotation.from_quat(pose[3:]).as_matrix(),
-                pose[:3],
-            )
+            step[:3, :3], step[:3, 3] = rotation_of(pose[3:]), pose[:3]
             matrix = step @ matrix
         return matrix
+
+
+def rotation_of(quaternion: np.ndarray) -> np.ndarray:
+    """[3, 3] of a quaternion x, y, z, w of any length but 0."""
+    x, y, z, w = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def is_fixed(frame: str) -> bool:

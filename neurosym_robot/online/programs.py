@@ -25,7 +25,8 @@ class Programs:
     ):
         """Compile at the start, or begin to.
 
-        `sizes` are the numbers of people that have a program each, ascending;
+        `sizes` are the numbers of people that have a program each, ascending; without
+        any, every number is forecast as it is;
         `forecast` forecasts such a number; `report` is called with one line before it
         is compiled.
         """
@@ -38,7 +39,7 @@ class Programs:
         self._begun: set[int] = set()
         self._ready: set[int] = set()
         self._tasks: list[tuple[int, Use]] = []
-        self._wanted = sizes[0]
+        self._wanted = min(sizes, default=0)
         self._lock = threading.Lock()
         self.waiting = False
         """Whether programs are still to be compiled in the thread."""
@@ -48,7 +49,7 @@ class Programs:
         """Compile what computes something of a forecast by doing so, or begin to."""
         with self._lock:
             self._tasks += [(size, use) for size in self.sizes]
-            begin = self._when == "meanwhile" and not self.waiting
+            begin = self._when == "meanwhile" and bool(self._tasks) and not self.waiting
             self.waiting |= begin
         if begin:
             # Not a daemon: a process that ends while XLA compiles would crash.
@@ -58,6 +59,8 @@ class Programs:
 
     def fit(self, people: int) -> int:
         """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""
+        if not self.sizes:
+            return people
         size_wanted = next(
             (size for size in self.sizes if size >= people), self.sizes[-1]
         )

@@ -55,22 +55,10 @@ def read_frames(
         InputError: naming the file and the reason, possibly after some frames of a
             damaged bag.
     """
-    from neurosym_jax.data.recordings import format_of, read_any, refuse_useless
-
     path, *others = paths = [paths] if isinstance(paths, Path) else list(paths)
     if all(map(is_bag, paths)):
-        form = format_of(path, options)
-        if not form.owns(path):
-            raise InputError(
-                f"{path}: is a bag, not {option('format', options.format)}"
-            )
-        refuse_useless(path, form, options)
-        frame = getattr(form, "fixed_frame", "")
-        if frame:
-            raise InputError(
-                f"{path}: the frame of a stream is {option('fixed_frame', frame)}"
-            )
-        return read_people(paths, getattr(form, "topic", None), source)
+        topic = None if options == AS_IT_SAYS else _topic_of(path, options)
+        return read_people(paths, topic, source)
     if others:
         raise InputError(
             f"{path}: with {others[0]}; several files must be parts of one bag"
@@ -79,6 +67,9 @@ def read_frames(
         raise InputError(
             f"{path}: " + ("not a bag" if os.path.exists(path) else "no such file")
         )
+    # Only here: a node and a bag need no library of tables.
+    from neurosym_jax.data.recordings import read_any
+
     recordings = read_any(path, options)
     if len(recordings) != 1:
         raise InputError(
@@ -89,6 +80,26 @@ def read_frames(
         ids = np.array([id_of_name(name) for name in tracks.names])
         tracks = tracks.with_ids(ids[tracks.id])
     return frames_of_tracks(tracks)
+
+
+def _topic_of(path: Path, options: ReadOptions) -> str | None:
+    """The topic that `options` name of a bag.
+
+    Raises:
+        InputError: for an option that a bag does not use, or another format.
+    """
+    from neurosym_jax.data.recordings import format_of, refuse_useless
+
+    form = format_of(path, options)
+    if not form.owns(path):
+        raise InputError(f"{path}: is a bag, not {option('format', options.format)}")
+    refuse_useless(path, form, options)
+    frame = getattr(form, "fixed_frame", "")
+    if frame:
+        raise InputError(
+            f"{path}: the frame of a stream is {option('fixed_frame', frame)}"
+        )
+    return getattr(form, "topic", None)
 
 
 def read_bag(

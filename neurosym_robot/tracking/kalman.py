@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment
 
 from neurosym_jax.configuration import Checked, NotNegative
 from neurosym_robot.tracking.following import FAR
@@ -193,6 +192,9 @@ class KalmanFilter:
 
 def _assigned(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the cheapest pairs of `cost [R, C]` that can be."""
+    # It takes a third of a second to import, and most streams have ids.
+    from scipy.optimize import linear_sum_assignment
+
     row, column = linear_sum_assignment(cost)
     can_be = cost[row, column] < NEVER
     return row[can_be], column[can_be]

@@ -141,7 +141,8 @@ def test_each_lot_has_a_part_of_its_own():
 
 def test_forecasts_are_those_of_jax(model, file):
     options = {"samples": 6, "max_people": PEOPLE, "compile": "needed", "hold": 1.0}
-    ours = Predictor(OnnxModel(file), **options)
+    reports = []
+    ours = Predictor(OnnxModel(file), **options, report=reports.append)
     theirs = Predictor(model, **options)
     assert ours.is_light
     assert not theirs.is_light
@@ -155,6 +156,7 @@ def test_forecasts_are_those_of_jax(model, file):
         assert one.central == other.central
         if len(first.ids):
             assert_allclose(one.probability, other.probability, atol=1e-5)
+    assert not reports  # Nothing is compiled.
     # The draws are of the same distribution, by other random numbers, which stay.
     assert one.draws.shape == other.draws.shape
     last = first.observed[:, -1:]
@@ -168,11 +170,11 @@ def test_forecasts_are_those_of_jax(model, file):
 
 
 BLOCK = """
-import sys
+import os, sys
 
 class Blocked:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in ("jax", "jaxlib", "flax", "optax", "orbax"):
+        if name.partition(".")[0] in os.environ["BLOCKED"].split():
             raise ImportError(f"{name} is not here")
 
 sys.meta_path.insert(0, Blocked())
@@ -198,6 +200,7 @@ assert "published" in status.table() or "ADE" in status.table(), status.table()
 assert "jax" not in sys.modules
 np.savez(sys.argv[3], samples=result.samples, radius=result.regions.radius)
 """
+JAX = "jax jaxlib flax optax orbax"
 COMMAND = f"""{BLOCK}
 from neurosym_jax.__main__ import main
 main(sys.argv[1:])
@@ -212,7 +215,10 @@ def test_it_needs_no_jax(model, file, tmp_path):
     np.save(tmp_path / "frames.npy", frames, allow_pickle=True)
     words = [WITHOUT_JAX, file, tmp_path / "frames.npy", tmp_path / "out.npz"]
     command = [sys.executable, "-c", *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    environment = os.environ | {"BLOCKED": JAX}
+    done = subprocess.run(
+        command, capture_output=True, text=True, cwd=ROOT, env=environment
+    )
     assert done.returncode == 0, done.stderr
     result = np.load(tmp_path / "out.npz")
     options = {"samples": 6, "max_people": PEOPLE, "compile": "needed", "hold": 1.0}
@@ -225,10 +231,11 @@ def test_it_needs_no_jax(model, file, tmp_path):
     assert (result["radius"] > 0).all()
 
 
-def run_without_jax(folder, *words, check=True):
-    """A command in a process in which JAX cannot be imported."""
+def run_without_jax(folder, *words, check=True, others=""):
+    """A command in a process in which neither JAX nor `others` can be imported."""
     command = [sys.executable, "-c", COMMAND, *map(str, words)]
     paths = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder)}
+    paths["BLOCKED"] = f"{JAX} {others}"
     done = subprocess.run(
         command, capture_output=True, text=True, cwd=folder, env=os.environ | paths
     )
@@ -261,6 +268,9 @@ def test_commands_need_no_jax(file, tracks):
         topics = set(bag.topics)
     assert "/hri/human_poses_prediction/samples" in topics
     assert not any(topic.endswith("/events") for topic in topics)
+    # A bag, as a node, needs no library of tables or of assignments.
+    heavy = "polars scipy matplotlib"
+    run_without_jax(folder, "replay", "out.bag", *light, others=heavy)
     run_without_jax(folder, "stitch", tracks, "--out", "mended.txt")
     for command in ("replay", "ros1", "ros2", "stitch"):
         run_without_jax(folder, command, "--help")
