@@ -5,6 +5,7 @@ from types import SimpleNamespace as Fields
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 from neurosym_jax.errors import InputError
 from neurosym_robot.input.kinds import (
@@ -17,6 +18,7 @@ from neurosym_robot.input.kinds import (
     see,
 )
 from neurosym_robot.input.source import WAIT, PeopleSource
+from neurosym_robot.input.transforms import rotation_of
 from neurosym_robot.ros.definitions import PEOPLE
 from neurosym_robot.tracking.names import UNNAMED, id_of_name, name_of
 from tests.robot.input.robot import transform
@@ -491,3 +493,9 @@ def test_one_message_out_of_order_is_left_out():
     frames = [frame.stamp for at in stamps for frame in source.take(PEOPLE, people(at))]
     assert frames == [1.0, 1.1, 1.2, 1.5]
     assert source.refused == {"out of order": 2}
+
+
+def test_quaternions_turn_as_in_scipy():
+    for quaternion in np.random.default_rng(0).normal(0, 3, (20, 4)):
+        expected = Rotation.from_quat(quaternion).as_matrix()
+        assert_allclose(rotation_of(quaternion), expected, atol=1e-12)
