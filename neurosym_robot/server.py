@@ -73,7 +73,7 @@ class Ring:
             oldest = self.newest + 1 - len(self._blocks)
             first = max(number + 1, oldest)
             last = min(first + most, self.newest + 1)
-            return first, [self._blocks[each - oldest] for each in range(first, last)]
+            return first, [self._blocks[n - oldest] for n in range(first, last)]
 
 
 class BoundedServer(socketserver.ThreadingMixIn, socketserver.TCPServer):

@@ -82,14 +82,14 @@ def pair_terms(
     moved = points - (repair.offset + repair.tracks[:, -1])[:, None]
     parting = COHESION * np.minimum(partings(moved, first, second) / FAR, 1)
     terms: dict[int, list[Term]] = {}
-    for pair, (one, other) in enumerate(zip(first.tolist(), second.tolist())):
-        for person, companion in ((one, other), (other, one)):
+    for pair, people in enumerate(zip(first.tolist(), second.tolist())):
+        for person, companion in (people, people[::-1]):
             if not related[person, companion]:
                 continue
             cost = overlap[pair] + together[person, companion] * parting[pair]
             if not cost.any():
                 continue
-            if person == other:
+            if person > companion:  # The second of the pair.
                 cost = cost.T
             terms.setdefault(person, []).append(Term(companion, cost))
     return dict(sorted(terms.items()))
@@ -156,16 +156,16 @@ def overlaps(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nd
     # In parts that stay in the cache.
     for begin in range(0, len(first), PART):
         part = slice(begin, begin + PART)
-        one, other = first[part], second[part]
-        product = ways[other] @ ways[one].swapaxes(-1, -2)
-        gap = square[other][..., None] + square[one][:, :, None] - 2 * product
+        left, right = first[part], second[part]
+        product = ways[right] @ ways[left].swapaxes(-1, -2)
+        gap = square[right][..., None] + square[left][:, :, None] - 2 * product
         # Between two steps they come no nearer than by half of what both go.
-        reach = hop[other][:, :, None] + hop[one][:, None]
+        reach = hop[right][:, :, None] + hop[left][:, None]
         reach = DISTANCE + reach / 2 + SLACK
-        pair, theirs, own = np.nonzero(gap.min(axis=1) < np.square(reach))
-        offset = steps[:, :, one[pair], own] - steps[:, :, other[pair], theirs]
+        pair, row, column = np.nonzero(gap.min(axis=1) < np.square(reach))
+        offset = steps[:, :, left[pair], column] - steps[:, :, right[pair], row]
         share = 1 - np.sqrt(_least_square(*offset)) / DISTANCE
-        overlap[begin + pair, theirs, own] = np.maximum(share, 0)
+        overlap[begin + pair, row, column] = np.maximum(share, 0)
     return overlap
 
 

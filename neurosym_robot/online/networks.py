@@ -50,7 +50,7 @@ class Network:
         """
         scene = make_scene(observed.positions, recording=recording, frame=frame)
         if self._takes_short:
-            scene = scene.replace(seen=observed.known)
+            scene = scene.replace(seen=observed.sighted)
         padded = pad_scene(scene, slots)
         return Pending(scene, padded, self._forecaster.start(padded))
 

@@ -144,9 +144,9 @@ class Predictor:
         draws on no step. With `repair`, SGAN and NeuroSyM see plausible tracks in place
         of tracking errors; anchors always do. A `place` of one of the models watches
         whoever is forecast, and that model's draws take from it. `report` is called
-        with one line before each program is compiled, after which the process's
-        objects are frozen (`gc.freeze`). InputError for numbers out of range, no model,
-        models that observe different spans, or a place of another model or period.
+        with a line before each program is compiled; then the process's objects are
+        frozen (`gc.freeze`). InputError for numbers out of range, no model, models that
+        observe different spans, or a place of another model or period.
         """
         self.models = _by_name(models)
         steps, step = _common_steps(self.models, period)
@@ -168,10 +168,8 @@ class Predictor:
         self.waited = 0.0
         """Seconds so far that forecasts waited for programs that they needed."""
         options = samples, seed, repair, max_people
-        self._networks = {
-            name: _network_of(model, *options) for name, model in self.models.items()
-        }
-        networks = [*self._networks.values()]
+        networks = [_network_of(model, *options) for model in self.models.values()]
+        self._networks = dict(zip(self.models, networks))
         self.is_light = all(isinstance(network, OnnxNetwork) for network in networks)
         """Whether it forecasts without JAX, and so scores no more than what is published."""
         self._repairs = any(network.repairs for network in networks)
@@ -279,9 +277,9 @@ class Predictor:
         """The forecast of `size` people, for whom programs are compiled."""
         zeros = np.zeros(size)
         positions = np.zeros((size, self.window.steps, 2))
-        known = np.ones(positions.shape[:2], bool)
+        sighted = np.ones(positions.shape[:2], bool)
         observed = Observed(
-            np.arange(size), positions, zeros.astype(int), zeros, zeros, known
+            np.arange(size), positions, zeros.astype(int), zeros, zeros, sighted
         )
         recall = None
         if self.place is not None:

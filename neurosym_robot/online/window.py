@@ -98,7 +98,7 @@ class Observed(NamedTuple):
     first sighting is a line through what was seen."""
     doubt: np.ndarray
     """[N] standard deviation of such a line's velocity, m/s; 0 for windows seen as a whole."""
-    known: np.ndarray
+    sighted: np.ndarray
     """[N, steps] bool, False before the first sighting; the last two count as seen."""
 
     def take(self, rows: np.ndarray) -> "Observed":
@@ -205,15 +205,15 @@ class Window:
         positions = self._at(people, np.broadcast_to(times, (len(people), self.steps)))
         now, before = self._at(people, last - [0.0, self.period]).swapaxes(0, 1)
         velocity = (now - before) / self.period
-        known = np.ones((len(people), self.steps), bool)
-        seen, doubt = self._draw_lines(people, times, positions, velocity, known)
+        sighted = np.ones((len(people), self.steps), bool)
+        seen, doubt = self._draw_lines(people, times, positions, velocity, sighted)
 
         ahead = times - last
         unseen = ahead > SNAP
         going_on = now[:, None] + ahead[..., None] * velocity[:, None]
         positions = np.where(unseen[..., None], going_on, positions)
         observed = Observed(
-            self._ids[people], positions, unseen.sum(axis=1), seen, doubt, known
+            self._ids[people], positions, unseen.sum(axis=1), seen, doubt, sighted
         )
         is_whole = np.asarray(np.isfinite(positions).all(axis=(1, 2)))
         return observed.take(is_whole)
@@ -224,11 +224,11 @@ class Window:
         times: np.ndarray,
         positions: np.ndarray,
         velocity: np.ndarray,
-        known: np.ndarray,
+        sighted: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Complete `positions` [N, T, 2], and `velocity` [N, 2], of who was not seen at first.
 
-        `known` [N, T] becomes False there.
+        `sighted` [N, T] becomes False there.
 
         Returns:
             Seconds seen [N], and the standard deviations [N] of the lines' velocities.
@@ -246,7 +246,7 @@ class Window:
             positions[row, drawn] = [
                 line.at(time) for line, time in zip(lines, times[drawn])
             ]
-            known[row, :-LEAST] = times[:-LEAST] >= stamps[0] - SNAP
+            sighted[row, :-LEAST] = times[:-LEAST] >= stamps[0] - SNAP
             doubt[row] = lines[-1].doubt
             velocity[row] = lines[-1].velocity
         return seen, doubt

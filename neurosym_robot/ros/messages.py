@@ -154,7 +154,7 @@ def make_trajectories(
     place, pose, point = map(type, (centroid, centroid.pose, centroid.pose.position))
 
     motion = type(empty.velocity), type(empty.velocity.twist)
-    vector, still = type(empty.velocity.twist.linear), empty.velocity.twist.angular
+    vector, no_turn = type(empty.velocity.twist.linear), empty.velocity.twist.angular
     unknown = np.zeros(36)
     velocity = np.gradient(positions, times, axis=1) if length > 1 else 0 * positions
 
@@ -162,7 +162,7 @@ def make_trajectories(
         centre = place(
             pose(point(*positions[n, step].tolist(), 0.0), turn), spread[n, step]
         )
-        twist = motion[1](vector(*velocity[n, step].tolist(), 0.0), still)
+        twist = motion[1](vector(*velocity[n, step].tolist(), 0.0), no_turn)
         return filled(
             copy.copy(empty),
             id=int(ids[n]) % 2**64,
@@ -256,9 +256,7 @@ def samples_message(
         seen=forecast.seen.astype(np.float32),
         other_ids=np.array([*forecast.dropped], np.int64)[present],
         other_position=forecast.whereabouts[present].ravel(),
-        other_reason=[
-            reason for reason, here in zip(forecast.dropped.values(), present) if here
-        ],
+        other_reason=[*itertools.compress(forecast.dropped.values(), present)],
         levels=np.array(LEVELS, np.float32),
         mean=(regions.mean - last[:, None]).ravel().astype(np.float32),
         covariance=regions.covariance[..., [0, 0, 1], [0, 1, 1]]

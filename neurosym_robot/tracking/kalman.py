@@ -134,8 +134,8 @@ class KalmanFilter:
         """The people now, and [P, N] costs: minus twice the logarithm of a density."""
         people, options = self._people, self.options
         gap = self._stamp - people.stamp
-        zero, one = np.zeros_like(gap), np.ones_like(gap)
-        step = np.moveaxis(np.array([[one, gap], [zero, one]]), -1, 0)
+        step = np.tile(np.eye(2), (len(gap), 1, 1))
+        step[:, 0, 1] = gap
         doubt = np.array([[gap**3 / 3, gap**2 / 2], [gap**2 / 2, gap]])
         covariance = step @ people.covariance @ np.swapaxes(step, 1, 2)
         covariance += options.acceleration**2 * np.moveaxis(doubt, -1, 0)
@@ -163,13 +163,13 @@ class KalmanFilter:
     def _start(self, people: _People, xy: np.ndarray) -> _People:
         """People [P] who were seen once, with the velocity that two detections say."""
         gap = self._stamp - people.stamp
-        one = np.ones_like(gap)
-        covariance = self.noise**2 * np.array([[one, 1 / gap], [1 / gap, 2 / gap**2]])
+        rate = 1 / gap
+        covariance = np.array([[np.ones_like(gap), rate], [rate, 2 * rate**2]])
         return people._replace(
             stamp=np.full(len(xy), self._stamp),
             place=xy,
             velocity=(xy - people.place) / gap[:, None],
-            covariance=np.moveaxis(covariance, -1, 0),
+            covariance=self.noise**2 * np.moveaxis(covariance, -1, 0),
         )
 
     def _update(self, expected: _People, xy: np.ndarray) -> _People:

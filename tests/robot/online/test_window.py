@@ -185,7 +185,7 @@ def test_who_was_seen_twice_has_a_window_by_a_line():
             assert (observed.doubt[row] == 0) == (since > 2.79)
             # A line through two frames tells two steps.
             count = max(int(since / 0.4 + 1e-6) + 1, 2)
-            assert_array_equal(observed.known[row], np.arange(8) >= 8 - count)
+            assert_array_equal(observed.sighted[row], np.arange(8) >= 8 - count)
             way = 0.12 * (n - 4 * np.arange(7, -1, -1)) * (first > 0)
             # Two frames may err: a third of the velocity is not believed yet.
             error = np.abs(observed.positions[row, :, 0] - way).max()
