@@ -128,8 +128,8 @@ every other model at four of them; on Stanford's recordings it is not ahead of t
 At the other six, ETH/UCY and the corridors, its distribution was [chosen](../studies/pages/recipe.md#what-was-chosen-on-what). It
 has the least at all six, significantly ahead of all at five; on eth, with 70 scenes, nothing is significant.
 
-Energy scores in metres at 8 + 12, of recordings that the models have not learned, with half of a 95 % interval. `*` is
-significantly behind the best of its line. The last two columns are of `recommended`. It is one training of each model, and 100 draws
+Energy scores in metres at 8 + 12, of recordings that the models have not learned, with half of a 95 % interval. Here `*`
+is significantly behind the best of its line. The last two columns are of `recommended`. It is one training of each model, and 100 draws
 of one seed. SGAN and NeuroSyM, which ship for ETH/UCY alone, are in [`distribution.csv`](distribution.csv), as is 8 + 8, where
 `recommended` has the least at all twelve:
 
