@@ -46,6 +46,14 @@ document.querySelectorAll("article table:not(.filtered)").forEach((table) => {
   });
 });
 
+// Names in tables are broken behind an underscore, a slash or a dot.
+document.querySelectorAll("article td code").forEach((code) => {
+  [...code.childNodes].filter((node) => node.nodeType === Node.TEXT_NODE).forEach((text) => {
+    const parts = text.data.split(/(?<=[_/.=])/);
+    text.replaceWith(...parts.flatMap((part) => [part, document.createElement("wbr")]).slice(0, -1));
+  });
+});
+
 // Numbers and their intervals stay in one line.
 document.querySelectorAll('article td[style*="right"]').forEach((cell) => {
   cell.classList.toggle("number", cell.textContent.length < 14);
