@@ -17,6 +17,7 @@ class Bag(Format):
     """Bags of ROS 1 and ROS 2, known by their names."""
 
     title = "a bag of ROS 1 or ROS 2 with messages of people"
+    uses = frozenset()
     topic: str | None = None
     """Topic of the people; default: the only one there is."""
     fixed_frame: str = ""

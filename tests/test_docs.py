@@ -8,6 +8,7 @@ import pytest
 from neurosym_jax.__main__ import commands
 from neurosym_jax.data.recordings import read_any
 from neurosym_jax.data.tables import ReadOptions
+from neurosym_jax.errors import InputError
 from tests.commands.walk import options_of
 from tests.repository import ROOT
 
@@ -40,6 +41,10 @@ def test_the_format_of_the_page_reads_a_file(tmp_path):
     (tracks,) = read_any(file, ReadOptions(format="pipes,shift=10"))
     assert read_any(file)[0].position.tolist() == [[1, 2], [1.5, 2]]
     assert tracks.position.tolist() == [[11, 2], [11.5, 2]]
+    (scaled,) = read_any(file, ReadOptions(unit="0.5", flip_y=True))
+    assert scaled.position.tolist() == [[0.5, -1], [0.75, -1]]
+    with pytest.raises(InputError, match="fps is of no use for tracks between pipes"):
+        read_any(file, ReadOptions(fps=25))
 
 
 def test_targets_of_the_readme_exist():

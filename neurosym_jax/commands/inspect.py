@@ -171,7 +171,7 @@ def _print_next(
             "columns": reading.columns,
             "fps": None if read.eth_stride else reading.rate,
         }
-        uses = FORMATS[reading.format].uses
+        uses = FORMATS[reading.format].uses or ()
         guesses = {
             name: guess for name, guess in guesses.items() if guess and name in uses
         }

@@ -21,7 +21,14 @@ from neurosym_jax.data.columns import (
 from neurosym_jax.data.evidence import judge
 from neurosym_jax.data.readers import columns, storage
 from neurosym_jax.data.readers.storage import FRAME, is_frame, table_of
-from neurosym_jax.data.tables import AS_IT_SAYS, FORMATS, Format, ReadOptions, read_head
+from neurosym_jax.data.tables import (
+    AS_IT_SAYS,
+    FORMATS,
+    SCALED,
+    Format,
+    ReadOptions,
+    read_head,
+)
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, brief, option, printable
 from neurosym_jax.plugins import load_entry_points
@@ -145,7 +152,7 @@ def _read_any(
     if isinstance(form, columns.Columns) and is_frame(data):
         recordings = form.take(table_of(data), options, frame_period)
     else:
-        recordings = form.read(path, options, frame_period)
+        recordings = form.in_metres(path, options, frame_period)
     name = FORMATS.name_of(form)
     judged = []
     for tracks in recordings:
@@ -196,7 +203,8 @@ def refuse_useless(path: Path, form: Format, options: ReadOptions) -> None:
     Raises:
         InputError: naming the first.
     """
-    for name in sorted(columns.Columns.uses - form.uses):
+    uses = SCALED if form.uses is None else form.uses
+    for name in sorted(columns.Columns.uses - uses):
         if getattr(options, name):
             raise InputError(
                 f"{path}: {option(name)} is of no use for {form.title}, which fixes it"

@@ -35,6 +35,7 @@ __all__ = [
     "AS_IT_SAYS",
     "FORMATS",
     "GUARDS",
+    "SCALED",
     "STEPS",
     "Format",
     "Head",
@@ -253,14 +254,19 @@ _NUMBER = re.compile(
 )
 
 
+SCALED = frozenset({"unit", "flip_y"})
+"""Options by which positions of any format become metres whose y points up."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Format(abc.ABC):
     """A format of files. A subclass with these attributes and methods is registered by name; its
     fields, if any, are options that only this format has."""
 
     title: ClassVar[str] = ""  # what messages call it
-    # the fields of `ReadOptions` that it uses
-    uses: ClassVar[frozenset[str]] = frozenset()
+    uses: ClassVar[frozenset[str] | None] = None
+    """The fields of `ReadOptions` that `read` uses; None for `SCALED`, which are applied to the
+    positions that it returns."""
 
     def knows(self, head: Head) -> bool:
         """Whether a file that begins so is of this format."""
@@ -273,6 +279,20 @@ class Format(abc.ABC):
     @abc.abstractmethod
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in a file; where frames are numbered, one step is `period` seconds."""
+
+    def in_metres(
+        self, path: Path, options: ReadOptions, period: float
+    ) -> list[Tracks]:
+        """What `read` returns, scaled as `options` say unless `read` does that itself."""
+        recordings = self.read(path, options, period)
+        if self.uses is not None:
+            return recordings
+        scale = metres_in(options.unit_of(path.stem) or "m")
+        factors = np.array([scale, -scale if options.flip_y else scale])
+        return [
+            dataclasses.replace(tracks, position=tracks.position * factors)
+            for tracks in recordings
+        ]
 
 
 _READERS = "neurosym_jax.data.readers"
@@ -558,7 +578,7 @@ class Table:
         `people` are the texts of ids.
         """
         row = self.row if row is None else row
-        given = np.array(people)[id] if people else id
+        person = np.array(people)[id] if people else id
         rate = None
         last = int(np.argmax(np.abs(stamp)))
         if clock is not None and stamp[last]:
@@ -578,7 +598,7 @@ class Table:
                 first = f"row {row[back[0]]}: time runs backward for agent"
                 times = f"({len(back)} times in all)"
                 table = table.warned(
-                    f"{first} {given[back[0]]} {times}; the rows are sorted"
+                    f"{first} {person[back[0]]} {times}; the rows are sorted"
                 )
             reading = dataclasses.replace(
                 table.reading(name),
@@ -587,7 +607,7 @@ class Table:
                 columns=tuple(columns),
                 unused=tuple(unused),
             )
-            points = stamp[at], given[at], position[at]
+            points = stamp[at], person[at], position[at]
             others = {key: extras[key][at] for key in extras}
             tracks = make_tracks(name, *points, others, reading=reading, row=row[at])
             recordings.append(tracks)

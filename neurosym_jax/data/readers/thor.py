@@ -29,6 +29,7 @@ class Tracklets(Format):
     """Tracklets of THÖR-MAGNI."""
 
     title = "THÖR-MAGNI tracklets"
+    uses = frozenset()
 
     def knows(self, head: Head) -> bool:
         """By five names of columns."""
@@ -76,6 +77,7 @@ class Qtm(Format):
     """Motion capture of THÖR and THÖR-MAGNI."""
 
     title = "QTM export (THÖR, THÖR-MAGNI)"
+    uses = frozenset()
 
     def knows(self, head: Head) -> bool:
         """A header that begins with `Frame` and names a helmet."""
