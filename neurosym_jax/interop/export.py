@@ -89,7 +89,8 @@ def export_onnx(model: Model, samples: int = 20, points: bool = False) -> bytes:
     if points:
         program = _with_points(model, program)
         outputs.append("points")
-    return to_onnx(program, arguments, outputs, properties)
+    with _sizes_are_symbols():
+        return to_onnx(program, arguments, outputs, properties)
 
 
 def _with_points(

@@ -81,6 +81,7 @@ def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
     np.testing.assert_allclose(
         exported.call(observed.astype("f4"))[0], forecast, atol=1e-4
     )
+    assert b"Attention over neighbours" in nj.interop.export_onnx(loaded, 3)
     faster = observed.copy()
     faster[1] = observed[1, -1:] + 1.5 * (observed[1] - observed[1, -1:])
     assert (

@@ -175,5 +175,8 @@ def test_an_export_names_the_line_that_needs_a_number_of_people():
 
     nj.register_forecaster("counted")(Counted)
     model = nj.Model(CountedConfig(), {}, family="counted")
-    with pytest.raises(InputError, match=r"test_functional.py:\d+: .*len\(scene.valid"):
-        nj.interop.export_model(model)
+    for export in (nj.interop.export_model, nj.interop.export_onnx):
+        with pytest.raises(
+            InputError, match=r"test_functional.py:\d+: .*len\(scene.valid"
+        ):
+            export(model)
