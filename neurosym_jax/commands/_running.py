@@ -31,6 +31,8 @@ __all__ = ["load_plugins", "print_completion", "run_command"]
 
 OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO)
 """Errors of the disk, not of the code."""
+JAX_NOTE = "JAX has removed its internal frames"
+"""What JAX adds to an error that passes through a program; here no traceback is shown."""
 SHELLS = ("bash", "zsh", "fish")
 IN_ASCII = str.maketrans({"±": "+-", "−": "-"})
 
@@ -66,8 +68,10 @@ def run_command(
                 or getattr(error, "errno", None) in OF_THE_DISK
             ):
                 print(f"error: {printable(str(error))}", file=sys.stderr)
-                for line in "\n".join(getattr(error, "__notes__", ())).splitlines():
-                    print(printable(line), file=sys.stderr)
+                for note in getattr(error, "__notes__", ()):
+                    if JAX_NOTE not in note:
+                        lines = map(printable, note.splitlines())
+                        print("\n".join(lines), file=sys.stderr)
                 sys.exit(2)
             raise
     if signals:  # The action has ended by itself.

@@ -165,7 +165,13 @@ class Weighting(Checked, abc.ABC):
             raise InputError(f"valid is {list(present.shape)}, not [{agents}]")
         missing = jnp.isnan(positions).any(axis=-1)
         filled = jnp.where(missing[..., None], 0, positions)
-        alpha = self.weigh(parameters, filled, present, period).astype(positions.dtype)
+        alpha = jnp.asarray(self.weigh(parameters, filled, present, period))
+        shape = (agents, agents, positions.shape[1])
+        if alpha.shape != shape:
+            raise InputError(
+                f"weighting {self.title}: returns {list(alpha.shape)}, not {list(shape)}"
+            )
+        alpha = alpha.astype(positions.dtype)
         alpha = jnp.where(jnp.eye(positions.shape[0], dtype=bool)[..., None], 1, alpha)
         missing |= jnp.pad(missing[:, :-1], [(0, 0), (1, 0)])
         steps = present[:, None] & ~missing

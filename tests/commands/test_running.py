@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 
+import jax
 import pytest
 
 from neurosym_jax.commands._running import run_command
@@ -26,6 +27,11 @@ def raising(error):
     return action
 
 
+def raising_in_a_program(options):
+    # JAX adds a note on its own frames to what passes through it.
+    jax.jit(raising(InputError("no")))(1.0)
+
+
 @pytest.mark.parametrize(
     ("action", "status", "line"),
     [
@@ -33,6 +39,7 @@ def raising(error):
         (lambda options: [1], 0, ""),
         (lambda options: 3, 3, ""),
         (raising(InputError("no")), 2, "error: no\n"),
+        (raising_in_a_program, 2, "error: no\n"),
         (raising(KeyboardInterrupt()), 130, "interrupted\n"),
         (raising(OSError(28, "No space")), 2, "error: [Errno 28] No space\n"),
     ],

@@ -200,6 +200,10 @@ def test_a_function_as_a_weighting():
         lambda positions, valid: 0 * positions[..., 0]
     )
     assert initial_parameters(from_text("nearness")) == {}
+    with pytest.raises(
+        InputError, match=r"nearness: returns \[3, 4\], not \[3, 3, 4\]"
+    ):
+        make_weighting("nearness")(positions, valid)
 
 
 def test_a_class_as_a_weighting_has_options():
