@@ -19,6 +19,7 @@ from neurosym_jax.evaluation.compare import Test
 from neurosym_jax.evaluation.forecast_csv import csv_of_forecasts
 from neurosym_jax.evaluation.forecasts import last_frames, recording_names
 from neurosym_jax.models.forecast import Model, forecast_windows
+from neurosym_jax.models.histories import fill_history
 from neurosym_jax.runtime.files import new_file, refuse_unwritable
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.runtime.process import cpu_cores
@@ -89,11 +90,11 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
     (reading, *others) = windows.reading
     if others or reading.format != "trajnet" or not reading.file:
         return None
-    path = Path(reading.file)
-    listed = read_scenes(path)
+    file = Path(reading.file)
+    listed = read_scenes(file)
     if not listed or abs(windows.period - 1 / listed[0].fps) > 0.01 * windows.period:
         return None
-    (tracks,) = Trajnet().read(path, AS_IT_SAYS, PERIOD)
+    (tracks,) = Trajnet().read(file, AS_IT_SAYS, PERIOD)
     rate = reading.rate or 1
     frames = np.rint(tracks.stamp * rate).astype(int)
     keys = zip(frames.tolist(), tracks.id.tolist())
@@ -110,47 +111,20 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
         past, future = steps[:-pred_len].tolist(), steps[-pred_len:]
         if len(past) < obs_len:
             raise InputError(
-                f"{path}: scene {scene.id} has {len(steps)} steps, not {obs_len} + {pred_len}"
+                f"{file}: scene {scene.id} has {len(steps)} steps, not {obs_len} + {pred_len}"
             )
         neighbours: set[int] = set()
         for frame in past:
             neighbours.update(people_at.get(frame, ()))
         people = [scene.person, *sorted(neighbours - {scene.person})]
-        observed = [_observed(points, past, person)[-obs_len:] for person in people]
-        seen = ObservedScene(scene, np.array(people), np.stack(observed), future)
-        scenes.append(seen)
+        paths = np.full((len(people), len(past), 2), np.nan)
+        for path, person in zip(paths, people):
+            for step, frame in enumerate(past):
+                path[step] = points.get((frame, person), np.nan)
+        observed, _ = fill_history(paths, f"{file}: scene {scene.id}")
+        observed = observed[:, -obs_len:]
+        scenes.append(ObservedScene(scene, np.array(people), observed, future))
     return points, scenes
-
-
-def _observed(points: Points, frames: list[int], person: int) -> np.ndarray:
-    """[T, 2] positions of a person in frames, see `_filled`."""
-    path = np.full((len(frames), 2), np.nan)
-    for row, frame in enumerate(frames):
-        path[row] = points.get((frame, person), np.nan)
-    return _filled(path)
-
-
-def _filled(path: np.ndarray) -> np.ndarray:
-    """A path [T, 2] with NaN rows interpolated or, at the ends, walked on at constant velocity.
-
-    Raises:
-        InputError: for a path without a point.
-    """
-    steps = np.arange(len(path))
-    seen = np.flatnonzero(np.isfinite(path[:, 0]))
-    if not len(seen):
-        raise InputError("a scene's primary person is not seen at any observed step")
-    x, y = path[seen].T
-    filled = np.column_stack([np.interp(steps, seen, x), np.interp(steps, seen, y)])
-    if len(seen) == 1:
-        return filled
-    before = steps < seen[0]
-    after = steps > seen[-1]
-    ends = ((before, seen[0], seen[1]), (after, seen[-1], seen[-2]))
-    for outside, end, inner in ends:
-        velocity = (path[end] - path[inner]) / (end - inner)
-        filled[outside] += velocity * (steps[outside, None] - end)
-    return filled
 
 
 def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
