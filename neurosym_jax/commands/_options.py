@@ -113,15 +113,15 @@ def _sections(
 ) -> dict[str, list[Member]]:
     """Options by the title of their group, positional ones of no group first."""
     groups: Mapping[str, str] = getattr(command, "GROUPS", {})
-    by_name: dict[str, list[Member]] = {}
+    members_by_name: dict[str, list[Member]] = {}
     for option in sorted(options, key=lambda option: option[1].startswith("--")):
-        by_name.setdefault(_key(option), []).append(option)
+        members_by_name.setdefault(_key(option), []).append(option)
     sections: dict[str, list[Member]] = {}
     for title, names in groups.items():
         sections[title] = []
         for name in names.split():
-            sections[title] += by_name.pop(name, [])
-    for members in by_name.values():
+            sections[title] += members_by_name.pop(name, [])
+    for members in members_by_name.values():
         title = ADVANCED if groups else members[0][0]
         sections[title] = sections.get(title, []) + members
     return sections

@@ -93,9 +93,11 @@ def expected_power(seeds: int) -> str:
     if seeds < ENOUGH:
         return f"Fewer than {ENOUGH} seeds tell nothing of how much trainings differ."
     share = half_interval(seeds - 1) / math.sqrt(seeds)
-    told = [f"{share * spread:.1f} % ({place})" for place, spread in SPREAD.items()]
+    differences = [
+        f"{share * spread:.1f} % ({place})" for place, spread in SPREAD.items()
+    ]
     return (
-        f"{seeds} seeds told differences in joint ADE of {' and '.join(told)} in our "
+        f"{seeds} seeds differences differences in joint ADE of {' and '.join(differences)} in our "
         "study of weightings; your data may need more."
     )
 

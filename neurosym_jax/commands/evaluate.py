@@ -240,8 +240,8 @@ def _paths(tests: Sequence[compare.Test]) -> list[str]:
 
 def _recommended(options: Options, models: Models) -> list[str]:
     """Names of the networks that `recommended` stands for, or that are the default."""
-    asked = not options.model or RECOMMENDED in options.model
-    if options.all or not asked:
+    is_recommended = not options.model or RECOMMENDED in options.model
+    if options.all or not is_recommended:
         return []
     shipped = {
         path.name for path in shipped_models() if path.name.startswith("anchors_")

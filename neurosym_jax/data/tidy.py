@@ -151,7 +151,7 @@ def _with_whole_time(table: Table, at: int, other: int, digits: int) -> Table:
     is_whole = (np.rint(values) == values).all() and (values >= 0).all()
     if missing.all() or not is_whole or (values[1] >= 10**digits).any():
         return table
-    whole = pl.Series(np.nan_to_num(seconds).astype(np.int64)).cast(pl.String)
+    second_texts = pl.Series(np.nan_to_num(seconds).astype(np.int64)).cast(pl.String)
     part = (
         pl.Series(np.nan_to_num(rest).astype(np.int64))
         .cast(pl.String)
@@ -161,7 +161,7 @@ def _with_whole_time(table: Table, at: int, other: int, digits: int) -> Table:
     note = f"times are {names[at]} and {names[other]}"
     names[at], names[other] = "whole seconds", "rest of seconds"
     table = dataclasses.replace(table, names=names).noted(note)
-    times = (whole + "." + part).set(pl.Series(missing), "")
+    times = (second_texts + "." + part).set(pl.Series(missing), "")
     return table.with_column("time [s]", times)
 
 

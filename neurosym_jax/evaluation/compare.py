@@ -612,12 +612,12 @@ def _result(
 ) -> Result:
     """The row of one model, its errors by scene, and its errors by horizon."""
     windows = test.windows
-    single, by_step = {}, {}
+    single, curves = {}, {}
     for name, score in evaluation.scores.items():
         if score.total.ndim == 1:
             single[name] = score
         else:
-            by_step[name] = score
+            curves[name] = score
     errors = ErrorsByScene(single, windows.identity, windows.position.shape[1])
     row = {
         **facts,
@@ -632,7 +632,7 @@ def _result(
         **_columns(errors, spread, f"{facts['model']} on {test.test_set.dataset}"),
         **timing,
     }
-    horizons = {name: _band(score, errors) for name, score in by_step.items()}
+    horizons = {name: _band(score, errors) for name, score in curves.items()}
     return Result(
         test.test_set, row, errors, example, forecast, horizons, windows.period
     )
@@ -786,11 +786,11 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
                 )
         parts.append(samples)
         weights.append(probability)
-    known = [probability for probability in weights if probability is not None]
+    probabilities = [probability for probability in weights if probability is not None]
     return Forecasts(
         name,
         np.concatenate(parts, axis=1),
-        np.stack(known, axis=1) if len(known) == len(weights) else None,
+        np.stack(probabilities, axis=1) if len(probabilities) == len(weights) else None,
         float(np.median(seconds)),
     )
 
@@ -973,10 +973,12 @@ def _tests_of(
         return _tests_on(tracks, entries, default, reading.max_gap, **options)
     if entries or not files:
         raise InputError("recordings: there are none to test on")
-    of_windows = {**lengths, "min_agents": options["min_agents"] != 2, **read}
+    options_of_windows = {**lengths, "min_agents": options["min_agents"] != 2, **read}
     name, file = next(iter(files.items()))
     return [
-        test_of_file(name, file, options["baselines"], options["samples"], of_windows)
+        test_of_file(
+            name, file, options["baselines"], options["samples"], options_of_windows
+        )
     ]
 
 

@@ -152,8 +152,8 @@ def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Ar
     offset = offset.reshape(len(forecast), -1)
     product = offset @ offset.T
     square = jnp.diag(product)
-    apart = square[:, None] + square - 2 * product
-    spread = jnp.sqrt(jnp.maximum(apart, 0))
+    square_gap = square[:, None] + square - 2 * product
+    spread = jnp.sqrt(jnp.maximum(square_gap, 0))
     agents = jnp.maximum(scene.valid.sum(), 1)
     scale = jnp.sqrt(agents * forecast.shape[2])
     spread = weight @ spread @ weight * _pairs(forecast, probability)
@@ -167,8 +167,8 @@ def person_energy(forecast: Array, scene: Scene, probability: Array | None) -> A
     offset = forecast - forecast.mean(axis=0)
     product = jnp.einsum("intc,jntc->nij", offset, offset)
     square = jnp.square(offset).sum(axis=(2, 3)).T
-    apart = square[:, :, None] + square[:, None] - 2 * product
-    distance = jnp.sqrt(jnp.maximum(apart, 0))
+    square_gap = square[:, :, None] + square[:, None] - 2 * product
+    distance = jnp.sqrt(jnp.maximum(square_gap, 0))
     spread = jnp.einsum("i,nij,j->n", weight, distance, weight)
     spread = spread * _pairs(forecast, probability)
     scale = jnp.sqrt(forecast.shape[2])

@@ -246,7 +246,7 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     )
     ends = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
     metrics = [name for name in rows.columns if f"{name}_low" in rows.columns]
-    by_metric = []
+    tables = []
     for name in metrics:
         values = []
         for value, end in ends.items():
@@ -258,8 +258,8 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
             *values,
             metric=pl.lit(name),
         )
-        by_metric.append(table)
-    long = pl.concat(by_metric)
+        tables.append(table)
+    long = pl.concat(tables)
     lines = long.group_by("line", "metric", maintain_order=True).agg(
         pl.col("configuration", *FACTS, *ends).first(),
         pl.col("latency").max(),
@@ -289,11 +289,11 @@ def _optional(rows: pl.DataFrame, name: str, dtype: Any) -> pl.Expr:
 
 def _pattern(paths: Sequence[str | None]) -> str | None:
     """One path for several: `*` for each part that differs; None without paths."""
-    known = [PurePath(path).parts for path in paths if path is not None]
-    if len({len(parts) for parts in known}) != 1:
+    parts = [PurePath(path).parts for path in paths if path is not None]
+    if len(set(map(len, parts))) != 1:
         return None
     shared = []
-    for first, *others in zip(*known):
+    for first, *others in zip(*parts):
         is_shared = all(part == first for part in others)
         shared.append(first if is_shared else "*")
     return str(PurePath(*shared))
@@ -653,9 +653,9 @@ def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
             notes.append(
                 f"fewer than {FEWEST} blocks say nothing: no interval, no test"
             )
-    several = lines.filter(pl.col("trainings") > 1)["trainings"].unique()
-    if len(several):
-        number = ", ".join(map(str, several.sort()))
+    trainings = lines.filter(pl.col("trainings") > 1)["trainings"].unique()
+    if len(trainings):
+        number = ", ".join(map(str, trainings.sort()))
         notes.append(f"{number} trainings: Student's interval of their mean instead")
     if lines["learned"].any():
         notes.append(

@@ -191,9 +191,9 @@ def run_torch(
     # As text: the folder of a file that is run comes first where Python looks for
     # modules.
     script = Path(torch_side.__file__).read_text(encoding="utf-8")
-    with tempfile.TemporaryDirectory() as given:
-        hand_over(Path(given), title, contents, training)
-        words = [Path(file).resolve(), given, out.resolve(), name, str(seed)]
+    with tempfile.TemporaryDirectory() as inputs:
+        hand_over(Path(inputs), title, contents, training)
+        words = [Path(file).resolve(), inputs, out.resolve(), name, str(seed)]
         try:
             done = subprocess.run(
                 [python, "-c", script, *words], capture_output=True, text=True

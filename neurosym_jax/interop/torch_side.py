@@ -56,7 +56,8 @@ def main(path, contents_folder, out, name, seed):
     folder holds one.
     """
     torch = importlib.import_module("torch")
-    folder, file = os.path.split(os.path.splitext(os.path.abspath(path))[0])
+    stem, _ = os.path.splitext(os.path.abspath(path))
+    folder, file = os.path.split(stem)
     while os.path.isfile(os.path.join(folder, "__init__.py")):
         folder, package = os.path.split(folder)
         file = package + "." + file
@@ -105,7 +106,8 @@ def read(torch, contents_folder):
         os.path.join(contents_folder, "state.npz"), allow_pickle=False
     ) as arrays:
         values = [arrays[f"arr_{number}"] for number in range(len(arrays.files))]
-    states, tensors = {}, map(torch.from_numpy, values)
+    states = {}
+    tensors = map(torch.from_numpy, values)
     for state, names in contents["names"].items():
         states[state] = {name: next(tensors) for name in names}
     return contents["title"], arguments, states, contents.get("training")
@@ -119,9 +121,9 @@ def random_walks(steps, seed):
         moves = rng.normal(0, 0.3, (people, steps, 2))
         if people > 2:
             moves[0] = 0
-        walks.append(
-            (rng.normal(0, 0.5, (people, 1, 2)) + np.cumsum(moves, 1)).round(4)
-        )
+        start = rng.normal(0, 0.5, (people, 1, 2))
+        walk = start + np.cumsum(moves, axis=1)
+        walks.append(walk.round(4))
     return walks
 
 
@@ -134,28 +136,32 @@ def inputs(walks, arguments, seed, network=None):
     if network is not None and "64" in str(next(network.parameters()).dtype):
         kind = np.float64
     ends = np.cumsum([len(walk) for walk in walks])
+    starts = np.append(0, ends[:-1])
     positions = np.concatenate(walks)
+    moves = np.diff(positions, axis=1, prepend=positions[:, :1])
     rows = len(walks) if arguments["noise_mix_type"] == "global" else len(positions)
     dim = int(np.sum(arguments.get("noise_dim") or 0))
+    noise = np.random.RandomState(seed).normal(size=(rows, dim))
     return {
         "traj": positions.astype(kind),
-        "traj_rel": np.diff(positions, axis=1, prepend=positions[:, :1]).astype(kind),
-        "scene_start_end": np.stack([np.append(0, ends[:-1]), ends], 1),
-        "noise": np.random.RandomState(seed).normal(size=(rows, dim)).astype(kind),
+        "traj_rel": moves.astype(kind),
+        "scene_start_end": np.stack([starts, ends], axis=1),
+        "noise": noise.astype(kind),
     }
 
 
 def random_alpha(bounds, steps):
     """Weights [P, steps] of all ordered pairs of each scene, whose row is i * N + j."""
-    pairs = int(((bounds[:, 1] - bounds[:, 0]) ** 2).sum())
-    return np.random.RandomState(0).uniform(0.1, 1, (pairs, steps)).astype(np.float32)
+    sizes = bounds[:, 1] - bounds[:, 0]
+    pairs = int((sizes**2).sum())
+    alpha = np.random.RandomState(0).uniform(0.1, 1, (pairs, steps))
+    return alpha.astype(np.float32)
 
 
 def takes_alpha(network):
     """Whether the network's `forward` takes weights of pairs, as NeuroSyM's do."""
-    return any(
-        "weight" in name for name in inspect.signature(network.forward).parameters
-    )
+    names = inspect.signature(network.forward).parameters
+    return any("weight" in name for name in names)
 
 
 def alpha_arguments(torch, network, alpha, bounds):
@@ -180,9 +186,9 @@ def forecast(torch, network, scenes):
     `eval()`. NeuroSyM's, whose `forward` takes weights of pairs, gets random ones.
     """
     network = copy.deepcopy(network).cpu().eval()
-    arrays = {
-        "g_state/" + name: value.numpy() for name, value in network.state_dict().items()
-    }
+    arrays = {}
+    for name, value in network.state_dict().items():
+        arrays["g_state/" + name] = value.numpy()
     arrays.update(scenes)
     classes = {}
     dtype = next(network.parameters()).dtype
@@ -192,9 +198,9 @@ def forecast(torch, network, scenes):
             return
         classes[name] = type(module).__name__
         recurrent = isinstance(module, torch.nn.LSTM)
-        parts = dict(
-            zip(["in"], inputs), out=result[0] if isinstance(result, tuple) else result
-        )
+        parts = {"out": result[0] if isinstance(result, tuple) else result}
+        if inputs:
+            parts["in"] = inputs[0]
         if recurrent and len(inputs) > 1:
             parts["h0"], parts["c0"] = inputs[1]
         for part, array in parts.items():
@@ -220,8 +226,9 @@ def forecast(torch, network, scenes):
     with mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self):
         run = torch.no_grad()(network)
         moved = run(*observed, *weights, bounds, user_noise=noise)
+    places = positions[-1] + moved.cumsum(dim=0)
     arrays["pred_rel"] = moved.transpose(0, 1).numpy()
-    arrays["pred_abs"] = (positions[-1] + moved.cumsum(dim=0)).transpose(0, 1).numpy()
+    arrays["pred_abs"] = places.transpose(0, 1).numpy()
     return arrays, classes
 
 
@@ -232,10 +239,10 @@ def discriminator(torch, module, arguments, states, seed):
     0, and then nothing learns.
     """
     network_class = module.TrajectoryDiscriminator
-    given = dict(arguments, h_dim=arguments.get("encoder_h_dim_d", 48))
+    sizes = dict(arguments, h_dim=arguments.get("encoder_h_dim_d", 48))
     names = inspect.signature(network_class).parameters
     torch.manual_seed(seed)
-    network = network_class(**{n: given[n] for n in names if n in given})
+    network = network_class(**{n: sizes[n] for n in names if n in sizes})
     if "d_state" in states:
         network.load_state_dict(states["d_state"])
     else:
@@ -252,11 +259,16 @@ def trainings(torch, network, critic, inputs_, settings):
         for dtype in (torch.float64, torch.float32):
             # The released code makes zeros of the default type.
             torch.set_default_dtype(dtype)
-            pair = [copy.deepcopy(n).cpu().to(dtype).eval() for n in (network, critic)]
-            training = Training(torch, pair[0], pair[1], settings)
-            kept = training.run({n: torch.tensor(a) for n, a in inputs_.items()})
-            name = str(dtype).split(".")[-1]
-            arrays.update({name + "/" + key: value for key, value in kept.items()})
+            training = Training(
+                torch,
+                copy.deepcopy(network).cpu().to(dtype).eval(),
+                copy.deepcopy(critic).cpu().to(dtype).eval(),
+                settings,
+            )
+            tensors = {name: torch.tensor(values) for name, values in inputs_.items()}
+            type_name = str(dtype).split(".")[-1]
+            for key, value in training.run(tensors).items():
+                arrays[type_name + "/" + key] = value
     return arrays
 
 
@@ -280,7 +292,9 @@ class Training:
     """
 
     def __init__(self, torch, network, critic, settings):
-        self.torch, self.network, self.critic = torch, network, critic
+        self.torch = torch
+        self.network = network
+        self.critic = critic
         self.settings = settings
         self.adam = torch.optim.Adam(network.parameters(), lr=settings["learning_rate"])
         self.critic_adam = torch.optim.Adam(
@@ -290,20 +304,25 @@ class Training:
     def run(self, inputs_):
         """The arrays of `settings["reported"]` steps."""
         for adam, prefix in ((self.adam, ADAM + "g/"), (self.critic_adam, ADAM + "d/")):
-            names = [name for name in inputs_ if name.startswith(prefix)]
-            restore_adam(adam, {n[len(prefix) :]: inputs_.pop(n) for n in names})
+            moments = {}
+            for name in list(inputs_):
+                if name.startswith(prefix):
+                    moments[name[len(prefix) :]] = inputs_.pop(name)
+            restore_adam(adam, moments)
+        self.bounds = inputs_.pop("bounds")
         dtype = self.torch.get_default_dtype()
-        bounds, arrays, losses = inputs_.pop("bounds"), {}, []
-        self.bounds = bounds
         inputs_ = {name: values.to(dtype) for name, values in inputs_.items()}
+
+        arrays = {}
+        losses = []
         for name, state in self.states().items():
             arrays["0/" + name] = state
         for step in range(len(inputs_["labels"])):
             at = {name: values[step] for name, values in inputs_.items()}
-            real, fake, wanted = at["labels"]
+            real, fake, generator_label = at["labels"]
             first, second = zip(at["traj"], at["traj_rel"], at["alpha"])
             losses.append(self.step_critic(*first, at["noise_d"], real, fake))
-            self.step_network(*second, at["noise_g"], wanted)
+            self.step_network(*second, at["noise_g"], generator_label)
             if step + 1 in self.settings["reported"]:
                 for name, state in self.states().items():
                     arrays[str(step + 1) + "/" + name] = state
@@ -321,7 +340,8 @@ class Training:
     def forecast(self, traj, traj_rel, alpha, noise):
         """Displacements and positions [T, A, 2], first those observed, then the forecast."""
         observed = self.network.obs_len
-        seen, moved = traj[:observed].contiguous(), traj_rel[:observed].contiguous()
+        seen = traj[:observed].contiguous()
+        moved = traj_rel[:observed].contiguous()
         weights = alpha_arguments(
             self.torch, self.network, alpha[:, :observed], self.bounds
         )
@@ -353,13 +373,15 @@ class Training:
 
     def step_network(self, traj, traj_rel, alpha, noises, label):
         """SGAN's `generator_step`."""
-        observed, errors = self.network.obs_len, []
+        observed = self.network.obs_len
         future = traj_rel[observed:]
+        errors = []
         for noise in noises:
             moves, places = self.forecast(traj, traj_rel, alpha, noise)
             squared = (moves[observed:] - future) ** 2
             errors.append(self.settings["variety_weight"] * squared.sum(dim=(0, 2)))
-        errors, loss = self.torch.stack(errors, dim=1), 0.0
+        errors = self.torch.stack(errors, dim=1)
+        loss = 0.0
         for start, end in self.bounds.tolist():
             best = errors[start:end].sum(dim=0).min()
             loss = loss + best / ((end - start) * len(future))

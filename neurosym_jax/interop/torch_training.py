@@ -163,12 +163,12 @@ def _adam_group(contents: Mapping[str, Any], network: str) -> Mapping[str, Any]:
         )
     (group,) = groups
     for name, value in ADAM.items():
-        given = group.get(name, value)
-        if isinstance(given, list):
-            given = tuple(given)
-        if given != value:
+        setting = group.get(name, value)
+        if isinstance(setting, list):
+            setting = tuple(setting)
+        if setting != value:
             raise InputError(
-                f"{network}_optim_state: {name} is {brief(given)}, and our Adam has {value}"
+                f"{network}_optim_state: {name} is {brief(setting)}, and our Adam has {value}"
             )
     return group
 
@@ -188,8 +188,8 @@ def _adam_state(
         count = max(count, int(np.asarray(entry.get("step", 0))))
         for moment, arrays in moments.items():
             # As torch does, in the type of the parameter.
-            given = entry.get(moment, np.zeros_like(value))
-            arrays[name] = np.asarray(given, value.dtype)
+            array = entry.get(moment, np.zeros_like(value))
+            arrays[name] = np.asarray(array, value.dtype)
             if arrays[name].shape != value.shape:
                 raise InputError(
                     f"{network}_optim_state: {moment} of {name} is "

@@ -112,15 +112,17 @@ class TrainingParity:
 
     def __str__(self) -> str:
         """An aligned table and the verdict."""
-        table: list[tuple[str, ...]] = [
-            ("step", *NETWORKS, *NETWORKS, "both", "torch's loss of")
-        ]
         types = TYPES[0], TYPES[0], TYPES[1], TYPES[1]
-        table.append(("", *types, "moved", "the discriminator"))
+        table: list[tuple[str, ...]] = [
+            ("step", *NETWORKS, *NETWORKS, "both", "torch's loss of"),
+            ("", *types, "moved", "the discriminator"),
+        ]
         for row in self.rows:
             differences = [
-                *(row.generator_float64, row.discriminator_float64),
-                *(row.generator_float32, row.discriminator_float32),
+                row.generator_float64,
+                row.discriminator_float64,
+                row.generator_float32,
+                row.discriminator_float32,
                 row.moved,
             ]
             numbers = [f"{value:.1e}" for value in differences]
@@ -255,25 +257,27 @@ def _inputs(
     rows, dim] and `labels` [steps, 3].
     """
     steps, length = recipe.steps, config.obs_len + config.pred_len
-    batches = [
-        np.concatenate(torch_side.random_walks(length, seed + number))
-        for number in range(2 * steps)
-    ]
+    batches = []
+    for number in range(2 * steps):
+        scenes = torch_side.random_walks(length, seed + number)
+        batches.append(np.concatenate(scenes))
     traj = np.stack(batches).reshape(steps, 2, *batches[0].shape)
+    moves = np.diff(traj, axis=3, prepend=traj[:, :, :, :1])
+
     ends = np.cumsum(torch_side.SIZES)
     rows = len(ends) if config.noise_mix_type == "global" else ends[-1]
-    rng = np.random.default_rng(seed)
-    labels = [recipe.label_real, recipe.label_fake, recipe.label_real]
-    moves = np.diff(traj, axis=3, prepend=traj[:, :, :, :1])
     shape = (rows, config.noise_dim)
     pairs = sum(size**2 for size in torch_side.SIZES)
+    ranges = [recipe.label_real, recipe.label_fake, recipe.label_real]
+    low, high = np.array(ranges).T
+    rng = np.random.default_rng(seed)
     return {
         "traj": traj.swapaxes(2, 3),
         "traj_rel": moves.swapaxes(2, 3),
         "bounds": np.stack([np.append(0, ends[:-1]), ends], axis=1),
         "noise_d": rng.normal(size=(steps, *shape)),
         "noise_g": rng.normal(size=(steps, recipe.best_k, *shape)),
-        "labels": rng.uniform(*np.array(labels).T, size=(steps, 3)),
+        "labels": rng.uniform(low, high, size=(steps, 3)),
         "alpha": rng.uniform(0.1, 1, size=(steps, 2, pairs, length)),
     }
 
@@ -289,7 +293,8 @@ def _differences(
     states = {}
     for step in (0, *reported):
         states[step] = {
-            name: state_of(arrays, f"{step}/{name}/") for name in ("g_state", "d_state")
+            "g_state": state_of(arrays, f"{step}/g_state/"),
+            "d_state": state_of(arrays, f"{step}/d_state/"),
         }
     config, read, state = training_from_torch({**contents, **states[0]})
     recipe = dataclasses.replace(recipe, discriminator=read.discriminator)
@@ -301,12 +306,13 @@ def _differences(
         state = step_both(state, **_step_inputs(config, inputs, number))[0]
         step = number + 1
         if step in reported:
-            pairs = (state.params, config), (state.extra.params, read.discriminator)
+            generator_params = params_from_torch(states[step]["g_state"], config)
+            critic_params = params_from_torch(
+                states[step]["d_state"], read.discriminator
+            )
             differences[step] = {
-                network: _largest(ours["params"], params_from_torch(theirs, kind))
-                for network, (ours, kind), theirs in zip(
-                    NETWORKS, pairs, states[step].values()
-                )
+                "generator": _largest(state.params, generator_params),
+                "discriminator": _largest(state.extra.params, critic_params),
             }
     return differences
 
@@ -316,7 +322,7 @@ def _step_inputs(
 ) -> dict[str, Any]:
     """Arguments of `learn` for a step."""
     bounds = np.append(0, inputs["bounds"][:, 1])
-    real, fake, wanted = inputs["labels"][step].astype(model_dtype())
+    real, fake, generator_label = inputs["labels"][step].astype(model_dtype())
     noises = inputs["noise_d"][step][None], inputs["noise_g"][step]
     batches = []
     for batch, noise in enumerate(noises):
@@ -333,19 +339,27 @@ def _step_inputs(
             group = group.replace(alpha=alpha)
         batches.append(((group,), [noise.astype(model_dtype())]))
     first, second = batches
-    return {"first": first, "second": second, "real": (real, wanted), "fake": fake}
+    return {
+        "first": first,
+        "second": second,
+        "real": (real, generator_label),
+        "fake": fake,
+    }
 
 
 def _moved(arrays: Mapping[str, np.ndarray], step: int) -> float:
     """See `TrainingRow.moved`."""
     largest = []
     for network in ("g_state", "d_state"):
-        before, after = (state_of(arrays, f"{at}/{network}/") for at in (0, step))
-        largest.append(max(np.abs(after[name] - before[name]).max() for name in before))
+        before = state_of(arrays, f"0/{network}/")
+        after = state_of(arrays, f"{step}/{network}/")
+        moves = [np.abs(after[name] - before[name]).max() for name in before]
+        largest.append(max(moves))
     return float(min(largest))
 
 
-def _largest(ours: Any, theirs: Any) -> float:
-    """Largest absolute difference of two trees of parameters."""
-    difference = ravel_pytree(ours)[0] - ravel_pytree(theirs)[0]
-    return float(np.abs(np.asarray(difference)).max())
+def _largest(variables: Any, torch_params: Any) -> float:
+    """Largest absolute difference of our `variables` from torch's parameters."""
+    values, _ = ravel_pytree(variables["params"])
+    torch_values, _ = ravel_pytree(torch_params)
+    return float(np.abs(np.asarray(values - torch_values)).max())

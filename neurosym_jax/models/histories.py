@@ -35,13 +35,13 @@ def whole_history(
         return observed, None
     if positions.ndim != 3 or positions.shape[2] != 2 or not positions.size:
         return observed, None
-    missing = max(steps - positions.shape[1], 0)
-    if missing == 0:
-        positions = positions[:, -steps:]
+    positions = positions[:, -steps:]
+    missing = steps - positions.shape[1]
     if missing == 0 and not np.isnan(positions).any():
         return positions, None
     before = [(0, 0), (missing, 0), (0, 0)]
-    return fill_history(np.pad(positions, before, constant_values=np.nan), name)
+    padded = np.pad(positions, before, constant_values=np.nan)
+    return fill_history(padded, name)
 
 
 def fill_history(observed: ArrayLike, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -63,10 +63,12 @@ def fill_history(observed: ArrayLike, name: str) -> tuple[np.ndarray, np.ndarray
     """
     positions = np.array(observed, np.float64)
     seen: Any = ~np.isnan(positions).any(axis=2)
+
     unseen = np.flatnonzero(~seen.any(axis=1))
     if len(unseen):
         raise InputError(f"{name}: agent {unseen[0]} has no position at any step")
-    for agent in np.flatnonzero(~seen.all(axis=1)):
+    incomplete = np.flatnonzero(~seen.all(axis=1))
+    for agent in incomplete:
         positions[agent] = _filled(positions[agent], seen[agent])
     return positions, seen
 
@@ -75,15 +77,21 @@ def _filled(track: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """One track [T, 2] without NaN."""
     steps = np.flatnonzero(seen)
     number = np.arange(len(track))
-    x, y = (np.interp(number, steps, track[steps, axis]) for axis in (0, 1))
-    filled = np.stack([x, y], axis=1)
+    filled = np.empty_like(track)
+    for axis in (0, 1):
+        filled[:, axis] = np.interp(number, steps, track[steps, axis])
     if len(steps) < 2:
         return filled
+
     first, second = steps[:2]
-    before, last = steps[-2:]
     arrival = (track[second] - track[first]) / (second - first)
+    early = number < first
+    since = number[early, None] - first
+    filled[early] = track[first] + since * arrival
+
+    before, last = steps[-2:]
     departure = (track[last] - track[before]) / (last - before)
-    early, late = number < first, number > last
-    filled[early] = track[first] + (number[early, None] - first) * arrival
-    filled[late] = track[last] + (number[late, None] - last) * departure
+    late = number > last
+    since = number[late, None] - last
+    filled[late] = track[last] + since * departure
     return filled

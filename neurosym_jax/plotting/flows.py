@@ -36,8 +36,8 @@ def draw_flows(axes: Axes, flows: Flows) -> None:
         if stays[row]:
             axes.plot(*start, marker="o", markersize=2.5, linestyle="none", **look)
             continue
-        shown = min(0.25 * length[row], LONGEST)
-        tip = start + shown * flows.way[row] / length[row]
+        drawn_length = min(0.25 * length[row], LONGEST)
+        tip = start + drawn_length * flows.way[row] / length[row]
         arrow = {"arrowstyle": "->", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 5}
         axes.annotate("", tuple(tip), tuple(start), arrowprops={**arrow, **look})
     if len(flows.start):

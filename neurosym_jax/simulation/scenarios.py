@@ -81,11 +81,12 @@ def simulate_labelled(
     faults = faults or TrackerFaults()
     lost, label = _identities(path, faults, rate, seed)
     noise = jax.random.normal(_key(seed, 2), path.shape, jnp.float32)
-    noise = np.asarray(noise, np.float64)
+    noisy = path + faults.noise * np.asarray(noise, np.float64)
+
     frame, person = np.nonzero(~lost)
     ids = label[frame, person]
-    position = path[frame, person] + faults.noise * noise[frame, person]
-    tracks = make_tracks(f"synthetic/{scenario}/{seed}", stamp[frame], ids, position)
+    name = f"synthetic/{scenario}/{seed}"
+    tracks = make_tracks(name, stamp[frame], ids, noisy[frame, person])
     order = np.lexsort((stamp[frame], ids))
     return tracks, person[order].astype(np.int64)
 
@@ -105,9 +106,10 @@ def _all_forward(chance: jax.Array) -> Plan:
     shared = chance[:, 2 * pair]
 
     lanes = min((people + 1) // 2, 2)
-    lane = ((pair % lanes + 0.5) / lanes - 0.5) * 4.0 + width / 2
+    lane = (pair % lanes + 0.5) / lanes - 0.5
     side = (number % 2 - 0.5) * ABREAST
-    x = (lane + side)[None] + _between(shared[..., 0], -0.5, 0.5) / lanes
+    middle = lane * 4.0 + width / 2 + side
+    x = middle[None] + _between(shared[..., 0], -0.5, 0.5) / lanes
 
     margin = _between(shared[..., 1], 0.9, 1.5)
     rank = (pair // lanes).astype(np.float32)
@@ -131,7 +133,8 @@ def _cross_path(chance: jax.Array) -> Plan:
     way /= np.abs(way).max(axis=-1, keepdims=True)
     # Neighbours in angle start from opposite ends, so that two people meet instead of
     # merging.
-    end = (-1.0) ** (np.arange(legs)[:, None] + number + 1)
+    turn = np.arange(legs)[:, None] + number
+    end = np.where(turn % 2 == 0, -1.0, 1.0)
     middle = np.array(ROOM) / 2
     station = middle + end[..., None] * way * (middle - [1.0, 1.1])
     goal = station + _between(chance[..., 4:6], -0.4, 0.4)
@@ -194,27 +197,37 @@ def _identities(
     chance = jax.random.uniform(_key(seed, 1), shape, jnp.float32)
     chance = np.asarray(chance, np.float64)
 
-    frame = np.arange(frames)[:, None]
-    # Geometric length by inversion: P(more than n frames) = (1 - 1 / mean) ** n.
-    mean = max(faults.dropout_seconds * rate, 1.0)
-    tail = np.log1p(-1 / mean) if mean > 1 else -np.inf
-    length = 1 + np.floor(np.log1p(-chance[..., 1]) / tail)
-    begins = chance[..., 0] < faults.dropout
-    end = np.where(begins, frame + length, 0.0)
-    lost = np.maximum.accumulate(end, axis=0) > frame
-
-    was_seen = np.logical_or.accumulate(~lost, axis=0)
-    back = np.zeros((frames, people), bool)
-    back[1:] = lost[:-1] & ~lost[1:] & was_seen[:-1]
-    renamed = back & (chance[..., 2] < faults.id_switch)
+    lost = _losses(chance[..., 0], chance[..., 1], faults, rate)
+    renamed = _comes_back(lost) & (chance[..., 2] < faults.id_switch)
     new_id = people - 1 + np.cumsum(renamed).reshape(renamed.shape)
     label = np.where(renamed, new_id, person)
     label = np.maximum.accumulate(label, axis=0)
 
-    distance = np.linalg.norm(path[:, :, None] - path[:, None], axis=-1)
+    offset = path[:, :, None] - path[:, None]
+    is_near = np.linalg.norm(offset, axis=-1) < SWAP_DISTANCE
     are_seen = ~lost[:, :, None] & ~lost[:, None]
-    close = (distance < SWAP_DISTANCE) & are_seen
-    swaps = close & (chance[..., 3:] < faults.id_swap)
+    swaps = is_near & are_seen & (chance[..., 3:] < faults.id_swap)
     for at, first, second in np.argwhere(np.triu(swaps, 1)):
         label[at:, [first, second]] = label[at:, [second, first]]
     return lost, label
+
+
+def _losses(
+    start: np.ndarray, length: np.ndarray, faults: TrackerFaults, rate: float
+) -> np.ndarray:
+    """[F, P] bool: who is lost, given chances [F, P] of a loss to start, and of its length."""
+    frame = np.arange(len(start))[:, None]
+    # Geometric length by inversion: P(more than n frames) = (1 - 1 / mean) ** n.
+    mean = max(faults.dropout_seconds * rate, 1.0)
+    tail = np.log1p(-1 / mean) if mean > 1 else -np.inf
+    frames = 1 + np.floor(np.log1p(-length) / tail)
+    end = np.where(start < faults.dropout, frame + frames, 0.0)
+    return np.maximum.accumulate(end, axis=0) > frame
+
+
+def _comes_back(lost: np.ndarray) -> np.ndarray:
+    """[F, P] bool: who is seen again, given who is `lost [F, P]`; nobody comes back at first."""
+    was_seen = np.logical_or.accumulate(~lost, axis=0)
+    is_back = np.zeros_like(lost)
+    is_back[1:] = lost[:-1] & ~lost[1:] & was_seen[:-1]
+    return is_back

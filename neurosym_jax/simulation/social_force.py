@@ -175,8 +175,8 @@ def _with_others(
         drift = state.velocity - state.velocity[partner]
         spring = SPRING / 2 * (rank.astype(np.float32) - gap)
         force = force + spring - DAMPING / 2 * drift
-    by_others = jax.vmap(_repulsion, (None, 0, None, None, 0))
-    repulsions = jax.vmap(by_others, (0, None, 0, 0, None))
+    from_others = jax.vmap(_repulsion, (None, 0, None, None, 0))
+    repulsions = jax.vmap(from_others, (0, None, 0, 0, None))
     push = repulsions(
         state.position, state.position, heading, state.velocity, state.velocity
     )

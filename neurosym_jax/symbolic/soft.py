@@ -102,8 +102,8 @@ def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Arra
         return jnp.where(present, expected, 0)
     weights = jnp.asarray(table, probabilities.dtype).reshape(9, 9)
     q1, q2, q3, q4 = jnp.moveaxis(probabilities, -2, 0)
-    by_sides = _both(q1, q2) @ weights
-    return (by_sides * _both(q3, q4)).sum(axis=-1)
+    weight_of_sides = _both(q1, q2) @ weights
+    return (weight_of_sides * _both(q3, q4)).sum(axis=-1)
 
 
 def _both(first: Array, second: Array) -> Array:

@@ -30,9 +30,9 @@ def pairs_over_time(step: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.n
     _, first, counts = np.unique(step[ends], return_index=True, return_counts=True)
     k, l = [np.zeros(0, int)], [np.zeros(0, int)]
     for start, people in zip(first, counts):
-        one, other = np.triu_indices(people, 1)
-        k.append(ends[start + one])
-        l.append(ends[start + other])
+        first_person, second_person = np.triu_indices(people, 1)
+        k.append(ends[start + first_person])
+        l.append(ends[start + second_person])
     return np.concatenate(k), np.concatenate(l)
 
 

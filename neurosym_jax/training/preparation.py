@@ -128,8 +128,8 @@ def _windows(
     if isinstance(part, Windows):
         steps = part.obs_len, part.position.shape[1] - part.obs_len
         if steps != lengths:
-            has, asked = (" + ".join(map(str, pair)) for pair in (steps, lengths))
-            raise InputError(f"windows of {has} steps do not fit a config of {asked}")
+            has, needs = (" + ".join(map(str, pair)) for pair in (steps, lengths))
+            raise InputError(f"windows of {has} steps do not fit a config of {needs}")
         if abs(part.period - config.period) > 0.01 * config.period:
             raise InputError(
                 f"windows have steps of {part.period:g} s and the config of {config.period:g} s: "

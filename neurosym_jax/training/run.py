@@ -233,11 +233,11 @@ class Run:
             changes = "; ".join(differences_between(before, to_json(self.config)))
             raise InputError(f"the initial model has another configuration: {changes}")
         modules = self.forecaster.shapes()
-        known = set()
+        module_names = set()
         for path, _ in jax.tree.leaves_with_path(modules):
-            known.update(getattr(entry, "key", None) for entry in path)
+            module_names.update(getattr(entry, "key", None) for entry in path)
         for name in self.recipe.freeze:
-            if name not in known:
+            if name not in module_names:
                 names = ", ".join(modules.get("params", modules))
                 raise InputError(f"freeze: no module {name!r} in {names}")
 

@@ -7,7 +7,6 @@ Gibbs sampling. So a person's points are equally probable only for a person who 
 alone. Nothing is learned here.
 """
 
-import functools
 from typing import Any
 
 import jax
@@ -43,9 +42,8 @@ def draw_samples(
         place = jax.random.uniform(key, (count,))
     ends = jnp.cumsum(probability)
     chosen = jnp.searchsorted(ends, place)
-    chosen = jnp.minimum(
-        chosen, len(samples) - 1
-    )  # Rounding may leave the last end below 1.
+    # Rounding may leave the last end below 1.
+    chosen = jnp.minimum(chosen, len(samples) - 1)
     return samples[chosen]
 
 
@@ -194,8 +192,10 @@ def nearest(
     else:
         means = jnp.einsum("np,pntc->tnc", weight, points)
     # Step by step, because of a crowd all steps of all pairs would not fit into memory.
-    gaps = [jnp.square(mean[:, None] - mean).sum(-1) for mean in means]
-    clearance = functools.reduce(jnp.minimum, gaps)
+    clearance: Any = jnp.inf
+    for mean in means:
+        gap = jnp.square(mean[:, None] - mean).sum(-1)
+        clearance = jnp.minimum(clearance, gap)
     others = valid & ~jnp.eye(agents, dtype=bool)
     score = jnp.where(others, -clearance, -jnp.inf)
     score, near = jax.lax.top_k(score, min(agents - 1, NEAREST))
@@ -207,9 +207,10 @@ def _companionship(observed: Array, near: Array, period: float) -> Array:
     last = observed[:, -1]
     velocity = (last - observed[:, -4]) / (3 * period)
     distance, difference = COMPANY
-    apart = jnp.square((last[:, None] - last[near]) / distance).sum(-1)
-    unlike = jnp.square((velocity[:, None] - velocity[near]) / difference).sum(-1)
-    companionship = jnp.exp(-(apart + unlike))
+    offset = (last[:, None] - last[near]) / distance
+    change = (velocity[:, None] - velocity[near]) / difference
+    square = jnp.square(offset).sum(-1) + jnp.square(change).sum(-1)
+    companionship = jnp.exp(-square)
     return jnp.where(companionship > 0.02, companionship, 0)
 
 
@@ -223,8 +224,9 @@ def _partings(points: Array, last: Array, near: Array) -> Array:
     moved = moved.reshape(agents, count, -1)
     square = jnp.square(moved).sum(-1)
     product = jnp.einsum("nmqd,npd->nmqp", moved[near], moved)
-    gap = square[near][..., None] + square[:, None, None] - 2 * product
-    return jnp.sqrt(jnp.maximum(gap, 0) / steps)
+    squares = square[near][..., None] + square[:, None, None]
+    gap = jnp.maximum(squares - 2 * product, 0)
+    return jnp.sqrt(gap / steps)
 
 
 def _overlaps(points: Array, near: Array) -> Array:
@@ -243,8 +245,10 @@ def _overlaps(points: Array, near: Array) -> Array:
         before_x, before_y = before or (x, y)
         dx = before_x - x
         dy = before_y - y
-        back = -(x * dx + y * dy) / (dx * dx + dy * dy + 1e-12)
-        back = jnp.clip(back, 0, 1)
+        # The share of the way back to the step before at which they are nearest.
+        along = x * dx + y * dy
+        length = dx * dx + dy * dy + 1e-12
+        back = jnp.clip(-along / length, 0, 1)
         square = jnp.square(x + back * dx) + jnp.square(y + back * dy)
         least = jnp.minimum(least, square)
         before = x, y

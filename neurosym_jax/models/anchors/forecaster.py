@@ -236,8 +236,8 @@ class AnchorsForecaster(AnchorTableForecaster):
             or self.config.weighting
         ):
             return scene
-        whole = with_steps(scene, self.config.obs_len)
-        near = neighbours(whole, self.config.radius, self.config.period)
+        full_scene = with_steps(scene, self.config.obs_len)
+        near = neighbours(full_scene, self.config.radius, self.config.period)
         return scene.replace(near=near)
 
 

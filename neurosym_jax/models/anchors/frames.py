@@ -167,8 +167,8 @@ def _around(position: Array, valid: Array) -> Array:
     x, y = position.T  # Apart, the loop runs in wide instructions: 25 times faster.
 
     def count(total: Array, other: Array) -> tuple[Array, None]:
-        apart = jnp.hypot(x - x[other], y - y[other])
-        return total + valid[other] * _within(apart, WIDE), None
+        distance = jnp.hypot(x - x[other], y - y[other])
+        return total + valid[other] * _within(distance, WIDE), None
 
     numbers = jnp.arange(valid.shape[0])
     start = jnp.full(valid.shape[0], -1, position.dtype)  # Nobody is around themselves.

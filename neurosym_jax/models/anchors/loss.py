@@ -102,6 +102,7 @@ def anchor_loss(
     sizes = valid.sum(1, dtype=samples.dtype)
     people = crowd_sum(sizes)
     n = jnp.maximum(people, 1)
+
     square = jnp.square(samples - future[:, None]).sum(-1)
     # Smooth at 0, where a sample meets the truth.
     distance = jnp.sqrt(square + 1e-9)
@@ -109,18 +110,21 @@ def anchor_loss(
     ade = distance.mean(-1)
     error = ade + recipe.fde_weight * distance[..., -1]  # [B, k, N]
     joint = crowd_sum(error.sum(2))  # [crowds, k]
+
     total = recipe.joint_weight * joint.min(1).sum()
     total += recipe.marginal_weight * error.min(1).sum()
     total += recipe.mean_weight * ade.mean(1).sum()
 
     log_probability = crowd_sum(log_probability * sizes[:, None]) / n[:, None]
-    target = jax.nn.softmax(-joint / n[:, None] / recipe.temperature)
+    mean_error = joint / n[:, None]
+    target = jax.nn.softmax(-mean_error / recipe.temperature)
     target = jax.lax.stop_gradient(target)
     agreement = (target * log_probability).sum(1)
     total -= recipe.probability_weight * (agreement * people).sum()
     likely = log_probability.argmax(1)[:, None]
     likely_error = jnp.take_along_axis(joint, likely, 1)
     total += recipe.likely_weight * likely_error.sum()
+
     if recipe.collision_weight:
         near = overlap(samples, valid).mean(1)
         total += recipe.collision_weight * near.sum()
@@ -157,7 +161,8 @@ def personal_energy(points: Array, future: Array) -> Array:
     # Smooth at 0: points may meet each other and the truth.
     error = jnp.sqrt(square + 1e-6)
     spread = jnp.sqrt(jnp.maximum(square_gap, 0) + 1e-6)
-    return (error.mean(1) - spread.mean((1, 2)) / 2) / jnp.sqrt(steps)
+    energy = error.mean(1) - spread.mean((1, 2)) / 2
+    return energy / jnp.sqrt(steps)
 
 
 def step_energy(points: Array, future: Array) -> Array:
