@@ -68,12 +68,10 @@ def _run(arguments: list[str]) -> None:
         from neurosym_jax.commands._running import run_command
 
         prepare = getattr(command, "prepare_arguments", list)
-        called = (
-            (command.Options, command.run)
-            if hasattr(command, "Options")
-            else (command.run,)
-        )
-        run_command(*called, arguments=rest, prog=f"neurosym {name}", prepare=prepare)
+        options, action = command.run, None
+        if hasattr(command, "Options"):
+            options, action = command.Options, command.run
+        run_command(options, action, rest, f"neurosym {name}", prepare)
     else:
         nearest = difflib.get_close_matches(name, modules, 1)
         hint = (

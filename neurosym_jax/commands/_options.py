@@ -228,17 +228,12 @@ def flags(options: Mapping[str, Any]) -> list[str]:
     """The words of a command that give options by name, as `given` returns them."""
     words: list[str] = []
     for name, value in options.items():
-        values = (
-            value
-            if isinstance(value, list | tuple)
-            else []
-            if value is True
-            else [value]
-        )
-        texts = (
-            f"{item:.12g}" if isinstance(item, float) else str(item) for item in values
-        )
-        words += [f"--{name.replace('_', '-')}", *texts]
+        words.append(f"--{name.replace('_', '-')}")
+        if value is True:
+            continue
+        values = value if isinstance(value, list | tuple) else [value]
+        for item in values:
+            words.append(f"{item:.12g}" if isinstance(item, float) else str(item))
     return words
 
 

@@ -63,10 +63,8 @@ def run_command(
             if isinstance(error, KeyboardInterrupt):
                 print("interrupted", file=sys.stderr)
                 sys.exit(128 + signal.SIGINT)
-            if (
-                isinstance(error, InputError)
-                or getattr(error, "errno", None) in OF_THE_DISK
-            ):
+            of_the_disk = getattr(error, "errno", None) in OF_THE_DISK
+            if isinstance(error, InputError) or of_the_disk:
                 print(f"error: {printable(str(error))}", file=sys.stderr)
                 for note in getattr(error, "__notes__", ()):
                     if JAX_NOTE not in note:

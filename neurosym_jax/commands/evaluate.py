@@ -365,11 +365,9 @@ def _plan(
 
     `steps` are those of files of forecasts, which need no model beside them.
     """
-    protocol, baselines, least = (
-        PROTOCOLS[options.protocol],
-        options.baselines,
-        options.min_agents,
-    )
+    protocol = PROTOCOLS[options.protocol]
+    baselines = options.baselines
+    least = options.min_agents
     lengths = {"obs_len": options.obs_len, "pred_len": options.pred_len}
     for name, has in protocol.lengths.items():
         if lengths[name] not in (None, has):

@@ -194,25 +194,22 @@ def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
     gap = step > GAP * usual
     rate = f", {1 / usual:.4g} points a second" if usual > 0 else ""
     longest = f", the longest {step[gap].max():.2f} s" if gap.any() else ""
-    speeds = (
-        "median {:.2f}, fastest {:.2f} m/s".format(*np.quantile(speed[~gap], (0.5, 1)))
-        if len(step)
-        else "unknown"
-    )
-    pace = pace_of(tracks)[1]
+    speeds = "unknown"
+    if len(step):
+        median, fastest = np.quantile(speed[~gap], (0.5, 1))
+        speeds = f"median {median:.2f}, fastest {fastest:.2f} m/s"
     width, height = np.ptp(tracks.position, axis=0)
     lines = [
         f"  {printable(tracks.recording)}",
         f"    people {len(np.unique(tracks.id))}, points {len(tracks.id)}, duration "
         f"{np.ptp(tracks.stamp):.1f} s{rate}, {gap.sum()} gaps{longest}",
         f"    area {width:.1f} x {height:.1f} m, speeds {speeds}",
-        *(
-            []
-            if np.isnan(pace)
-            else [f"    one step in twenty is faster than {pace:.2f} m/s"]
-        ),
-        f"    scenes 8+8: {_scenes(tracks, 8, max_gap)}, 8+12: {_scenes(tracks, 12, max_gap)}",
     ]
+    _, pace = pace_of(tracks)
+    if not np.isnan(pace):
+        lines.append(f"    one step in twenty is faster than {pace:.2f} m/s")
+    short, long = _scenes(tracks, 8, max_gap), _scenes(tracks, 12, max_gap)
+    lines.append(f"    scenes 8+8: {short}, 8+12: {long}")
     if tracks.reading:
         if tracks.reading.rate:
             lines.append(f"    {tracks.reading.rate:g} frame numbers a second")

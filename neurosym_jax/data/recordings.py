@@ -204,7 +204,7 @@ def refuse_useless(path: Path, form: Format, options: ReadOptions) -> None:
         InputError: naming the first.
     """
     uses = SCALED if form.uses is None else form.uses
-    for name in sorted(columns.Columns.uses - uses):
+    for name in sorted(columns.OF_A_TABLE - uses):
         if getattr(options, name):
             raise InputError(
                 f"{path}: {option(name)} is of no use for {form.title}, which fixes it"

@@ -118,29 +118,27 @@ def _checked(path: Path, arrays: dict[str, np.ndarray]) -> ForecastFile:
         shapes["recordings"] = (agents,)
     likely = arrays.get("probabilities")
     if likely is not None:
-        arrays["probabilities"] = likely = np.broadcast_to(
-            likely[:, None] if likely.ndim == 1 else likely, (len(likely), agents)
-        )
+        if likely.ndim == 1:
+            likely = likely[:, None]
+        likely = np.broadcast_to(likely, (len(likely), agents))
+        arrays["probabilities"] = likely
         shapes["probabilities"] = (len(samples), agents)
     for name, shape in shapes.items():
-        kinds = KINDS_OF.get(name, "iuf")
-        if (
-            arrays[name].shape != shape
-            or arrays[name].dtype.kind not in kinds
-            or not agents
-        ):
+        array = arrays[name]
+        is_kind = array.dtype.kind in KINDS_OF.get(name, "iuf")
+        if not agents or array.shape != shape or not is_kind:
             layout = "[k, A, T, 2]" if name == "samples" else list(shape)
-            shape_text = f"{list(arrays[name].shape)} {arrays[name].dtype}"
+            shape_text = f"{list(array.shape)} {array.dtype}"
             raise InputError(f"{path}: {name} must be {layout}, not {shape_text}")
     wrong = int(np.sum(~np.isfinite(samples).all(axis=(0, 2, 3))))
     if wrong:
         raise InputError(f"{path}: samples of {wrong} of {agents} rows are not finite")
-    if likely is not None and not (
-        (likely >= 0).all() and np.allclose(likely.sum(axis=0), 1, atol=1e-3)
-    ):
-        raise InputError(
-            f"{path}: probabilities must not be negative and have a sum of 1"
-        )
+    if likely is not None:
+        has_sum = np.allclose(likely.sum(axis=0), 1, atol=1e-3)
+        if not has_sum or (likely < 0).any():
+            raise InputError(
+                f"{path}: probabilities must not be negative and have a sum of 1"
+            )
     names = ("samples", "ids", "frames", "recordings", "probabilities")
     others = {name: arrays[name] for name in arrays if name not in names}
     return ForecastFile(path, *(arrays.get(name) for name in names), truth=others)  # pyright: ignore[reportArgumentType]
@@ -165,9 +163,8 @@ def _windows_of(file: ForecastFile) -> Windows:
             f"{file.path}: does not hold what happened ({missing[0]!r}): name the recordings that "
             "were forecast"
         )
-    observed, truth, scene, start, period = (
-        np.asarray(file.truth[name]) for name in names
-    )
+    arrays = [np.asarray(file.truth[name]) for name in names]
+    observed, truth, scene, start, period = arrays
     order = np.lexsort((np.arange(len(scene)), scene))
     first = np.unique(scene[order], return_index=True)[1]
     recordings = np.array(_recordings(file))[order]
@@ -204,7 +201,8 @@ def recording_names(windows: Windows) -> np.ndarray:
 def last_frames(windows: Windows) -> np.ndarray:
     """[S] numbers of the last observed frames, or seconds where the file does not number frames."""
     stamps = np.zeros(windows.scenes) if windows.stamp is None else windows.stamp
-    return np.round(stamps * [reading.rate or 1.0 for reading in _readings(windows)], 3)
+    rates = [reading.rate or 1.0 for reading in _readings(windows)]
+    return np.round(stamps * rates, 3)
 
 
 def _readings(windows: Windows) -> list[Reading]:
@@ -281,11 +279,11 @@ def _check_fit(file: ForecastFile, windows: Windows, rows: np.ndarray) -> None:
 
     def median(step: int, position: int) -> float:
         """Metres from a forecast step to an observed or true one; of people, of the best sample."""
-        offset = (
-            file.samples[:, rows[rows >= 0], step]
-            - windows.position[rows >= 0, position]
-        )
-        return float(np.median(np.linalg.norm(offset, axis=-1).min(axis=0)))
+        has_row = rows >= 0
+        places = file.samples[:, rows[has_row], step]
+        offset = places - windows.position[has_row, position]
+        distance = np.linalg.norm(offset, axis=-1)
+        return float(np.median(distance.min(axis=0)))
 
     present = windows.obs_len - 1
     jump = median(0, present)

@@ -1,6 +1,5 @@
 """Forecast batches of scenes and score them."""
 
-import functools
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -99,9 +98,9 @@ class Evaluation(NamedTuple):
 
 def chosen(names: Sequence[str] | None) -> Metrics:
     """The metrics of these names; by default those that are computed without being named."""
-    return tuple(
-        (name, METRICS[name]) for name in (metric_names() if names is None else names)
-    )
+    if names is None:
+        names = metric_names()
+    return tuple((name, METRICS[name]) for name in names)
 
 
 def score_forecaster(
@@ -122,21 +121,19 @@ def score_forecaster(
     samples = forecaster.count(samples)
     cores = cpu_cores()
     slots = max(batch.scene.valid.size for batch in batches) * min(cores, len(batches))
-    drawn = any(metric.drawn for _, metric in chosen(metrics))
-    futures = samples + DRAWS * drawn
+    selected = chosen(metrics)
+    futures = samples
+    if any(metric.drawn for _, metric in selected):
+        futures += DRAWS
     refuse_many(forecaster, futures, slots, min(slots, PART * cores))
-    options = {"samples": samples, "seed": seed, "metrics": chosen(metrics)}
-    score_one = functools.partial(score_batch, forecaster, params, **options)
+
+    def score_one(batch: Batch, memory: Remembered | None) -> Scores:
+        return score_batch(
+            forecaster, params, batch.scene, samples, seed, selected, memory
+        )
+
     with ThreadPoolExecutor(cores) as pool:
-        scenes = [batch.scene for batch in batches]
-        if memories is None:
-            parts = list(pool.map(score_one, scenes))
-        else:
-            parts = list(
-                pool.map(
-                    lambda *pair: score_one(pair[0], memory=pair[1]), scenes, memories
-                )
-            )
+        parts = list(pool.map(score_one, batches, memories or [None] * len(batches)))
     return _evaluation(parts, batches, samples, DRAWS, start)
 
 
@@ -365,14 +362,16 @@ def _computed(
     """The metric's values and weights; without weights, those of `Metric.compute`."""
     if metric.moves and moves is None:
         raise InputError(f"metric {name}: needs forecasts without neighbours, too")
+    optional = (probability,) if metric.weighted else ()
     try:
-        optional = (probability,) if metric.weighted else ()
         values = metric.compute(moves if metric.moves else samples, scene, *optional)
         if isinstance(values, tuple):
             values, weights = values
             return values, weights
-        valid: Any = scene.valid
-        return values, valid.sum(axis=-1) if np.ndim(values) < np.ndim(valid) else valid
+        weights: Any = scene.valid
+        if np.ndim(values) < np.ndim(weights):
+            weights = weights.sum(axis=-1)
+        return values, weights
     except Exception as error:  # A plugin's code can fail in any way.
         raise InputError(f"metric {name}: {type(error).__name__}: {error}") from error
 
@@ -381,11 +380,10 @@ def _summed(
     name: str, values: Any, weights: Any, scenes: Scene, xp: Any
 ) -> tuple[Any, Any]:
     """(total [B] or [B, T], count [B]) of a batch's values and weights."""
-    _, slots, steps = shape = scenes.known_future.shape[:3]
-    if (
-        values.shape not in (shape[:1], shape[:2], shape)
-        or weights.shape != values.shape[:2]
-    ):
+    shape = scenes.known_future.shape[:3]
+    _, slots, steps = shape
+    fits = values.shape in (shape[:1], shape[:2], shape)
+    if not fits or weights.shape != values.shape[:2]:
         raise InputError(
             f"metric {name}: values [], [{slots}] or [{slots}, {steps}] of a scene are wanted and "
             f"weights [] or [{slots}] alike, not {list(values.shape[1:])} and "

@@ -140,17 +140,17 @@ def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Ar
 
 def _arguments(model: Model, samples: str) -> dict[str, jax.ShapeDtypeStruct]:
     """The program's arguments by name, of any number of people; `samples` is a number or a name."""
-    spec, sizes = (
-        model.forecaster.noise,
-        {"observed": f"people, {model.config.obs_len}, 2"},
-    )
+    spec = model.forecaster.noise
+    sizes = {"observed": f"people, {model.config.obs_len}, 2"}
+    free = ["people"]
     if spec.dim:
-        sizes["noise"] = f"{samples}, {'people, ' if spec.per_agent else ''}{spec.dim}"
-    free = ["people", *([samples] if spec.dim and samples.isidentifier() else [])]
+        agents = "people, " if spec.per_agent else ""
+        sizes["noise"] = f"{samples}, {agents}{spec.dim}"
+        if samples.isidentifier():
+            free.append(samples)
     scope = jax.export.SymbolicScope([f"{name} >= 1" for name in free])
-    return {
-        name: jax.ShapeDtypeStruct(
-            jax.export.symbolic_shape(size, scope=scope), jnp.float32
-        )
-        for name, size in sizes.items()
-    }
+    arguments = {}
+    for name, size in sizes.items():
+        shape = jax.export.symbolic_shape(size, scope=scope)
+        arguments[name] = jax.ShapeDtypeStruct(shape, jnp.float32)
+    return arguments

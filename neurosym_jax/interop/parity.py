@@ -392,11 +392,8 @@ def _likely_reason(
             return "no ReLU after its last layer, ours has one"
         return "it computes something else with the same weights"
     for decimals in range(1, 5):
-        if (
-            np.abs(reference - np.round(reference, decimals)).max()
-            < 1e-7
-            < np.abs(reference).max()
-        ):
+        rest = np.abs(reference - np.round(reference, decimals)).max()
+        if rest < 1e-7 < np.abs(reference).max():
             return f"it is rounded to {decimals} decimals, ours is not"
     return (
         "its layers agree alone, the module's forward puts them together in another way (order of "

@@ -217,18 +217,15 @@ def read_torch_file(path: str | os.PathLike) -> Any:
         with open(path, "rb") as file:
             # Someone may name a film or a bag of many gigabytes.
             head = file.read(64)
-            legacy = LEGACY_MAGIC.to_bytes(10, "little") in head
-            if not legacy and not head.startswith(b"PK\x03\x04"):
-                raise InputError(
-                    f"{'not a file of torch.save' if head else 'an empty file'}; "
-                    "a .pt checkpoint was expected"
-                )
-            refuse_beyond_memory(
-                "reading it", 4.0 * os.fstat(file.fileno()).st_size, "free some"
-            )
-            return (_read_legacy if legacy else _read_zip)(
-                io.BytesIO(head + file.read()), {}
-            )
+            read = _read_zip
+            if LEGACY_MAGIC.to_bytes(10, "little") in head:
+                read = _read_legacy
+            elif not head.startswith(b"PK\x03\x04"):
+                kind = "not a file of torch.save" if head else "an empty file"
+                raise InputError(f"{kind}; a .pt checkpoint was expected")
+            size = os.fstat(file.fileno()).st_size
+            refuse_beyond_memory("reading it", 4.0 * size, "free some")
+            return read(io.BytesIO(head + file.read()), {})
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except InputError as error:
@@ -242,11 +239,8 @@ def read_torch_file(path: str | os.PathLike) -> Any:
 
 def _read_legacy(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
     magic, protocol, system = (_load(stream, storages) for _ in range(3))
-    if (magic, protocol, system["little_endian"]) != (
-        LEGACY_MAGIC,
-        LEGACY_PROTOCOL,
-        True,
-    ):
+    is_legacy = magic == LEGACY_MAGIC and protocol == LEGACY_PROTOCOL
+    if not is_legacy or system["little_endian"] is not True:
         raise InputError(
             f"of another format ({brief(protocol)}), or of a big-endian machine"
         )
@@ -275,17 +269,14 @@ def _read_zip(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
             raise InputError(
                 "a zip archive, but not one of torch.save: it has no data.pkl"
             )
-        if any(
-            entry.compress_type != zipfile.ZIP_STORED for entry in archive.infolist()
-        ):
+        entries = archive.infolist()
+        if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries):
             raise InputError(
                 "its content is compressed, and may be of any size; torch's never is"
             )
         # Entries may lie on top of each other.
-        if (
-            sum(entry.file_size for entry in archive.infolist())
-            > stream.getbuffer().nbytes
-        ):
+        size = sum(entry.file_size for entry in entries)
+        if size > stream.getbuffer().nbytes:
             raise InputError("its entries are larger than itself")
         contents = _load(io.BytesIO(archive.read(names[0])), storages)
         for key, storage in storages.items():

@@ -77,10 +77,9 @@ def load_torch_training(path: str | os.PathLike) -> TorchTraining:
     """
     contents = read_torch_file(path)
     try:
+        parts = contents if isinstance(contents, Mapping) else {}
         for name in ("args", *STATES):
-            if not isinstance(contents, Mapping) or not isinstance(
-                contents.get(name), Mapping
-            ):
+            if not isinstance(parts.get(name), Mapping):
                 raise InputError(f"has no {name}: not a checkpoint of a training")
         return training_from_torch(contents, Path(path).name)
     except InputError as error:
@@ -136,9 +135,8 @@ def training_from_torch(
     adversary = init_adversary(recipe, {"params": critic})
     adam = _adam_state(contents, "d", critic_config)
     optimizer = optax.tree_utils.tree_set(adversary.optimizer, **adam)
-    return TorchTraining(
-        config, recipe, state._replace(extra=Adversary(adversary.params, optimizer))
-    )
+    state = state._replace(extra=Adversary(adversary.params, optimizer))
+    return TorchTraining(config, recipe, state)
 
 
 def adam_entries(

@@ -246,17 +246,14 @@ def save_model(
         "dataset": model.dataset,
         "plugins": list(model.plugins),
     }
-    optional = {name: getattr(model, name) for name in OPTIONAL} | {
-        "data": dict(model.data)
-    }
-    fields |= {
-        name: value for name, value in optional.items() if value not in ("", None, {})
-    }
+    optional = {name: getattr(model, name) for name in OPTIONAL}
+    optional["data"] = dict(model.data)
+    for name, value in optional.items():
+        if value not in ("", None, {}):
+            fields[name] = value
     text = json.dumps(fields, indent=2, allow_nan=False)
-    if (
-        from_json(type(model.config), json.loads(text)["config"], CONFIG)
-        != model.config
-    ):
+    written = json.loads(text)["config"]
+    if from_json(type(model.config), written, CONFIG) != model.config:
         raise InputError(
             f"the configuration of {model.name} does not come back from JSON"
         )
@@ -309,11 +306,9 @@ def load_model(
         near = difflib.get_close_matches(str(path), names_here, 1)
         # A kind, such as sgan, is the beginning of names.
         near += [name for name in names_here if name.startswith(f"{path}_")][:1]
-        hint = (
-            f"did you mean {near[0]}?"
-            if near
-            else "`neurosym models --all` lists those here"
-        )
+        hint = "`neurosym models --all` lists those here"
+        if near:
+            hint = f"did you mean {near[0]}?"
         raise InputError(f"{path}: no such model ({hint})")
     try:
         return dataclasses.replace(_read(path), called=called)
@@ -402,13 +397,10 @@ def _read(folder: Path) -> Model:
 
 def _refuse_misfit(model: Model) -> None:
     """Refuse parameters that are not finite or do not fit the configuration."""
-    shapes = model.forecaster.shapes()
     flat = flat_parameters(model.params)
-    fields = (
-        {name: array.shape for name, array in flat.items()}
-        if shapes is None
-        else shapes_of(shapes)
-    )
+    shapes = model.forecaster.shapes()
+    # Where no shapes are known, any will do.
+    fields = shapes_of(model.params if shapes is None else shapes)
     refuse_misfit(flat, fields, "the configuration describes another network")
 
 

@@ -210,9 +210,9 @@ class SceneForecaster:
         """
         futures, probability = started
         world = to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
-        return world, None if probability is None else np.asarray(
-            probability, np.float64
-        )
+        if probability is None:
+            return world, None
+        return world, np.asarray(probability, np.float64)
 
 
 @program((0, 4), compiler_options=options_of)
@@ -310,9 +310,9 @@ def predict_representatives(
         model.forecaster, model.params, samples=samples, seed=seed, repair=repair
     )
     futures, probability = forecaster.finish(forecaster.start(scene), scene)
-    return futures, np.full(
-        len(futures), 1 / len(futures)
-    ) if probability is None else probability
+    if probability is None:
+        probability = np.full(len(futures), 1 / len(futures))
+    return futures, probability
 
 
 def checked_scene(
@@ -825,11 +825,10 @@ def _decoded_agents(
     context = () if encoder is None else _encode(encoder, params, bare)
     agents = context, bare.replace(identity=None)
     agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], agents)
-    agent_noise = (
-        noise[:, valid]
-        if noise.ndim == 4
-        else np.repeat(noise, valid.sum(axis=1), axis=1)
-    )
+    if noise.ndim == 4:
+        agent_noise = noise[:, valid]
+    else:
+        agent_noise = np.repeat(noise, valid.sum(axis=1), axis=1)
     packed = (*agents, agent_noise.swapaxes(0, 1))
     parts = []
     for at in range(0, agent_noise.shape[1], PART):

@@ -181,9 +181,8 @@ def _checked(
             "samples must be [k, N, T, 2] and observed [N, obs_len, 2], not "
             f"{list(shape)} and {list(seen)}"
         )
-    last = (observed if isinstance(observed, jax.Array) else np.asarray(observed))[
-        :, -1
-    ]
+    positions = observed if isinstance(observed, jax.Array) else np.asarray(observed)
+    last = positions[:, -1]
     if isinstance(last, np.ndarray):
         # Far from the origin float32 would lose the differences.
         origin = last.astype(np.float64).mean(axis=0, where=~np.isnan(last))
@@ -288,18 +287,15 @@ def forecast_rows(
     texts = state_texts(settings.calculus, settings.distances)
     surest = events.probability.max(axis=0)
     rows = []
-    for k, l in sorted(
-        itertools.permutations(range(len(people)), 2), key=lambda at: -surest[at]
-    ):
+    pairs = itertools.permutations(range(len(people)), 2)
+    for k, l in sorted(pairs, key=lambda pair: -surest[pair]):
         happens = {}
         for name, share, times in zip(
             EVENTS, events.probability[:, k, l], events.seconds[:, k, l]
         ):
-            seconds = (
-                np.round(times.astype(float), 3).tolist()
-                if np.isfinite(times[0])
-                else None
-            )
+            seconds = None
+            if np.isfinite(times[0]):
+                seconds = np.round(times.astype(float), 3).tolist()
             happens[name] = {"probability": round(float(share), 4), "seconds": seconds}
         likely = []
         for share in states[k, l]:

@@ -75,17 +75,18 @@ def prepare(
         raise InputError(
             "validation: windows cannot be divided; give recordings, or validation"
         )
-    training, validation = (
-        part
-        if part is None or isinstance(part, Windows)
-        else _on_grid(part, config.period, read)
-        for part in (training, None if own else validation)
-    )
+    learned_from: Any = training
+    if not isinstance(training, Windows):
+        learned_from = _on_grid(training, config.period, read)
     if own:
-        training, validation = _divided(training, config, recipe.min_agents, fold)
+        learned_from, validation = _divided(
+            learned_from, config, recipe.min_agents, fold
+        )
+    elif not isinstance(validation, Windows):
+        validation = _on_grid(validation, config.period, read)
     if len(also):
-        training = [*training, *_on_grid(also, config.period, read)]
-    learned = _windows(training, config, recipe.min_agents)
+        learned_from = [*learned_from, *_on_grid(also, config.period, read)]
+    learned = _windows(learned_from, config, recipe.min_agents)
     validated = _windows(validation, config, 2, recipe.min_agents)
     uses: dict[str, Windows | None] = {"validated": validated}
     if tested is not None:
@@ -108,8 +109,10 @@ def describe_parts(training: Windows, validation: Windows) -> str:
         f"  {printable(name)}: {learned} / {validated}"
         for name, (learned, validated) in counts.items()
     ]
-    rest = [f"  and {len(rows) - LINES} recordings more"] if len(rows) > LINES else []
-    return "\n".join(["windows to learn from / to validate on:", *rows[:LINES], *rest])
+    lines = ["windows to learn from / to validate on:", *rows[:LINES]]
+    if len(rows) > LINES:
+        lines.append(f"  and {len(rows) - LINES} recordings more")
+    return "\n".join(lines)
 
 
 def _on_grid(data: Any, period: float, read: ReadOptions) -> list[Tracks]:

@@ -295,14 +295,15 @@ class Run:
 
 def record_of(run: Run) -> dict[str, Any]:
     """What must be equal for a run to be resumed with the same bits; JSON-able."""
+    init = None
+    if run.init is not None:
+        init = _digest_of(*jax.tree.leaves(run.init.params))
     return {
         "forecaster": run.forecaster.key,
         "config": to_json(run.config),
         "training": to_json(run.recipe),
         "scene": run.dataset,
-        "init": None
-        if run.init is None
-        else _digest_of(*jax.tree.leaves(run.init.params)),
+        "init": init,
         "data": {
             "training": _digest(run.training),
             "validation": _digest(run.validation),
@@ -394,15 +395,16 @@ def model_card(
     for name, value in _settings_of(facts).items():
         if value not in (None, "", []):
             lines.append([name, markdown_text(str(value))])
+    tests = "Not tested yet."
+    if test_rows:
+        tests = format_table(rows_frame(test_rows), "markdown")
     return CARD.format(
         title=title,
         obs_len=config.obs_len,
         pred_len=config.pred_len,
         samples=facts["samples"],
         **{name: facts["validation"][name] for name in ("step", "val_ade", "val_fde")},
-        tests=format_table(rows_frame(test_rows), "markdown")
-        if test_rows
-        else "Not tested yet.",
+        tests=tests,
         settings=markdown_table(["", ""], lines),
     )
 

@@ -336,10 +336,8 @@ def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> N
     try:
         with new_folder(path) as new:
             # Asked before, because Orbax prints thirty tracebacks on a full disk.
-            if (
-                shutil.disk_usage(new).free
-                < sum(leaf.nbytes for leaf in leaves.values()) + SPARE
-            ):
+            needed = sum(leaf.nbytes for leaf in leaves.values()) + SPARE
+            if shutil.disk_usage(new).free < needed:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             with context:
                 ocp.save(str((new / STATE).absolute()), leaves)
@@ -348,9 +346,9 @@ def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> N
         for old in _steps(folder)[:-2]:
             shutil.rmtree(old)
     except Exception as error:  # Orbax and its storage raise many kinds.
-        text = (
-            str(error) if isinstance(error, InputError) else f"{path}: {_reason(error)}"
-        )
+        text = f"{path}: {_reason(error)}"
+        if isinstance(error, InputError):
+            text = str(error)
         raise TrainingError(f"{text}; what was saved before is kept") from error
 
 
@@ -376,9 +374,8 @@ def restore_state(
                 raise ValueError("its files do not match their digest")
             record = json.loads((path / RECORD).read_bytes())
             arrays: Any = ocp.load(str((path / STATE).absolute()))
-        except (
-            Exception
-        ) as error:  # Orbax and its storage raise many kinds for damaged files.
+        except Exception as error:
+            # Orbax and its storage raise many kinds for damaged files.
             line = f"warning: {path}: is damaged: {_reason(error)}"
             print(printable(line), file=sys.stderr)
             aside = path.with_name(f"damaged_{path.name}")
@@ -388,9 +385,8 @@ def restore_state(
         check(record)
         leaves, structure = jax.tree.flatten(template)
         leaves_saved = [arrays[name] for name in sorted(arrays)]
-        if [(leaf.shape, leaf.dtype) for leaf in leaves_saved] != [
-            (x.shape, x.dtype) for x in leaves
-        ]:
+        kinds = [(leaf.shape, leaf.dtype) for leaf in leaves]
+        if [(leaf.shape, leaf.dtype) for leaf in leaves_saved] != kinds:
             raise InputError(f"{folder}: holds another run: its network differs")
         return jax.tree.unflatten(structure, leaves_saved), record
     return None

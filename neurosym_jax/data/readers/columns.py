@@ -38,6 +38,7 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, option, printable
 
 __all__ = [
+    "OF_A_TABLE",
     "Cliff",
     "Columns",
     "Layout",
@@ -50,6 +51,21 @@ __all__ = [
     "answered",
     "recordings_of",
 ]
+
+
+OF_A_TABLE = frozenset(
+    {
+        "columns",
+        "fps",
+        "keep",
+        "time_unit",
+        "unit",
+        "homography",
+        "flip_y",
+        "missing",
+    }
+)
+"""The fields of `ReadOptions` that say what a table does not."""
 
 
 class NoPeople(InputError):
@@ -73,18 +89,7 @@ class Columns(Format):
     """A user's own table, whose columns are named, numbered or have usual names."""
 
     title = "table with named columns"
-    uses = frozenset(
-        {
-            "columns",
-            "fps",
-            "keep",
-            "time_unit",
-            "unit",
-            "homography",
-            "flip_y",
-            "missing",
-        }
-    )
+    uses = OF_A_TABLE
 
     def knows(self, head: Head) -> bool:
         """Names in a header or a comment, a column of texts, or more than four columns."""

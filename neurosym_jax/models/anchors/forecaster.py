@@ -230,11 +230,8 @@ class AnchorsForecaster(AnchorTableForecaster):
 
     def prepared(self, scene: Scene) -> Scene:
         """See `Forecaster.prepared`; a crowd has the neighbours within the radius alone."""
-        if (
-            len(scene.valid) <= CROWD
-            or not self.sees_neighbours
-            or self.config.weighting
-        ):
+        is_crowd = len(scene.valid) > CROWD
+        if not is_crowd or not self.sees_neighbours or self.config.weighting:
             return scene
         full_scene = with_steps(scene, self.config.obs_len)
         near = neighbours(full_scene, self.config.radius, self.config.period)
@@ -266,7 +263,6 @@ def apply_anchors(
 ) -> AnchorForecast:
     """All that the network or table of `config` forecasts of one scene.
 
-
     Of the scene's `alpha [N, N, obs_len]`, or else the weighting's, the last step
     counts; for `company` see `AnchorNetwork`.
     """
@@ -287,11 +283,9 @@ def _network(config: Any) -> Any:
     # Imports Flax: only where a network is traced.
     from neurosym_jax.models.anchors.network import AnchorNetwork, AnchorTable
 
-    return (
-        AnchorNetwork(config)
-        if isinstance(config, AnchorConfig)
-        else AnchorTable(config)
-    )
+    if isinstance(config, AnchorConfig):
+        return AnchorNetwork(config)
+    return AnchorTable(config)
 
 
 def spread_of(samples: Array, probability: Array, valid: Array, count: int) -> Array:

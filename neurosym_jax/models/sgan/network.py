@@ -106,9 +106,8 @@ class GeneratorConfig(Lengths):
                 f"not {self.noise_dim}: noise is a part of the decoder's first hidden state"
             )
         pooling = POOLINGS.name_of(self.pooling)
-        if self.pool_every_timestep and (
-            not self.pools or "alpha_rows" in self.pooling.inputs
-        ):
+        can_repeat = self.pools and "alpha_rows" not in self.pooling.inputs
+        if self.pool_every_timestep and not can_repeat:
             raise InputError(
                 f"pool_every_timestep needs a pooling other than {pooling!r}"
             )

@@ -686,9 +686,10 @@ def _map_pooling_params(tree: Any, change: Callable[[Any], Any]) -> Any:
     """`tree` with `change` of the parameters of each pooling that ends in such a layer."""
     if not isinstance(tree, dict):
         return tree
-    return {
-        name: change(part)
-        if name == "pooling" and "layer_1" in part.get("mlp", ())
-        else _map_pooling_params(part, change)
-        for name, part in tree.items()
-    }
+    changed = {}
+    for name, part in tree.items():
+        is_pooling = name == "pooling" and "layer_1" in part.get("mlp", ())
+        changed[name] = (
+            change(part) if is_pooling else _map_pooling_params(part, change)
+        )
+    return changed
