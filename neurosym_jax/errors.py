@@ -63,13 +63,13 @@ def option(name: str, value: object = "") -> str:
 
     Values of a tuple are texts; without a value only the name is said.
     """
-    values = value if isinstance(value, tuple) else (value,) if value != "" else ()
-    if _spoken["flags"]:
-        flag = f"--{name.replace('_', '-')}"
-        return " ".join(
-            [flag, *(shlex.quote(str(part)) for part in values if part is not True)]
-        )
-    return f"{name}={value!r}" if values else name
+    values = value if isinstance(value, tuple) else (value,)
+    if value == "":
+        values = ()
+    if not _spoken["flags"]:
+        return f"{name}={value!r}" if values else name
+    words = [shlex.quote(str(part)) for part in values if part is not True]
+    return " ".join([f"--{name.replace('_', '-')}", *words])
 
 
 def optional_module(name: str, what: str, extra: str) -> Any:

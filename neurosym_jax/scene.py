@@ -34,7 +34,7 @@ __all__ = [
     "model_dtype",
 ]
 __all__ += ["pad_scene", "relative_positions", "scene_identity", "to_world"]
-__all__ += ["turned", "with_steps"]
+__all__ += ["moves_of", "turned", "with_steps"]
 
 DECIMALS = 8
 """Decimals of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
@@ -184,10 +184,9 @@ def _traced_scene(
     origin = jax.lax.stop_gradient(centre(observed[:, -1]))
     return Scene(
         observed=observed - origin[None, None],
-        displacement=jnp.diff(observed, axis=1, prepend=observed[:, :1]),
-        valid=jnp.ones(
-            observed.shape[0], bool
-        ),  # Not len(): an export's N is a symbol.
+        displacement=moves_of(observed),
+        # Not len(): an export's N is a symbol.
+        valid=jnp.ones(observed.shape[0], bool),
         identity=identity,
         origin=origin,
         future=None if future is None else future - origin[None, None],
@@ -208,6 +207,11 @@ def centre(positions: Any) -> Any:
 def relative_positions(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """`positions [..., 2]` relative to `origin`, in float64 and rounded to 10 nm."""
     return np.round(positions - origin, DECIMALS)
+
+
+def moves_of(positions: Any) -> jax.Array:
+    """Steps [..., T, 2] between `positions [..., T, 2]`, not rounded; the first is zero."""
+    return jnp.diff(positions, axis=-2, prepend=positions[..., :1, :])
 
 
 def displacements(positions: np.ndarray) -> np.ndarray:
@@ -232,9 +236,8 @@ def pad_scene(scene: Scene, agents: int) -> Scene:
         return padded
 
     names = ("observed", "displacement", "valid", "seen", "future", "extras")
-    return scene.replace(
-        **jax.tree.map(pad, {name: getattr(scene, name) for name in names})
-    )
+    fields = {name: getattr(scene, name) for name in names}
+    return scene.replace(**jax.tree.map(pad, fields))
 
 
 def to_world(positions: ArrayLike, scene: Scene) -> np.ndarray:
@@ -292,10 +295,9 @@ def with_steps(scene: Scene, steps: int) -> Scene:
     observed: Any = jnp.asarray(scene.observed)
     seen: Any = scene.seen
     if count > steps:
-        first = jnp.zeros_like(observed[..., :1, :])
         observed = observed[..., -steps:, :]
-        moves = jnp.concatenate([first, jnp.diff(observed, axis=-2)], axis=-2)
         seen = None if seen is None else jnp.asarray(seen)[..., -steps:]
+        moves = moves_of(observed)
         return scene.replace(observed=observed, displacement=moves, seen=seen)
     if seen is None:
         seen = jnp.ones(observed.shape[:-1], bool)

@@ -97,7 +97,7 @@ def expected_power(seeds: int) -> str:
         f"{share * spread:.1f} % ({place})" for place, spread in SPREAD.items()
     ]
     return (
-        f"{seeds} seeds differences differences in joint ADE of {' and '.join(differences)} in our "
+        f"{seeds} seeds told differences in joint ADE of {' and '.join(differences)} in our "
         "study of weightings; your data may need more."
     )
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import itertools
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -385,9 +384,8 @@ def _plan(
         names = [name for name in shipped if not name.startswith(compare.TABLE)]
     if steps and not names:
         lengths["pred_len"] = lengths["pred_len"] or steps[0]
-    names = names or default_models(source, options.dataset, lengths["pred_len"]) * (
-        not steps
-    )
+    if not steps and not names:
+        names = default_models(source, options.dataset, lengths["pred_len"])
     # On ETH/UCY, `recommended` is the model of each data set.
     every_set = options.dataset is None and isinstance(source, EthUcy)
     datasets = source.scenes if every_set else (options.dataset,)
@@ -422,16 +420,14 @@ def default_models(
     Those are SGAN and NeuroSyM on simulations, else `recommended` and, where it ships,
     NeuroSyM.
     """
-    scenes = (dataset,) if dataset else source.scenes
-    kinds = [
-        (kind, scene)
-        for scene, kind in itertools.product(scenes, ("anchors", "neurosym"))
-    ]
-    names = [shipped_name(*kind, pred_len or 8) for kind in kinds]
+    pred_len = pred_len or 8
     if isinstance(source, Synthetic):
-        names = [
-            f"{kind}_{source.name}_{pred_len or 8}" for kind in ("sgan", "neurosym")
-        ]
+        names = [f"{kind}_{source.name}_{pred_len}" for kind in ("sgan", "neurosym")]
+    else:
+        names = []
+        for scene in (dataset,) if dataset else source.scenes:
+            names.append(shipped_name("anchors", scene, pred_len))
+            names.append(shipped_name("neurosym", scene, pred_len))
     return [name for name in dict.fromkeys(names) if find_model(name).is_dir()]
 
 

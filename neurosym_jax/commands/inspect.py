@@ -226,10 +226,9 @@ def _coverage(
 ) -> str:
     """A warning where tracks lie outside a picture of `shape` (height, width), else nothing."""
     position = np.concatenate([tracks.position for tracks in recordings])
-    missed, other = (
-        outside(matrix, position, shape[1], shape[0])
-        for matrix in (homography, homography @ SWAP)
-    )
+    height, width = shape
+    missed = outside(homography, position, width, height)
+    other = outside(homography @ SWAP, position, width, height)
     hint = f" (HOMOGRAPHY,row-column: {other:.0%})" if other < missed / 2 else ""
     line = f"warning: {missed:.0%} of the points lie outside {image.name}{hint}\n"
     return printable(line.strip()) + "\n" if missed > 0.05 else ""

@@ -205,10 +205,9 @@ def _show_weights(
 
     weighting, parameters = _weighting(model, text)
     observed = make_scene(example.position).observed
-    codes, alpha = (
-        np.asarray(values(parameters, observed, period=example.period))
-        for values in (weighting.codes, weighting.alpha)
-    )
+    period = example.period
+    codes = np.asarray(weighting.codes(parameters, observed, period=period))
+    alpha = np.asarray(weighting.alpha(parameters, observed, period=period))
     hint = " is constant here; try --weighting quantised" if is_constant(alpha) else ""
     print(f"{title}: {len(example.agent)} people, weighting {weighting.name}{hint}\n")
     print(format_pairs(codes, example.agent, example.period))

@@ -295,9 +295,8 @@ def make_run(options: Options) -> tuple[Run, Source]:
     dataset, tested = options.dataset, None
     if options.train_on:
         refuse_unused(options, ["dataset"], "with --train-on")
-        learned, validated = (
-            source.files(names) for names in (options.train_on, options.validate_on)
-        )
+        learned = source.files(options.train_on)
+        validated = source.files(options.validate_on)
     else:
         refuse_given("without --train-on", validate_on=options.validate_on)
         if dataset is None and (isinstance(source, Folders) or len(source.scenes) == 1):
@@ -331,7 +330,7 @@ def make_run(options: Options) -> tuple[Run, Source]:
     first = source.name or (options.data.stem if options.data else "recordings")
     if isinstance(source, EthUcy):
         first = "ETH/UCY"
-    return Run(
+    run = Run(
         config=config,
         recipe=recipe,
         training=training,
@@ -339,4 +338,5 @@ def make_run(options: Options) -> tuple[Run, Source]:
         dataset=None if options.train_on else dataset or source.name or None,
         data=(first, *(place.stem for place in options.train_also)),
         init=init,
-    ), source
+    )
+    return run, source

@@ -204,11 +204,10 @@ class Head:
     @property
     def names(self) -> list[str]:
         """The fields of a header line; none if the file begins otherwise."""
-        first = self.lines[0].replace("\t", "")
-        named = header_in(self.fields) and any(
-            name[:1].isalpha() for name in self.fields[0]
-        )
-        return self.fields[0] if named and first.isprintable() else []
+        names = self.fields[0]
+        is_text = self.lines[0].replace("\t", "").isprintable()
+        has_word = any(name[:1].isalpha() for name in names)
+        return names if is_text and has_word and header_in(self.fields) else []
 
     @functools.cached_property
     def rows(self) -> np.ndarray:

@@ -151,17 +151,16 @@ def _with_whole_time(table: Table, at: int, other: int, digits: int) -> Table:
     is_whole = (np.rint(values) == values).all() and (values >= 0).all()
     if missing.all() or not is_whole or (values[1] >= 10**digits).any():
         return table
-    second_texts = pl.Series(np.nan_to_num(seconds).astype(np.int64)).cast(pl.String)
-    part = (
-        pl.Series(np.nan_to_num(rest).astype(np.int64))
-        .cast(pl.String)
-        .str.zfill(digits)
+    second_texts, rest_texts = (
+        pl.Series(np.nan_to_num(numbers).astype(np.int64)).cast(pl.String)
+        for numbers in (seconds, rest)
     )
     names = list(table.names)
     note = f"times are {names[at]} and {names[other]}"
     names[at], names[other] = "whole seconds", "rest of seconds"
     table = dataclasses.replace(table, names=names).noted(note)
-    times = (second_texts + "." + part).set(pl.Series(missing), "")
+    times = second_texts + "." + rest_texts.str.zfill(digits)
+    times = times.set(pl.Series(missing), "")
     return table.with_column("time [s]", times)
 
 

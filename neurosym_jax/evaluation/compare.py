@@ -540,15 +540,9 @@ def _evaluate_test(
     for path, entry, online in _entries(test, settings):
         compiling = 0.0
         if isinstance(entry, Forecasts):
-            runs = [
-                score_samples(
-                    entry.samples,
-                    entry.probability,
-                    test.windows,
-                    test.batches,
-                    settings.metrics,
-                )
-            ]
+            forecasts = entry.samples, entry.probability
+            scenes = test.windows, test.batches
+            runs = [score_samples(*forecasts, *scenes, settings.metrics)]
         else:
             start = time.perf_counter()
             programs[entry.forecaster].result()
@@ -665,12 +659,11 @@ def _runs(
     if online:
         parts = test.windows, test.batches, test.recordings
         options["memories"] = recall_batches(model, *parts, settings.place)
-    return [
-        score_forecaster(
-            model.forecaster, model.params, test.batches, seed=seed, **options
-        )
-        for seed in (seeds if model.forecaster.noise.dim else seeds[:1])
-    ]
+    forecaster = model.forecaster
+    if not forecaster.noise.dim:
+        seeds = seeds[:1]
+    score = functools.partial(score_forecaster, forecaster, model.params, test.batches)
+    return [score(seed=seed, **options) for seed in seeds]
 
 
 def _averaged(
@@ -699,18 +692,19 @@ def _columns(errors: ErrorsByScene, spread: dict[str, float], source: str) -> Ro
             raise InputError(f"metric {name}: is not finite for {source}")
     for name, (low, high) in errors.intervals().items():
         mean = float(errors.scores[name].mean)
-        bounds = (low, high) if np.isfinite([mean, low, high]).all() else (None, None)
+        has_interval = np.isfinite([mean, low, high]).all()
         columns[name] = None if np.isnan(mean) else mean
-        columns[f"{name}_low"], columns[f"{name}_high"] = bounds
+        columns[f"{name}_low"] = low if has_interval else None
+        columns[f"{name}_high"] = high if has_interval else None
         columns[f"{name}_std"] = spread.get(name)
     return columns
 
 
 def _band(score: Score, errors: ErrorsByScene) -> np.ndarray:
     """[3, T] mean, low and high of a score with a value for each step, on the same scenes."""
-    step_scores = {
-        str(step): Score(total, score.count) for step, total in enumerate(score.total.T)
-    }
+    step_scores = {}
+    for step, total in enumerate(score.total.T):
+        step_scores[str(step)] = Score(total, score.count)
     bounds = dataclasses.replace(errors, scores=step_scores).intervals().values()
     low, high = zip(*bounds)
     curves = np.vstack([score.mean, low, high])
@@ -723,7 +717,8 @@ def _example_scene(test: Test, evaluation: Evaluation) -> int:
     sizes = test.windows.sizes
     error = next(iter(evaluation.scores.values())).total / sizes
     small = np.flatnonzero(sizes <= max(EXAMPLE, sizes.min()))
-    return int(small[np.argsort(error[small], kind="stable")[9 * len(small) // 10]])
+    easiest_first = small[np.argsort(error[small], kind="stable")]
+    return int(easiest_first[9 * len(small) // 10])
 
 
 def _latency(
@@ -975,11 +970,8 @@ def _tests_of(
         raise InputError("recordings: there are none to test on")
     options_of_windows = {**lengths, "min_agents": options["min_agents"] != 2, **read}
     name, file = next(iter(files.items()))
-    return [
-        test_of_file(
-            name, file, options["baselines"], options["samples"], options_of_windows
-        )
-    ]
+    baselines, samples = options["baselines"], options["samples"]
+    return [test_of_file(name, file, baselines, samples, options_of_windows)]
 
 
 def _refuse_other_lengths(models: Sequence[Model], lengths: Mapping[str, Any]) -> None:

@@ -158,11 +158,11 @@ def score_samples(
 
     def score_part(batch: Batch) -> Scores:
         scenes = batch.index[batch.index >= 0]
-        origin = np.repeat(
-            np.asarray(batch.scene.origin)[: len(scenes)], windows.sizes[scenes], 0
-        )
-        offsets = relative_positions(samples[:, windows.rows(scenes)], origin[:, None])
-        places = unpacked(offsets.astype(model_dtype()), np.asarray(batch.scene.valid))
+        origins = np.asarray(batch.scene.origin)[: len(scenes)]
+        origin = np.repeat(origins, windows.sizes[scenes], axis=0)
+        futures = samples[:, windows.rows(scenes)]
+        offsets = relative_positions(futures, origin[:, None]).astype(model_dtype())
+        places = unpacked(offsets, np.asarray(batch.scene.valid))
         likely = None
         if probability is not None:
             likely = np.full((k, len(batch.index)), 1 / k, model_dtype())
@@ -173,9 +173,8 @@ def score_samples(
         parts = list(pool.map(score_part, batches))
     evaluation = _evaluation(parts, batches, k, k, start)
     nothing = Score(*np.zeros((2, windows.scenes)))
-    return evaluation._replace(
-        scores={name: evaluation.scores.get(name, nothing) for name, _ in selected}
-    )
+    scores = {name: evaluation.scores.get(name, nothing) for name, _ in selected}
+    return evaluation._replace(scores=scores)
 
 
 def _evaluation(
@@ -256,9 +255,8 @@ def without_neighbours(scenes: Scene, noise: np.ndarray) -> tuple[Scene, np.ndar
         return np.asarray(leaf).reshape(-1, 1, *leaf.shape[2:])
 
     identity = np.repeat(np.asarray(scenes.identity), slots, axis=0)
-    alone = jax.tree.map(of_slots, scenes.bare().replace(identity=None)).replace(
-        identity=identity
-    )
+    bare = scenes.bare().replace(identity=None)
+    alone = jax.tree.map(of_slots, bare).replace(identity=identity)
     if noise.ndim == 3:
         return alone, np.repeat(noise, slots, axis=1)
     return alone, noise.reshape(len(noise), len(identity), 1, -1)
@@ -291,16 +289,15 @@ def score(
     present = np.ones(len(future), bool) if valid is None else np.asarray(valid)
     seen = future[:, :1] if observed is None else np.asarray(observed)
     scene = make_scene(seen[present], future[present])
-    samples = relative_positions(
-        np.asarray(forecast)[:, present], np.asarray(scene.origin)
-    )
+    samples = np.asarray(forecast)[:, present]
+    samples = relative_positions(samples, np.asarray(scene.origin))
     # A program for each bucket, not for each number of people.
     padded = pad_scene(scene, int(bucket_of(len(present))))
     batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], padded)
     places = unpacked(samples.astype(model_dtype()), batch.valid)
-    likely = (
-        None if probability is None else np.asarray(probability, model_dtype())[:, None]
-    )
+    likely = None
+    if probability is not None:
+        likely = np.asarray(probability, model_dtype())[:, None]
     return score_scenes(chosen(metrics), places, batch, likely)
 
 
@@ -321,9 +318,8 @@ def score_scenes(
     """
     scenes = scenes.replace(origin=None, identity=None)
     arguments = (samples, moves, scenes, probability)
-    sums = _traced(
-        tuple(named for named in metrics if not named[1].on_host), *arguments
-    )
+    traced = tuple(named for named in metrics if not named[1].on_host)
+    sums = _traced(traced, *arguments)
     for name, metric in metrics:
         if metric.on_host:
             values, weights = map(np.asarray, _computed(name, metric, *arguments))
@@ -342,18 +338,17 @@ def _traced(
     """(total [B] or [B, T], count [B]) of each of `metrics` by name, see `score_scenes`."""
 
     def score_one_scene(*arguments: Any) -> dict[str, Any]:
-        computed = {
-            name: _computed(name, metric, *arguments) for name, metric in metrics
-        }
+        computed = {}
+        for name, metric in metrics:
+            computed[name] = _computed(name, metric, *arguments)
         return jax.tree.map(jnp.asarray, computed)
 
-    parts = jax.vmap(score_one_scene, in_axes=(1, 1, 0, 1))(
-        samples, moves, scenes, probability
-    )
-    return {
-        name: _summed(name, values, weights, scenes, jnp)
-        for name, (values, weights) in parts.items()
-    }
+    score_each_scene = jax.vmap(score_one_scene, in_axes=(1, 1, 0, 1))
+    parts = score_each_scene(samples, moves, scenes, probability)
+    sums = {}
+    for name, (values, weights) in parts.items():
+        sums[name] = _summed(name, values, weights, scenes, jnp)
+    return sums
 
 
 def _computed(
@@ -393,4 +388,5 @@ def _summed(
         return xp.where(weights > 0, values * weights, 0), weights
     weights = xp.where(scenes.valid, weights, 0)
     shares = weights[..., None] if values.ndim == 3 else weights
-    return xp.where(shares > 0, values * shares, 0).sum(axis=1), weights.sum(axis=1)
+    total = xp.where(shares > 0, values * shares, 0).sum(axis=1)
+    return total, weights.sum(axis=1)

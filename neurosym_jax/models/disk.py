@@ -128,9 +128,8 @@ def find_models(
     paths: list[str] = []
     for name in map(str, names):
         if name == RECOMMENDED and not _holds_models(Path(name)):
-            paths += dict.fromkeys(
-                find_model(name, dataset, pred_len).name for dataset in datasets
-            )
+            own = [find_model(name, dataset, pred_len).name for dataset in datasets]
+            paths += dict.fromkeys(own)
             continue
         folder = find_model(name)
         if name in DOWNLOADED and not os.path.exists(folder):
@@ -170,9 +169,8 @@ def _models_in(folder: Path) -> list[Path]:
     """The models in a folder that is not a model itself."""
     if not os.path.isdir(folder) or (folder / "config.json").exists():
         return []
-    return sorted(
-        [*folder.glob("*.pt"), *(path.parent for path in folder.glob("*/config.json"))]
-    )
+    folders = [path.parent for path in folder.glob("*/config.json")]
+    return sorted([*folder.glob("*.pt"), *folders])
 
 
 def _shipped_folder() -> Path:

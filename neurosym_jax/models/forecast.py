@@ -43,6 +43,7 @@ from neurosym_jax.scene import (
     Scene,
     checked_positions,
     make_scene,
+    moves_of,
     pad_scene,
     scene_identity,
     to_world,
@@ -425,7 +426,7 @@ def forecast(
         noise = jnp.zeros((forecaster.count(getattr(config, "samples", 1)), 0))
     scene = Scene(
         observed=observed - origin[None, None],
-        displacement=jnp.diff(observed, axis=1, prepend=observed[:, :1]),
+        displacement=moves_of(observed),
         valid=present,
         identity=jnp.zeros(2, jnp.uint32),
         origin=None,
@@ -791,7 +792,8 @@ def forecast_batch(
     if isinstance(forecaster, TwoStageForecaster) and forecaster.decodes_alone:
         return _decoded_agents(forecaster, params, scenes, noise, valid), None
     futures, likely = _forecast(forecaster, params, scenes.bare(), noise)
-    return np.asarray(futures)[:, valid], None if likely is None else np.asarray(likely)
+    futures = np.asarray(futures)[:, valid]
+    return futures, None if likely is None else np.asarray(likely)
 
 
 def draw_batch(
@@ -830,17 +832,22 @@ def _decoded_agents(
     else:
         agent_noise = np.repeat(noise, valid.sum(axis=1), axis=1)
     packed = (*agents, agent_noise.swapaxes(0, 1))
+    count = agent_noise.shape[1]
     parts = []
-    for at in range(0, agent_noise.shape[1], PART):
-        part = jax.tree.map(lambda leaf, at=at: _filled(leaf[at : at + PART]), packed)
-        futures = _decode(forecaster, params, *part[:-1], part[-1].swapaxes(0, 1))
-        parts.append(np.asarray(futures)[:, : agent_noise.shape[1] - at])
+    for begin in range(0, count, PART):
+        rows = slice(begin, begin + PART)
+        part = jax.tree.map(lambda leaf, rows=rows: _filled(leaf[rows]), packed)
+        *agent_part, noise_part = part
+        futures = _decode(forecaster, params, *agent_part, noise_part.swapaxes(0, 1))
+        parts.append(np.asarray(futures)[:, : count - begin])
     return np.concatenate(parts, axis=1)
 
 
 def _filled(rows: np.ndarray) -> np.ndarray:
     """`rows` with zeros up to `PART` of them along the first axis."""
-    return np.pad(rows, [(0, PART - len(rows)), *[(0, 0)] * (rows.ndim - 1)])
+    part = np.zeros((PART, *rows.shape[1:]), rows.dtype)
+    part[: len(rows)] = rows
+    return part
 
 
 def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:

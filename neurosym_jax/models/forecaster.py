@@ -115,11 +115,12 @@ def draw_noise(
     key = key_numbers(seed)
     parts = []
     for chunk in np.split(streams, range(CHUNK, len(streams), CHUNK)):
-        filled = np.pad(chunk, [(0, CHUNK - len(chunk)), (0, 0)])
-        parts.append(
-            np.asarray(_streams(spec, key, filled[:, :2], filled[:, 2], samples))
-        )
-    return np.concatenate(parts, axis=1)[:, : len(slot)].reshape(shape)
+        filled = np.zeros((CHUNK, 3), np.uint32)
+        filled[: len(chunk)] = chunk
+        noise = _streams(spec, key, filled[:, :2], filled[:, 2], samples)
+        parts.append(np.asarray(noise))
+    noise = np.concatenate(parts, axis=1)[:, : len(slot)]
+    return noise.reshape(shape)
 
 
 def key_numbers(seed: int) -> np.ndarray:
@@ -148,13 +149,7 @@ def _streams(spec, key, identity, slot, samples):
     return jax.vmap(draw, out_axes=1)(identity, slot)
 
 
-# What a forecaster is: k samples of one scene, given noise; and the table of families.
-#
-# A family is a subclass of `Forecaster` in one folder of `models`, or in a plugin: it
-# owns its configurations, recipes, parameters, forecast, batches and loss. Nothing
-# outside asks which it is.
-#
-# Equal forecasters are equal to `jax.jit`, so they share compiled programs.
+# Forecasters, and the table of families.
 
 POINTS = 64
 """Draws that stand for each person's distribution, where a forecaster has no points."""
@@ -266,12 +261,10 @@ class Forecaster(abc.ABC):
         fields = kept_json("shapes", self, self._shape_fields)
         if fields is None:
             return None
-        return nested_parameters(
-            {
-                name: jax.ShapeDtypeStruct(tuple(shape), dtype)
-                for name, (shape, dtype) in fields.items()
-            }
-        )
+        shapes = {}
+        for name, (shape, dtype) in fields.items():
+            shapes[name] = jax.ShapeDtypeStruct(tuple(shape), dtype)
+        return nested_parameters(shapes)
 
     def _shape_fields(self) -> dict[str, tuple[list[int], str]] | None:
         """Shape and type of each parameter by its path."""
@@ -542,10 +535,8 @@ def refuse_many(
     refuse_forked()
     # Futures, a copy in their places, offsets from the truth; and the noise.
     future = 6 * forecaster.pred_len + 2 * forecaster.noise.dim
-    numbers = (
-        agents * future
-        + (agents if decoded is None else decoded) * forecaster.state_size
-    )
+    decoded = agents if decoded is None else decoded
+    numbers = agents * future + decoded * forecaster.state_size
     request = f"a forecast of {agents} people at once with {samples} samples"
     refuse_beyond_memory(request, 4.0 * samples * numbers, "ask for fewer samples")
 

@@ -177,11 +177,12 @@ def repair_scene(scene: "Scene", period: float) -> "tuple[Scene, Repair]":
     """The scene with plausible tracks, and what was repaired, see `repair_tracks`."""
     import jax.numpy as jnp
 
+    from neurosym_jax.scene import moves_of
+
     repair = repair_tracks(jnp.asarray(scene.observed), period)
     track = repair.tracks
     changed = (track != scene.observed).any((1, 2))
-    steps = jnp.diff(track, axis=1, prepend=track[:, :1])
-    steps = jnp.where(changed[:, None, None], steps, scene.displacement)
+    steps = jnp.where(changed[:, None, None], moves_of(track), scene.displacement)
     return scene.replace(observed=track, displacement=steps), repair
 
 

@@ -41,15 +41,12 @@ def draw_figures(
     sets = list(dict.fromkeys(result.test_set for result in results))
     drawn = []
     for test_set in sets:
-        of_set = [result for result in results if result.test_set == test_set]
-        drawn.append(_drawn(of_set))
+        members = [result for result in results if result.test_set == test_set]
+        drawn.append(_drawn(members))
     named = where.suffix in style.ENDINGS
     if together and len(sets) <= TOGETHER:
-        return [
-            style.save_figure(
-                _figure(drawn), where if named else where / "overview.png"
-            )
-        ]
+        path = where if named else where / "overview.png"
+        return [style.save_figure(_figure(drawn), path)]
     paths = []
     for test_set, models in zip(sets, drawn):
         name = f"{test_set.dataset}_{test_set.obs_len}_{test_set.pred_len}"
@@ -96,10 +93,8 @@ def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
         test = first.test_set
         first_column = place == 0
         valid = np.asarray(scene.valid)
-        past, future = (
-            to_world(array, scene)[valid]
-            for array in (scene.observed, scene.known_future)
-        )
+        past = to_world(scene.observed, scene)[valid]
+        future = to_world(scene.known_future, scene)[valid]
         above, *below = axes[:, place]
         draw_scene(
             above,

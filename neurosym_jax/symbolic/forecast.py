@@ -213,9 +213,8 @@ def _forecast(settings: SymbolSettings, paths: Array, pairs: Array | None) -> Ar
     size = len(settings.states)
     first = (size + 1) * jnp.arange(count).reshape(1, *rows.shape[1:])
     counts = jnp.zeros(count * (size + 1)).at[(first + rows).ravel()].add(1)
-    counts = counts.reshape(
-        *rows.shape[1:], size + 1
-    )  # The last: samples without a state.
+    # The last: samples without a state.
+    counts = counts.reshape(*rows.shape[1:], size + 1)
     present = len(rows) - counts[..., -1:]
     shares = _smoothed(counts[..., :-1], present, size, settings.smoothing)
     return jnp.where(others[..., None, None], shares, 0)
@@ -223,9 +222,8 @@ def _forecast(settings: SymbolSettings, paths: Array, pairs: Array | None) -> Ar
 
 def _smoothed(counts: Array, samples: Array, classes: int, smoothing: float) -> Array:
     """Probabilities by the module's formula from counts in `samples [...]`; else 0."""
-    shares = (counts + smoothing * (1 / classes)) / jnp.where(
-        samples > 0, samples + smoothing, 1
-    )
+    total = jnp.where(samples > 0, samples + smoothing, 1)
+    shares = (counts + smoothing * (1 / classes)) / total
     return jnp.where(samples > 0, shares, 0)
 
 

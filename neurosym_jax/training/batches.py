@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.data.windows import Windows, gather_scenes
-from neurosym_jax.scene import AnyArray, Scene
+from neurosym_jax.scene import AnyArray, Scene, moves_of
 from neurosym_jax.training.recipe import Recipe
 
 __all__ = [
@@ -245,9 +245,7 @@ def _jitter(groups: Groups, key: Array, recipe: Recipe) -> Groups:
 
     def jittered(scene: Scene, errors: Array, deviation: Array) -> Scene:
         observed = scene.observed + deviation * errors
-        first = jnp.zeros_like(observed[..., :1, :])
-        displacement = jnp.concatenate([first, jnp.diff(observed, axis=-2)], axis=-2)
-        return scene.replace(observed=observed, displacement=displacement)
+        return scene.replace(observed=observed, displacement=moves_of(observed))
 
     errors_of = split(errors, shapes)
     deviation_of = split(deviations, scenes)

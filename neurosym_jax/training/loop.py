@@ -92,11 +92,10 @@ class Progress:
 
     def go_to(self, step: int, metrics: Mapping[str, Any]) -> None:
         """Show a number of steps, and losses and errors."""
-        numbers = {
-            name: f"{value:.3f}"
-            for name, value in metrics.items()
-            if name.endswith(("loss", "ade"))
-        }
+        numbers = {}
+        for name, value in metrics.items():
+            if name.endswith(("loss", "ade")):
+                numbers[name] = f"{value:.3f}"
         self._bar.set_postfix(numbers, refresh=False)
         self._bar.update(step - self._bar.n)
 
@@ -175,7 +174,8 @@ def train(
     Raises:
         InputError: see `training.preparation.prepare` and `train_run`.
     """
-    init = _initial_model(init)
+    if init is not None and not isinstance(init, Model):
+        init = load_model(init)
     seen = init.seen if init else ""
     config = config or (init.config if init else make_config("sgan"))
     recipe = recipe or usual_recipe(config)
@@ -185,12 +185,6 @@ def train(
     custom = make_custom(loss, optimizer, schedule)
     run = Run(config, recipe, *parts, dataset, tuple(data), init=init, custom=custom)
     return train_run(run, Path(folder), resume=resume, quiet=quiet, on_row=on_row)
-
-
-def _initial_model(init: Model | Path | str | None) -> Model | None:
-    if init is None or isinstance(init, Model):
-        return init
-    return load_model(init)
 
 
 def train_run(
@@ -374,4 +368,5 @@ def _slower(good: _Session, run: Run, folder: Path, done: int, bad: str) -> _Ses
 
 def _kept(run: Run, state: TrainState) -> Any:
     """The parameters that are validated and kept, on the host: a step takes over their buffers."""
-    return jax.tree.map(np.array, state.average if run.recipe.ema else state.params)
+    params = state.average if run.recipe.ema else state.params
+    return jax.tree.map(np.array, params)

@@ -265,14 +265,12 @@ class Run:
 
     def slower(self) -> "Run":
         """The run with smaller steps, after one whose numbers were not finite."""
-        rates = {
-            name: getattr(self.recipe, name) / SLOWER
-            for name in ("learning_rate", "d_learning_rate")
-            if hasattr(self.recipe, name)
-        }
-        return dataclasses.replace(
-            self, recipe=dataclasses.replace(self.recipe, **rates)
-        )
+        rates = {}
+        for name in ("learning_rate", "d_learning_rate"):
+            if hasattr(self.recipe, name):
+                rates[name] = getattr(self.recipe, name) / SLOWER
+        recipe = dataclasses.replace(self.recipe, **rates)
+        return dataclasses.replace(self, recipe=recipe)
 
     def rounds(
         self,

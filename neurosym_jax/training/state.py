@@ -327,9 +327,9 @@ def save_state(folder: Path, step: int, state: Any, record: dict[str, Any]) -> N
 
     path = folder / f"step_{step:08d}"
     # By number, because Orbax or the file system may read a leaf's path otherwise.
-    leaves = {
-        f"{at:06d}": np.asarray(leaf) for at, leaf in enumerate(jax.tree.leaves(state))
-    }
+    leaves = {}
+    for at, leaf in enumerate(jax.tree.leaves(state)):
+        leaves[f"{at:06d}"] = np.asarray(leaf)
     context = ocp.Context()
     # In the background, Orbax waits twenty minutes for a folder that cannot be made.
     context.asynchronous.create_directories_asynchronously = False

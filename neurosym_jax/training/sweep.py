@@ -166,8 +166,8 @@ def _table_of(
     """A Markdown table of differences to one reference: a line each model, a column each metric."""
     metrics = frame["metric"].unique(maintain_order=True)
     lines = []
-    for (model,), of_model in frame.group_by("model", maintain_order=True):
-        cells = map(cell, of_model.iter_rows(named=True))
+    for (model,), rows in frame.group_by("model", maintain_order=True):
+        cells = map(cell, rows.iter_rows(named=True))
         lines.append([markdown_text(str(model)), *cells])
     labels = [known_metric(metric).label for metric in metrics]
     return markdown_table([title, *labels], lines)
@@ -448,9 +448,8 @@ def _test(
     compare.write_report(out / "sweep.json", rows, origin)
     write_errors(out, [result.errors for result in tested])
     for path, run_facts in facts.items():
-        sets = [
-            result.test_set for result in tested if result.row["checkpoint"] == path
-        ]
+        own_results = [result for result in tested if result.row["checkpoint"] == path]
+        sets = [result.test_set for result in own_results]
         beside = [result.row for result in tested if result.test_set in sets]
         own = [row for row in beside if row["checkpoint"] in (None, path)]
         replace_card(Path(path), model_card(run_facts, own))

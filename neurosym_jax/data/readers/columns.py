@@ -188,10 +188,9 @@ class Layout(Format):
                 return False
         if "right" not in column:
             return True
-        is_box = (column["right"] >= column["left"]) & (
-            column["bottom"] >= column["top"]
-        )
-        return bool(is_box.all())
+        has_width = (column["right"] >= column["left"]).all()
+        has_height = (column["bottom"] >= column["top"]).all()
+        return bool(has_width and has_height)
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in a file."""

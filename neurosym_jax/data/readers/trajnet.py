@@ -86,9 +86,8 @@ def read_scenes(path: Path) -> list[OfficialScene]:
     for at, kind, fields in _rows(path):
         if kind == "scene":
             keys = ("id", "p", "s", "e")
-            id, person, start, end = (
-                int(_number(path, at, fields, key)) for key in keys
-            )
+            numbers = [int(_number(path, at, fields, key)) for key in keys]
+            id, person, start, end = numbers
             rate = float(fields.get("fps", FPS))
             tag = _numeric(fields.get("tag"))
             scenes.append(OfficialScene(id, person, start, end, rate, tag))

@@ -81,10 +81,8 @@ class AnchorTable(nn.Module):
         mean = (observed[:, -1] - observed[:, -4]) / 3
         velocity = mix * (observed[:, -1] - observed[:, -2]) + (1 - mix) * mean
         shape = (config.samples, config.pred_len, 2)
-        time = (
-            np.arange(1, config.pred_len + 1, dtype=np.float32)[:, None]
-            / config.pred_len
-        )
+        number = np.arange(1, config.pred_len + 1, dtype=np.float32)
+        time = number[:, None] / config.pred_len
         moving = self.param("moving", _anchors(0.25, time, 1), shape)[:, None]
         still_anchor = self.param("still", _anchors(0.1, time, 1), shape)[:, None]
         scale = (length(mean) * config.pred_len)[:, None, None]
@@ -158,11 +156,8 @@ class AnchorNetwork(nn.Module):
         forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
         last = observed[:, -1]
         forecast = limit_displacement(forecast, last, config.period, expansion)
-        samples, points = (
-            settle(part, repair, config.period)
-            for part in (forecast[: config.samples], forecast[config.samples :])
-        )
-
+        samples = settle(forecast[: config.samples], repair, config.period)
+        points = settle(forecast[config.samples :], repair, config.period)
         return AnchorForecast(samples, self._log_probability(state, valid), points)
 
     def _own(
@@ -252,12 +247,10 @@ class AnchorNetwork(nn.Module):
             scale * (bend + spread * anchor[None]), heading[:, None, None], 1
         )
         # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
-        standing = (1 - jnp.sqrt(walking + 1e-6)) * (
-            config.pred_len * config.period / 2.4
-        )
-        residual = (
-            residual + standing[:, None, None, None] * spread * still_anchor[None]
-        )
+        horizon = config.pred_len * config.period / 2.4
+        standing = (1 - jnp.sqrt(walking + 1e-6)) * horizon
+        wandering = standing[:, None, None, None] * spread * still_anchor[None]
+        residual = residual + wandering
         curve = jnp.asarray(_polynomials(config.pred_len, BASIS), residual.dtype)
         return jnp.einsum("nkbc,tb->kntc", residual, curve)
 

@@ -298,9 +298,8 @@ class Decoder(nn.Module):
 
         # `feedback_bias` has the output layer's bias, which the displacement observed
         # has not.
-        gates = (
-            with_bias(displacement, -self.hidden2pos.bias) @ kernel + hidden @ recurrent
-        )
+        unbiased = with_bias(displacement, -self.hidden2pos.bias)
+        gates = unbiased @ kernel + hidden @ recurrent
         # The first step stands apart, so that the last computes no gates that no step
         # reads.
         state, first = displaced(gates, cell.start(hidden))
@@ -443,9 +442,8 @@ def decode_scene(
         displacement: Any = jax.lax.map(decode, noise)
     else:
         displacement = jax.vmap(decode)(noise)
-    return jnp.asarray(scene.observed)[None, :, -1, None] + jnp.cumsum(
-        displacement, axis=-2
-    )
+    last = jnp.asarray(scene.observed)[None, :, -1, None]
+    return last + jnp.cumsum(displacement, axis=-2)
 
 
 def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:

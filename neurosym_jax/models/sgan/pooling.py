@@ -262,9 +262,8 @@ class Encoder(nn.Module):
         driven = with_bias(jnp.moveaxis(displacement, 1, 0) @ kernel, bias)
 
         def step(state, gates):
-            return self.cell.update(
-                gates + state[0] @ self.recurrent.recurrent_kernel, state
-            ), None
+            gates = gates + state[0] @ self.recurrent.recurrent_kernel
+            return self.cell.update(gates, state), None
 
         # Zeros made from the gates have their type and, under `jax.shard_map`, vary over
         # the same devices, as a scan's carry must.
@@ -368,19 +367,18 @@ class _GridNetwork(nn.Module):
         """`hidden [N, H]`, `position [N, 2]`, `valid [N]` to `[N, H]`."""
         half = self.neighborhood_size / 2
         offset = position[None] - position[:, None]
-        inside = (
-            (jnp.abs(offset) < half).all(axis=-1)
-            & valid[None]
-            & ~jnp.eye(valid.shape[0], dtype=bool)
-        )
-        scaled = (jnp.stack([offset[..., 0], -offset[..., 1]], -1) + half) / (2 * half)
+        is_near = (jnp.abs(offset) < half).all(axis=-1)
+        itself = jnp.eye(valid.shape[0], dtype=bool)
+        inside = is_near & valid[None] & ~itself
+        # Rows of the grid count downwards.
+        place = jnp.stack([offset[..., 0], -offset[..., 1]], -1)
+        scaled = (place + half) / (2 * half)
         column, row = jnp.moveaxis(jnp.floor(scaled * self.grid_size), -1, 0)
         cell = jnp.where(inside, column + self.grid_size * row, -1)
         cells = jnp.arange(self.grid_size**2, dtype=cell.dtype)[None, None]
         occupied = (cell[..., None] == cells).astype(hidden.dtype)
-        return self.mlp(
-            jnp.einsum("ijc,jh->ich", occupied, hidden).reshape(valid.shape[0], -1)
-        )
+        sums = jnp.einsum("ijc,jh->ich", occupied, hidden)
+        return self.mlp(sums.reshape(valid.shape[0], -1))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -508,9 +506,8 @@ def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
         values = _candidates(layer, shared, neighbours, kernel, bias, valid, *agent)
         highest = values.max(axis=0)
         # `argmax` is several times slower on a CPU than these two reductions.
-        return highest, jnp.where(
-            values == highest[None], slots, valid.shape[0] - 1
-        ).min(axis=0)
+        winners = jnp.where(values == highest[None], slots, valid.shape[0] - 1)
+        return highest, winners.min(axis=0)
 
     highest, winner = jax.lax.map(of_agent, (agents, pairs))
     return highest, (shared, agents, neighbours, pairs, kernel, winner)
@@ -587,9 +584,8 @@ def bottleneck_relu(module: nn.Module, x: Array) -> Array:
 @jax.custom_gradient
 def _leaking_relu(x: Array, leak: Array) -> Any:
     def pull(cotangent: Array) -> tuple[Array, Array]:
-        return jnp.where(
-            x > 0, cotangent, leak * jnp.minimum(cotangent, 0)
-        ), jnp.zeros_like(leak)
+        raising = leak * jnp.minimum(cotangent, 0)
+        return jnp.where(x > 0, cotangent, raising), jnp.zeros_like(leak)
 
     return nn.relu(x), pull
 

@@ -72,12 +72,8 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
     """
     words = dict(WORDS)
     if isinstance(config, DiscriminatorConfig):
-        inputs = (
-            jax.random.key(0),
-            np.zeros((1, 2, 2)),
-            np.zeros((1, 2, 2)),
-            np.ones(1, bool),
-        )
+        track = np.zeros((1, 2, 2))
+        inputs = jax.random.key(0), track, track, np.ones(1, bool)
         shapes = jax.eval_shape(Discriminator(config).init, *inputs)
     else:
         pooling = config.pooling
@@ -110,10 +106,10 @@ def without_dropout(
     """The tensors by their names without dropout, which takes a number in a perceptron."""
     if not arguments.get("dropout"):
         return dict(state)
-    return {
-        re.sub(r"(mlp\w*|real_classifier)\.3\.", r"\1.2.", n): a
-        for n, a in state.items()
-    }
+    renamed = {}
+    for name, tensor in state.items():
+        renamed[re.sub(r"(mlp\w*|real_classifier)\.3\.", r"\1.2.", name)] = tensor
+    return renamed
 
 
 def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any]:
@@ -128,13 +124,13 @@ def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any
     """
     names = torch_names(config)
     shapes = {name: shape[::-1] for name, (_, shape) in names.items()}
-    arrays = _checked(
-        {n: a for n, a in state.items() if not n.startswith(UNUSED)}, shapes, config
-    )
-    # Copies: torch goes on training the arrays that it was asked for.
-    return nested_parameters(
-        {path: np.array(arrays[name].T, order="C") for name, (path, _) in names.items()}
-    )
+    used = {name: state[name] for name in state if not name.startswith(UNUSED)}
+    arrays = _checked(used, shapes, config)
+    params = {}
+    for name, (path, _) in names.items():
+        # A copy: torch goes on training the arrays that it was asked for.
+        params[path] = np.array(arrays[name].T, order="C")
+    return nested_parameters(params)
 
 
 def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.ndarray]:
@@ -145,18 +141,16 @@ def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.n
     """
     names = torch_names(config)
     arrays = _checked(flat_parameters(params), dict(names.values()), config)
-    state = {
-        name: np.ascontiguousarray(arrays[path].T) for name, (path, _) in names.items()
-    }
+    state = {}
+    for name, (path, _) in names.items():
+        state[name] = np.ascontiguousarray(arrays[path].T)
     if isinstance(config, GeneratorConfig) and isinstance(config.pooling, AsDescribed):
-        sgan = dataclasses.replace(
-            config, weighting=None, pooling=PoolNet(**vars(config.pooling))
-        )
+        pooling = PoolNet(**vars(config.pooling))
+        sgan = dataclasses.replace(config, weighting=None, pooling=pooling)
         for name, (_, shape) in torch_names(sgan).items():
             if name.startswith("pool_net."):
-                state[name.replace("pool_net.", UNUSED)] = np.zeros(
-                    shape[::-1], np.float32
-                )
+                unused = name.replace("pool_net.", UNUSED)
+                state[unused] = np.zeros(shape[::-1], np.float32)
     return state
 
 
@@ -171,9 +165,8 @@ def _checked(
     refuse_misfit(
         arrays, shapes, f"the {part}'s parameters do not fit its configuration"
     )
-    widest = model_dtype()
-    dtypes = {name: array.dtype for name, array in arrays.items()}
-    return {
-        name: array.astype(widest if dtypes[name] == widest else np.float32, copy=False)
-        for name, array in arrays.items()
-    }
+    floats = {}
+    for name, array in arrays.items():
+        dtype = model_dtype() if array.dtype == model_dtype() else np.float32
+        floats[name] = array.astype(dtype, copy=False)
+    return floats

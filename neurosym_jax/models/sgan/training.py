@@ -146,19 +146,16 @@ def discriminator_gradient(
 
     # Real and fake trajectories as twice as many scenes, scored at once.
     twice = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), groups)
-    futures = [
-        jnp.concatenate([scene.known_future, fake[0]])
-        for scene, fake in zip(groups, fakes)
-    ]
+    futures = []
+    for scene, fake in zip(groups, fakes):
+        futures.append(jnp.concatenate([scene.known_future, fake[0]]))
 
     def loss(params: Any) -> Array:
-        halves = [
-            jnp.split(part, 2) for part in _scores(recipe, params, twice, futures)
-        ]
+        scores = _scores(recipe, params, twice, futures)
+        halves = [jnp.split(part, 2) for part in scores]
         real, fake = map(merge, zip(*halves))
-        return adversarial_loss(real, label_real, valid) + adversarial_loss(
-            fake, label_fake, valid
-        )
+        real_loss = adversarial_loss(real, label_real, valid)
+        return real_loss + adversarial_loss(fake, label_fake, valid)
 
     value, gradient = jax.value_and_grad(loss)(discriminator)
     return gradient, {"d_loss": value}
@@ -215,19 +212,18 @@ def generator_loss(
     take = jax.vmap(
         lambda scene_noise, index: scene_noise[index], in_axes=(1, 0), out_axes=1
     )
-    chosen = [
-        take(noise, criterion_errors(recipe, scene, future).argmin(axis=-1))
-        for noise, scene, future in zip(noises, groups, trials)
-    ]
-    best = len(chosen[0])
+    best = []
+    for noise, scene, future in zip(noises, groups, trials):
+        errors = criterion_errors(recipe, scene, future)
+        best.append(take(noise, errors.argmin(axis=-1)))
+    chosen = best
     if recipe.adversarial_weight:
         # The discriminator scores the last sample, as SGAN's generator step does.
-        chosen = [
-            jnp.concatenate([best_noise, noise[-1:]])
-            for best_noise, noise in zip(chosen, noises)
-        ]
+        pairs = zip(best, noises)
+        chosen = [jnp.concatenate([own, noise[-1:]]) for own, noise in pairs]
     futures = decode(generator, contexts, groups, chosen)
-    variety = variety_loss(recipe, groups, [future[:best] for future in futures])
+    rows = len(best[0])
+    variety = variety_loss(recipe, groups, [future[:rows] for future in futures])
     terms = {"g_variety": variety}
     total = recipe.variety_weight * variety
     if recipe.adversarial_weight:
@@ -254,9 +250,8 @@ def squared_displacement_errors(
     [N, pred_len, 2], summed over agents, steps and coordinates, by the number of
     `valid` [N] agents and steps.
     """
-    squared = jnp.where(
-        valid[None, :, None, None], (forecast - truth[None]) ** 2, 0
-    ).sum(axis=(1, 2, 3))
+    squared = (forecast - truth[None]) ** 2
+    squared = jnp.where(valid[None, :, None, None], squared, 0).sum(axis=(1, 2, 3))
     agents = jnp.maximum(valid.sum(dtype=squared.dtype), 1)
     return (squared / (agents * truth.shape[1]))[None]
 
@@ -266,10 +261,12 @@ def distance_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Arr
 
     `forecast` [k, N, pred_len, 2] and `truth` [N, pred_len, 2] are positions.
     """
-    distance = jnp.where(valid[None, :, None], safe_norm(forecast - truth[None]), 0)
+    distance = safe_norm(forecast - truth[None])
+    distance = jnp.where(valid[None, :, None], distance, 0)
     agents = jnp.maximum(valid.sum(dtype=distance.dtype), 1)
     ade = distance.mean(axis=-1).sum(axis=-1) / agents
-    return jnp.stack([ade, distance[..., -1].sum(axis=-1) / agents])
+    fde = distance[..., -1].sum(axis=-1) / agents
+    return jnp.stack([ade, fde])
 
 
 def steps_after(last: AnyArray, future: AnyArray) -> Array:
@@ -329,9 +326,8 @@ def adversarial_loss(scores: Array, label: Array | float, valid: AnyArray) -> Ar
 
     The stable form `max(s, 0) - s y + log(1 + exp(-|s|))`.
     """
-    loss = (
-        jnp.maximum(scores, 0) - scores * label + jnp.log1p(jnp.exp(-jnp.abs(scores)))
-    )
+    rest = jnp.log1p(jnp.exp(-jnp.abs(scores)))
+    loss = jnp.maximum(scores, 0) - scores * label + rest
     return jnp.where(valid, loss, 0).sum() / valid.sum(dtype=loss.dtype)
 
 
@@ -364,13 +360,12 @@ def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[
     interact = jax.vmap(
         lambda hidden, scene: interact_scene(config, params, hidden, scene)
     )
-    groups = jax.tree.map(
-        jnp.asarray, groups
-    )  # `vmap` hands numpy on; pooling cannot take it.
-    return [
-        interact(part, scene.replace(future=None))
-        for part, scene in zip(hidden, groups)
-    ]
+    contexts = []
+    for part, scene in zip(hidden, groups):
+        # `vmap` hands numpy on; pooling cannot take it.
+        scene = jax.tree.map(jnp.asarray, scene)
+        contexts.append(interact(part, scene.replace(future=None)))
+    return contexts
 
 
 def decode_groups(
@@ -387,12 +382,12 @@ def decode_groups(
         over_scenes = jax.vmap(decode, in_axes=(0, 0, 1), out_axes=1)
         return [over_scenes(*group) for group in zip(contexts, futureless, noises)]
     shapes = [scene.valid.shape for scene in groups]
-    if config.noise_mix_type == "global":
-        noises = [
-            jnp.broadcast_to(noise[:, :, None], (len(noise), *shape, config.noise_dim))
-            for noise, shape in zip(noises, shapes)
-        ]
-    slot_noises = [noise.reshape(len(noise), -1, config.noise_dim) for noise in noises]
+    slot_noises = []
+    for noise, shape in zip(noises, shapes):
+        if config.noise_mix_type == "global":
+            size = (len(noise), *shape, config.noise_dim)
+            noise = jnp.broadcast_to(noise[:, :, None], size)
+        slot_noises.append(noise.reshape(len(noise), -1, config.noise_dim))
     scene = jax.tree.map(lambda *parts: merge(parts), *futureless)
     futures = decode(merge(contexts), scene, jnp.concatenate(slot_noises, axis=1))
     return split(futures, shapes, axis=1)
@@ -410,22 +405,17 @@ def _scores(
 ) -> list[Array]:
     """Discriminator scores `[scenes, slots]` of `futures [scenes, slots, pred_len, 2]`."""
     apply = functools.partial(Discriminator(recipe.discriminator).apply, params)
-    moves = [
-        jnp.concatenate(
-            [scene.displacement, steps_after(scene.observed[:, :, -1:], future)], axis=2
-        )
-        for scene, future in zip(groups, futures)
-    ]
+    moves = []
+    for scene, future in zip(groups, futures):
+        ahead = steps_after(scene.observed[:, :, -1:], future)
+        moves.append(jnp.concatenate([scene.displacement, ahead], axis=2))
     hidden = _over_slots(functools.partial(apply, method=Discriminator.observe), moves)
     score: Any = jax.vmap(functools.partial(apply, method=Discriminator.score))
-    return [
-        score(
-            part,
-            jnp.concatenate([scene.observed, future], axis=2),
-            jnp.asarray(scene.valid),
-        )
-        for part, scene, future in zip(hidden, groups, futures)
-    ]
+    scores = []
+    for part, scene, future in zip(hidden, groups, futures):
+        track = jnp.concatenate([scene.observed, future], axis=2)
+        scores.append(score(part, track, jnp.asarray(scene.valid)))
+    return scores
 
 
 # One training step as a pure function `(state, batch, key) -> (state, metrics)`.
