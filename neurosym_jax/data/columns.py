@@ -157,9 +157,10 @@ def _possible(table: Table, places: Mapping[str, int]) -> Iterator[_Candidate]:
     if "id" in places:
         people = [places["id"]]
     pairs = []
-    for pair in itertools.combinations(numbers, 2):
-        if x in (None, pair[0]) and y in (None, pair[1]) and pair[1] - pair[0] <= 2:
-            pairs.append(pair)
+    for first, second in itertools.combinations(numbers, 2):
+        is_near = second - first <= 2
+        if is_near and x in (None, first) and y in (None, second):
+            pairs.append((first, second))
     if x is not None and y is not None:
         pairs = [(x, y)]
 
@@ -195,7 +196,8 @@ def _bends(
 
 def _varies(keys: np.ndarray, values: np.ndarray) -> bool:
     """Whether there are several of the values for a key."""
-    return len(np.unique(keys + 1j * values)) > 1.2 * len(np.unique(keys))
+    pairs = np.unique(keys + 1j * values)
+    return len(pairs) > 1.2 * len(np.unique(keys))
 
 
 def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
@@ -233,8 +235,8 @@ def _repeats(table: Table, at: int) -> bool:
     """Whether a column's values repeat, as ids do; fractions never do."""
     texts = table.column(at)
     values = table.extra(at, texts=False)
-    is_whole = not np.isfinite(values).any() or (np.nan_to_num(values) % 1 == 0).all()
-    return bool(is_whole and 2 * texts.n_unique() <= len(texts))
+    has_fractions = np.isfinite(values) & (np.nan_to_num(values) % 1 != 0)
+    return 2 * texts.n_unique() <= len(texts) and not has_fractions.any()
 
 
 # The schema of a table: which column has which role and unit, as a user or the names
@@ -1001,7 +1003,8 @@ def _rate_of_velocities(
     order = np.lexsort((frame, ids))
     ids, frame, position = ids[order], frame[order], position[order]
     velocity = np.nan_to_num(table.numbers(*columns, missing=True)[order])
-    starts = np.flatnonzero((ids[4:] == ids[:-4]) & (frame[4:] > frame[:-4]))
+    same = ids[4:] == ids[:-4]
+    starts = np.flatnonzero(same & (frame[4:] > frame[:-4]))
     if len(starts) < ENOUGH:
         return []
     frames = frame[starts + 4] - frame[starts]

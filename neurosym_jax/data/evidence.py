@@ -103,7 +103,8 @@ def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndar
     bend = np.abs(np.diff(columns[order], 2, axis=0))[triple]
     low, high = np.quantile(columns, (0.05, 0.95), axis=0)
     spread = np.maximum(high - low, 1e-12)
-    uneven = np.mean(step[1:][triple] != step[:-1][triple])
+    is_uneven = step[1:] != step[:-1]
+    uneven = np.mean(is_uneven[triple])
     return np.median(bend, axis=0) / spread + 0.05 * uneven
 
 
@@ -191,7 +192,8 @@ def doubts_of(tracks: Tracks) -> int:
 
 def _strides(tracks: Tracks) -> np.ndarray:
     """[R - 1] metres to the next row of the same person; NaN to another's."""
-    length = np.linalg.norm(np.diff(tracks.position, axis=0), axis=1)
+    move = np.diff(tracks.position, axis=0)
+    length = np.linalg.norm(move, axis=1)
     length[np.diff(tracks.id) != 0] = np.nan
     return length
 
@@ -237,8 +239,9 @@ def _ends(tracks: Tracks, length: np.ndarray, enough: bool) -> Iterator[Doubt]:
     three = np.arange(3)
     begins = padded[first[:, None] + 3 + three].sum(axis=1) == 0
     ends = padded[last[:, None] + three].sum(axis=1) == 0
-    way = np.linalg.norm(tracks.position[last] - tracks.position[first], axis=1)
-    share = np.mean((way > 1) & (begins | ends))
+    way = tracks.position[last] - tracks.position[first]
+    walks = np.linalg.norm(way, axis=1) > 1
+    share = np.mean(walks & (begins | ends))
     if share > 0.2:
         line = f"{share:.0%} of the people walk but stay at an end: are positions held?"
         yield Doubt("ends", enough and share > 0.5, line)

@@ -130,7 +130,8 @@ def _checked(path: Path, arrays: dict[str, np.ndarray]) -> ForecastFile:
             layout = "[k, A, T, 2]" if name == "samples" else list(shape)
             shape_text = f"{list(array.shape)} {array.dtype}"
             raise InputError(f"{path}: {name} must be {layout}, not {shape_text}")
-    wrong = int(np.sum(~np.isfinite(samples).all(axis=(0, 2, 3))))
+    is_finite = np.isfinite(samples).all(axis=(0, 2, 3))
+    wrong = int(np.sum(~is_finite))
     if wrong:
         raise InputError(f"{path}: samples of {wrong} of {agents} rows are not finite")
     if likely is not None:
@@ -169,11 +170,13 @@ def _windows_of(file: ForecastFile) -> Windows:
     first = np.unique(scene[order], return_index=True)[1]
     recordings = np.array(_recordings(file))[order]
     digests = [scene_identity(name, 0)[0] for name in recordings[first]]
+    position = np.concatenate([observed, truth], axis=1).astype(np.float64)
+    identity = np.stack([digests, start[order][first]], axis=-1)
     return Windows(
-        position=np.concatenate([observed, truth], axis=1).astype(np.float64)[order],
+        position=position[order],
         agent=_whole(file.ids[order]),
         bounds=np.append(first, len(scene)),
-        identity=np.stack([digests, start[order][first]], axis=-1).astype(np.uint32),
+        identity=identity.astype(np.uint32),
         obs_len=observed.shape[1],
         period=float(period),
         reading=tuple(Reading(name) for name in dict.fromkeys(recordings.tolist())),
@@ -249,14 +252,16 @@ def _match(
     ids, people = file.ids, windows.agent
     if "U" in (ids.dtype.kind, people.dtype.kind):
         ids, people = _whole(ids).astype(str), people.astype(str)
-    keys = list(zip(names, np.round(file.frames, 3).tolist(), ids.tolist()))
+    file_frames = np.round(file.frames, 3).tolist()
+    keys = list(zip(names, file_frames, ids.tolist()))
     rows = {key: row for row, key in enumerate(keys)}
     twice = len(keys) - len(rows)
     if twice:
         raise InputError(f"{file.path}: {twice} rows repeat a recording, frame and id")
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     frames = last_frames(windows)
-    own_keys = zip(own[scene], np.round(frames, 3)[scene].tolist(), people.tolist())
+    own_frames = np.round(frames, 3)[scene].tolist()
+    own_keys = zip(own[scene], own_frames, people.tolist())
     matches = np.array([rows.get(key, -1) for key in own_keys])
     complete = np.ones(windows.scenes, bool)
     complete[scene[matches < 0]] = False
@@ -321,7 +326,8 @@ def matched(
     likely = np.asarray(file.probabilities, np.float64)[:, rows]
     first = windows.bounds[:-1]
     shared = np.repeat(likely[:, first], windows.sizes, axis=1)
-    wrong = int(np.sum(np.abs(likely - shared).max(axis=0) > 1e-6))
+    difference = np.abs(likely - shared).max(axis=0)
+    wrong = int(np.sum(difference > 1e-6))
     if wrong:
         raise InputError(
             f"{file.path}: probabilities of {wrong} people are not those of others in their scene: "

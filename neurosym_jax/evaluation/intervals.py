@@ -72,9 +72,8 @@ def _sum(value: np.ndarray, parts: Sequence[Estimate]) -> Estimate:
         shares = [np.square(part.variance / variance) / part.freedom for part in parts]
         freedom = 1 / np.sum(shares, axis=0)
     # Without variance every freedom is right.
-    return Estimate(
-        value, np.asarray(variance), np.where(np.isfinite(freedom), freedom, 1)
-    )
+    freedom = np.where(np.isfinite(freedom), freedom, 1)
+    return Estimate(value, np.asarray(variance), freedom)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -126,8 +125,10 @@ class ErrorsByScene:
     def effective_blocks(self) -> np.ndarray:
         """[M] number of equal blocks that would weigh as these do; 0 for fewer than `FEWEST`."""
         _, counts = self.block_sums
-        number = _ratio(np.square(counts.sum(axis=0)), np.square(counts).sum(axis=0))
-        return np.where((counts > 0).sum(axis=0) < FEWEST, 0, number)
+        square_of_sum = np.square(counts.sum(axis=0))
+        number = _ratio(square_of_sum, np.square(counts).sum(axis=0))
+        used = (counts > 0).sum(axis=0)
+        return np.where(used < FEWEST, 0, number)
 
 
 def _over_blocks(
@@ -135,11 +136,13 @@ def _over_blocks(
 ) -> Estimate:
     """An estimate from its `changes [blocks, M]` when a block is left out."""
     # The jackknife's factor, and that of blocks that share steps.
-    share = (1 - 1 / len(changes)) * (3 * effective - 1) / (2 * effective - 1)
-    variance = share * np.square(changes).sum(axis=0)
+    factor = 1 - 1 / len(changes)
+    factor = factor * (3 * effective - 1) / (2 * effective - 1)
+    variance = factor * np.square(changes).sum(axis=0)
     enough = effective > 1
+    variance = np.where(enough, variance, np.inf)
     freedom = np.where(enough, 8 / 9 * (effective - 1), 1)
-    return Estimate(value, np.where(enough, variance, np.inf), freedom)
+    return Estimate(value, variance, freedom)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -168,9 +171,10 @@ class Difference:
     @property
     def over_both(self) -> Estimate:
         """The difference of other trainings on other test scenes."""
-        return _sum(
-            self.mean, [part for part in (self.over_scenes, self.over_seeds) if part]
-        )
+        over_seeds = self.over_seeds
+        if over_seeds is None:
+            return _sum(self.mean, [self.over_scenes])
+        return _sum(self.mean, [self.over_scenes, over_seeds])
 
     def intervals(self, metric: str) -> dict[str, Interval | None]:
         """`scenes`, `seeds` and `both`, see the module; `seeds` is None for a single seed."""
@@ -198,9 +202,9 @@ def paired_difference(
         changes.append(first.jackknife() - second.jackknife())
         effective += [first.effective_blocks(), second.effective_blocks()]
     seeds = np.stack(differences)
-    over_scenes = _over_blocks(
-        seeds.mean(axis=0), np.mean(changes, axis=0), np.min(effective, axis=0)
-    )
+    mean_changes = np.mean(changes, axis=0)
+    fewest_blocks = np.min(effective, axis=0)
+    over_scenes = _over_blocks(seeds.mean(axis=0), mean_changes, fewest_blocks)
     metrics = tuple(model[0].scores)
     return Difference(metrics, tuple(numbers or range(len(seeds))), seeds, over_scenes)
 
@@ -223,9 +227,8 @@ def mean_difference(parts: Sequence[Difference]) -> Difference:
         variance = part.over_scenes.variance / len(parts) ** 2
         shrunk.append(dataclasses.replace(part.over_scenes, variance=variance))
     seeds = np.mean(common_seeds, axis=0)
-    return Difference(
-        parts[0].metrics, tuple(common), seeds, _sum(seeds.mean(axis=0), shrunk)
-    )
+    over_scenes = _sum(seeds.mean(axis=0), shrunk)
+    return Difference(parts[0].metrics, tuple(common), seeds, over_scenes)
 
 
 def holm(p_values: Sequence[float]) -> np.ndarray:
@@ -236,7 +239,8 @@ def holm(p_values: Sequence[float]) -> np.ndarray:
     """
     p = np.asarray(p_values, float)
     order = np.argsort(p)
-    stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    factor = np.arange(len(p), 0, -1)
+    stepped = np.maximum.accumulate(p[order] * factor)
     return np.minimum(stepped, 1)[np.argsort(order)]
 
 
@@ -260,7 +264,8 @@ def against_best(
         return adjusted
     best = (max if higher else min)(known_means, key=known_means.__getitem__)
     others = [at for at in known_means if at != best]
-    for at, p in zip(others, holm([p_value(best, at) for at in others])):
+    p_values = [p_value(best, at) for at in others]
+    for at, p in zip(others, holm(p_values)):
         adjusted[at] = float(p)
     return adjusted
 
@@ -279,9 +284,8 @@ def student_p(values: Sequence[float]) -> float:
 def _of_sample(values: np.ndarray) -> Estimate:
     """The means of n independent rows `values [n, M]`, n > 1."""
     n, metrics = values.shape
-    return Estimate(
-        values.mean(axis=0), values.var(axis=0, ddof=1) / n, np.full(metrics, n - 1)
-    )
+    variance = values.var(axis=0, ddof=1) / n
+    return Estimate(values.mean(axis=0), variance, np.full(metrics, n - 1))
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:

@@ -54,8 +54,9 @@ class PairFuture:
     @property
     def passes(self) -> Array:
         """[..., T] bool: k, who walked towards l, walks away, within 3 m."""
-        approach = self.away("k").astype(jnp.int8) - self.towards("k").astype(jnp.int8)
-        return self.turns(approach) & self.away("k") & self.within(3)
+        away = self.away("k")
+        retreat = away.astype(jnp.int8) - self.towards("k").astype(jnp.int8)
+        return self.turns(retreat) & away & self.within(3)
 
     @property
     def order(self) -> Array:
@@ -69,13 +70,16 @@ class PairFuture:
 
         While `who` stands these are 0 and False.
         """
-        own, other = (self.k, self.l) if who == "k" else (self.l, self.k)
-        v = jnp.diff(own, axis=-2)
-        to = (other - own)[..., 1:, :]
-        moves = jnp.linalg.norm(v, axis=-1) > self.speed * self.period
-        left = v[..., 0] * to[..., 1] - v[..., 1] * to[..., 0]
-        along = (v * to).sum(axis=-1)
-        return jnp.where(moves, jnp.sign(left), 0).astype(jnp.int8), moves & (along > 0)
+        own, other = self.k, self.l
+        if who == "l":
+            own, other = other, own
+        move = jnp.diff(own, axis=-2)
+        offset = (other - own)[..., 1:, :]
+        moves = jnp.linalg.norm(move, axis=-1) > self.speed * self.period
+        left = move[..., 0] * offset[..., 1] - move[..., 1] * offset[..., 0]
+        side = jnp.where(moves, jnp.sign(left), 0)
+        along = (move * offset).sum(axis=-1)
+        return side.astype(jnp.int8), moves & (along > 0)
 
     def crosses(self, who: str) -> Array:
         """[..., T] bool: `who` crosses the other's way at 30 to 150 degrees within 5 m."""
@@ -93,13 +97,14 @@ class PairFuture:
 
     def angle_between(self, low: float, high: float) -> Array:
         """[..., T] bool: both walk, and their directions differ by `low` to `high` degrees."""
-        v = jnp.diff(self.k, axis=-2)
-        w = jnp.diff(self.l, axis=-2)
-        lengths = jnp.linalg.norm(v, axis=-1) * jnp.linalg.norm(w, axis=-1)
-        cosine = (v * w).sum(axis=-1)
-        least = jnp.cos(jnp.radians(high))
-        most = jnp.cos(jnp.radians(low))
-        return (cosine >= least * lengths) & (cosine <= most * lengths) & (lengths > 0)
+        move = jnp.diff(self.k, axis=-2)
+        other_move = jnp.diff(self.l, axis=-2)
+        product = (move * other_move).sum(axis=-1)
+        length = jnp.linalg.norm(move, axis=-1)
+        lengths = length * jnp.linalg.norm(other_move, axis=-1)
+        least = jnp.cos(jnp.radians(high)) * lengths
+        most = jnp.cos(jnp.radians(low)) * lengths
+        return (product >= least) & (product <= most) & (lengths > 0)
 
     def lasting(self, condition: Array, seconds: float) -> Array:
         """[..., T] bool: `condition` [..., T] holds and has held for at least this long."""

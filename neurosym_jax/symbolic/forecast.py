@@ -165,7 +165,8 @@ def event_steps(
                 f"{list(happens.shape)}"
             )
         happens &= states[..., 0] != ABSENT
-        first.append(jnp.where(happens.any(axis=-1), happens.argmax(axis=-1), steps))
+        step = happens.argmax(axis=-1)
+        first.append(jnp.where(happens.any(axis=-1), step, steps))
     return jnp.stack(first).astype(jnp.int32)
 
 
@@ -188,7 +189,8 @@ def _checked(
         origin = last.astype(np.float64).mean(axis=0, where=~np.isnan(last))
         samples = samples - origin
         last = last - origin
-    start = jnp.broadcast_to(jnp.asarray(last, float)[:, None], (*shape[:2], 1, 2))
+    last = jnp.asarray(last, float)
+    start = jnp.broadcast_to(last[:, None], (*shape[:2], 1, 2))
     if pairs is not None:
         pairs = np.asarray(pairs, int).reshape(-1, 2)
         if not np.isin(pairs, range(seen[0])).all():
@@ -211,8 +213,9 @@ def _forecast(settings: SymbolSettings, paths: Array, pairs: Array | None) -> Ar
     rows = state_steps(settings, k, l)
     count = rows[0].size
     size = len(settings.states)
-    first = (size + 1) * jnp.arange(count).reshape(1, *rows.shape[1:])
-    counts = jnp.zeros(count * (size + 1)).at[(first + rows).ravel()].add(1)
+    number = jnp.arange(count).reshape(1, *rows.shape[1:])
+    place = (size + 1) * number + rows
+    counts = jnp.zeros(count * (size + 1)).at[place.ravel()].add(1)
     # The last: samples without a state.
     counts = counts.reshape(*rows.shape[1:], size + 1)
     present = len(rows) - counts[..., -1:]
@@ -237,8 +240,11 @@ def _events(
     present = (~absent_steps(k, l)).any(axis=-1).sum(axis=0)
     share = _smoothed(count, present[None], 2, settings.smoothing)
     # The time of rank ceil(q n) among n: an observed time, not one between two.
-    ranks = [jnp.maximum(-(-quarter * count // 4) - 1, 0) for quarter in (1, 2, 3)]
-    times = [jnp.take_along_axis(first, rank[:, None], axis=1)[:, 0] for rank in ranks]
+    times = []
+    for quarter in (1, 2, 3):
+        rank = jnp.maximum(-(-quarter * count // 4) - 1, 0)
+        time = jnp.take_along_axis(first, rank[:, None], axis=1)
+        times.append(time[:, 0])
     seconds = settings.period * (jnp.stack(times, axis=-1) + 1.0)
     happens = others[None] & (count > 0)
     return EventForecast(

@@ -329,7 +329,8 @@ def observe(
         k = np.asarray(k)
     if isinstance(l, list | tuple):
         l = np.asarray(l)
-    k_shape, l_shape = np.shape(k), np.shape(l)
+    k_shape = np.shape(k)
+    l_shape = np.shape(l)
     if k_shape[-1:] != (2,) or k_shape[-2:] != l_shape[-2:]:
         shapes = f"{list(k_shape)} and {list(l_shape)}"
         raise InputError(f"positions must be [..., T, 2] of one length, not {shapes}")
@@ -371,8 +372,8 @@ def _qtc_symbols(
 
 def _distance_after(k: ArrayLike, l: ArrayLike) -> Array:
     """[T-1, ...] metres between the pair after each step."""
-    (_, (x, y), _), (_, (other_x, other_y), _) = _ways(k, l)
-    return _length(x - other_x, y - other_y)
+    (_, k_after, _), (_, l_after, _) = _ways(k, l)
+    return _length(k_after[0] - l_after[0], k_after[1] - l_after[1])
 
 
 def _distance_symbol(k: ArrayLike, l: ArrayLike, distances: tuple[float, ...]) -> Array:
@@ -457,10 +458,14 @@ def _ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
     along agents and not along the few steps, which vectorises and takes a quarter of
     the time.
     """
-    points = [jnp.moveaxis(point, (-1, -2), (0, 1)) for point in _same_rank(k, l)]
-    before = [(x[:-1], y[:-1]) for x, y in points]
-    after = [(x[1:], y[1:]) for x, y in points]
-    return [(before[0], after[0], before[1]), (before[1], after[1], before[0])]
+    before, after = [], []
+    for point in _same_rank(k, l):
+        x, y = jnp.moveaxis(point, (-1, -2), (0, 1))
+        before.append((x[:-1], y[:-1]))
+        after.append((x[1:], y[1:]))
+    k_before, l_before = before
+    k_after, l_after = after
+    return [(k_before, k_after, l_before), (l_before, l_after, k_before)]
 
 
 def _same_rank(k: ArrayLike, l: ArrayLike) -> list[Array]:

@@ -172,7 +172,9 @@ class Weighting(Checked, abc.ABC):
                 f"weighting {self.title}: returns {list(alpha.shape)}, not {list(shape)}"
             )
         alpha = alpha.astype(positions.dtype)
-        alpha = jnp.where(jnp.eye(positions.shape[0], dtype=bool)[..., None], 1, alpha)
+        itself = jnp.eye(agents, dtype=bool)[..., None]
+        alpha = jnp.where(itself, 1, alpha)
+        # A step needs the position before it, too.
         missing |= jnp.pad(missing[:, :-1], [(0, 0), (1, 0)])
         steps = present[:, None] & ~missing
         pairs = steps[:, None] & steps[None] & (present.sum() != 1)
@@ -406,9 +408,8 @@ class Ones(Weighting):
         self, parameters: Parameters, positions: Array, valid: Array, period: float
     ) -> Array:
         """See `Weighting.weigh`."""
-        return jnp.full(
-            (positions.shape[0], *positions.shape[:2]), self.value, positions.dtype
-        )
+        agents, steps, _ = positions.shape
+        return jnp.full((agents, agents, steps), self.value, positions.dtype)
 
 
 @dataclasses.dataclass(frozen=True)

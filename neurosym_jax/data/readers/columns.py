@@ -285,7 +285,7 @@ def recordings_of(
         InputError: naming file, row and reason.
         Question: for columns that may mean another thing.
     """
-    places, path = schema.places, table.path
+    places = schema.places
     table = _people(_seen(table, schema), schema, options.keep or people)
     table = _with_ids(table, places["id"])
     facts = facts_of(table, schema)
@@ -293,16 +293,13 @@ def recordings_of(
     if decimals is not None:
         position = np.round(position, decimals)
     ids, texts = table.ids(places["id"])
-    keys = ["_".join(row) for row in zip(*map(table.column, schema.recordings))]
-    kinds, part = np.unique(keys or [""] * len(table.row), return_inverse=True)
-    names = [printable(path.stem)]
-    if len(kinds) > 1:
-        names = [printable(f"{path.stem}_{kind}"[:200]) for kind in kinds]
+    names, part = _parts(table, schema)
     table, stamp = stamps_of(table, schema, options, period, ids, part, raw, facts)
 
     is_shared = shared_places(ids, stamp, position)
     if is_shared.any():
-        values = ", ".join(map(str, np.unique(raw[is_shared], axis=0).tolist()))
+        places_shared = np.unique(raw[is_shared], axis=0).tolist()
+        values = ", ".join(map(str, places_shared))
         hint = f"at {values}, which people share: no position ({option('missing')})"
         table = table.take(~is_shared, hint)
         ids, stamp, part = ids[~is_shared], stamp[~is_shared], part[~is_shared]
@@ -323,6 +320,17 @@ def recordings_of(
         unused=[column_name(table, at) for at in others],
         people=texts,
     )
+
+
+def _parts(table: Table, schema: Schema) -> tuple[list[str], np.ndarray]:
+    """The names of recordings, and [R] the index of each row's."""
+    stem = table.path.stem
+    columns = map(table.column, schema.recordings)
+    keys = ["_".join(row) for row in zip(*columns)]
+    if len(set(keys)) < 2:
+        return [printable(stem)], np.zeros(len(table.row), int)
+    kinds, part = np.unique(keys, return_inverse=True)
+    return [printable(f"{stem}_{kind}"[:200]) for kind in kinds], part
 
 
 def shared_places(
@@ -346,7 +354,8 @@ def shared_places(
 
     order = np.lexsort((stamp, ids))
     same = np.diff(ids[order]) == 0
-    length = np.linalg.norm(np.diff(position[order], axis=0), axis=1)
+    move = np.diff(position[order], axis=0)
+    length = np.linalg.norm(move, axis=1)
     # The most frequent are enough: a recording has one or two such values.
     frequent = candidates[np.argsort(-counts[candidates])]
     for number in frequent[:5]:
@@ -355,7 +364,9 @@ def shared_places(
         walks = ~is_there[1:] & ~is_there[:-1]
         leaps = length[same & goes]
         steps = length[same & walks & (length > 0)]
-        if len(leaps) and len(steps) and np.median(leaps) > LEAP * np.median(steps):
+        if not len(leaps) or not len(steps):
+            continue
+        if np.median(leaps) > LEAP * np.median(steps):
             is_shared |= place == number
     return is_shared
 
@@ -551,9 +562,10 @@ class Text(Layout):
             InputError: with the columns that fit.
         """
         table.whole_numbers(1)
-        rows = np.column_stack([table.numbers(0, 1), table.numbers(2, 3, missing=True)])
-        rows = rows[~np.isnan(rows).any(axis=1)]
-        if not len(rows):
+        numbers = table.numbers(0, 1)
+        position = table.numbers(2, 3, missing=True)
+        is_seen = ~np.isnan(position).any(axis=1)
+        if not is_seen.any():
             return
         try:
             table.whole_numbers(0)
@@ -561,7 +573,8 @@ class Text(Layout):
             # It is no person's number either.
             time = {("time=1", "id=2", "x=3", "y=4"): ""}
             raise Question(f"{error}, so it may be the time", time) from None
-        frame, ped, position = rows[:, 0], rows[:, 1], rows[:, 2:]
+        frame, ped = numbers[is_seen].T
+        position = position[is_seen]
         usual = roughness(frame, ped, position)
         other = roughness(ped, frame, position)
         if SMOOTHER * np.sum(other) < np.sum(usual):
