@@ -398,7 +398,7 @@ def _refuse_misfit(model: Model) -> None:
     flat = flat_parameters(model.params)
     shapes = model.forecaster.shapes()
     # Where no shapes are known, any will do.
-    fields = shapes_of(model.params if shapes is None else shapes)
+    fields = shapes_of(flat if shapes is None else shapes)
     refuse_misfit(flat, fields, "the configuration describes another network")
 
 
