@@ -67,3 +67,32 @@ def test_pages_fit(site, browser):
                 faults[f"{path.parent.relative_to(site)} at {size['width']}"] = wrong
     page.close()
     assert not faults
+
+
+LINES = """() => [...document.querySelectorAll("article pre > code")]
+  .filter((code) => code.textContent.includes("cross-path: 8 + 8"))
+  .map((code) => {
+    const style = getComputedStyle(code);
+    const room = code.clientHeight - parseFloat(style.paddingTop) - parseFloat(style.paddingBottom);
+    return [code.textContent.trimEnd().split("\\n").length, room / parseFloat(style.lineHeight)];
+  })"""
+"""Lines of the printed table, and lines that it takes on the screen."""
+OPTIONS = """() => [...document.querySelectorAll("article code .whole")]
+  .filter((option) => option.offsetParent)
+  .map((option) => option.getClientRects().length)"""
+"""Lines over which each option goes."""
+
+
+@pytest.mark.slow
+def test_printed_tables_and_options_are_whole_on_a_phone(site, browser):
+    """Rows of a table went over two lines each, and `--dashboard` was cut behind a hyphen."""
+    page = browser.new_page(viewport=SIZES[0])
+    page.goto((site / "index.html").as_uri())
+    ((lines, shown),) = page.evaluate(LINES)
+    assert lines == 6
+    assert shown == pytest.approx(lines, abs=0.6)
+    page.goto((site / "robot" / "index.html").as_uri())
+    rectangles = page.evaluate(OPTIONS)
+    assert len(rectangles) > 20
+    assert set(rectangles) == {1}
+    page.close()

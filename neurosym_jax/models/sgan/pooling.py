@@ -593,7 +593,7 @@ def _leaking_relu(x: Array, leak: Array) -> Any:
 # NeuroSyM's poolings: SGAN's with the pair's relative history weighted step by step by
 # alpha.
 #
-# `docs/symbols.md` explains the three variants: the papers' (`as_described`), the robot
+# `docs/models.md` explains the three variants: the papers' (`as_described`), the robot
 # package's (`neurosym_ros`) and the earlier release's with its defects
 # (`neurosym_ijcnn`).
 
