@@ -36,9 +36,9 @@ import copy
 import csv
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -87,6 +87,8 @@ WOBBLE, WOBBLE_TIME = 0.15, 1.5
 """Radians by which headings are off, and seconds for which they are."""
 PRICES = (5.0, 20.0, 80.0)
 """Seconds that a pass below `NEAR` costs."""
+LATEST = 16.0
+"""Seconds up to which curves are drawn."""
 
 Belief = tuple[np.ndarray, np.ndarray]
 """Futures [k, N, STEPS, 2] of everybody and their probabilities [k]."""
@@ -401,30 +403,40 @@ def comparison(tables: Mapping[Setting, np.ndarray], price: float) -> str:
 
 
 def draw(tables: Mapping[Setting, np.ndarray], file: Path) -> None:
-    """Risk against time: a curve for each belief, over its weights, with intervals."""
+    """Risk against time up to `LATEST`, with intervals.
+
+    A line for each belief, over its weights, and dashed for single forecasts, over
+    their margins.
+    """
     figure, ((axes,),) = new_figure(1.6 * COLUMN, 3.2)
     for belief, colour in zip(BELIEFS, PALETTE[::-1]):
-        points = [s for s in tables if s.belief == belief and s.margin == NEAR]
-        values = np.array([tables[point] * [100, 1] for point in points])
-        middle = values.mean(axis=1)  # [S, 2]
-        ends = np.stack([interval(value) for value in values], axis=1)
-        errors = np.abs(ends - middle)
-        risk, seconds = middle.T
-        axes.errorbar(
-            seconds,
-            risk,
-            xerr=errors[..., 1],
-            yerr=errors[..., 0],
-            color=colour,
-            marker="o",
-            markersize=4,
-            elinewidth=0.5,
-            label=belief,
-        )
+        own = [setting for setting in tables if setting.belief == belief]
+        look = {"color": colour, "markersize": 4, "elinewidth": 0.4}
+        weights = [setting for setting in own if setting.margin == NEAR]
+        _draw_curve(axes, tables, weights, fmt="o-", label=belief, **look)
+        if belief in SINGLE:
+            margins = sorted(s for s in own if s.weight == 4)
+            label = f"{belief}, margins to {MARGINS[-1]:g} m"
+            _draw_curve(axes, tables, margins, fmt="s--", label=label, **look)
     axes.set_ylim(bottom=0)
+    axes.set_xlim(right=LATEST)
     title = "Risk and time to cross a hall, by what the robot believes"
     dress(axes, "time [s]", "passes below 0.7 m [%]", title)
     save_figure(add_legend(figure, axes), file)
+
+
+def _draw_curve(
+    axes: Any,
+    tables: Mapping[Setting, np.ndarray],
+    settings: Sequence[Setting],
+    **looks: Any,
+) -> None:
+    values = np.array([tables[setting] * [100, 1] for setting in settings])
+    middle = values.mean(axis=1)  # [S, 2]
+    ends = np.stack([interval(value) for value in values], axis=1)
+    errors = np.abs(ends - middle)
+    risk, seconds = middle.T
+    axes.errorbar(seconds, risk, errors[..., 0], errors[..., 1], **looks)
 
 
 def main() -> None:

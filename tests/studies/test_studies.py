@@ -197,6 +197,16 @@ def test_a_robot_crosses_and_its_episodes_are_compared_in_pairs(tmp_path):
         assert chosen.weight == weight
         assert cost.mean() == mean
         assert len(cost) == 20
+        assert f"20 draws | {weight:g}, 0.7 m | {mean:.1f}" in driving.comparison(
+            tables, price
+        )
+    assert "| 20 draws | 1 | 0.7 | 50 (35 to 65) | 10.0 (10.0 to 10.0) |" in (
+        driving.curves(tables)
+    )
+    for name in driving.SINGLE:
+        tables[driving.Setting(name, 4.0, 0.85)] = driving.table_of(none)
+    driving.draw(tables, tmp_path / "x.png")
+    assert (tmp_path / "x.png").stat().st_size > 10_000
 
 
 def test_data_kept_back_and_test_data_are_not_trained_on(tmp_path):
