@@ -1,9 +1,12 @@
 """A predictor of an .onnx file: the numbers of JAX, in a process that has none."""
 
+import functools
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 
 import jax
 import jax.numpy as jnp
@@ -24,13 +27,25 @@ from neurosym_robot import OnnxModel, Predictor
 from neurosym_robot.commands._place_file import open_place
 from neurosym_robot.online import coupling
 from neurosym_robot.online.predictor import load_models
+from neurosym_robot.ros.definitions import (
+    FORECAST,
+    PEOPLE,
+    PEOPLE_TOPICS,
+    blank,
+    ros1_name,
+    typestore,
+)
+from neurosym_robot.ros.messages import make_people
+from neurosym_robot.ros.tcpros import Node, Topic
+from neurosym_robot.tracking.following import Frame
 from tests.networks import random_model
 from tests.repository import ROOT
+from tests.robot.ros.tcpros.conftest import Master, wait
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 pytest.importorskip("onnx", reason="onnx is not installed")
 
-PERIOD, PEOPLE = 0.4, 4
+PERIOD, COUNT = 0.4, 4
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +155,7 @@ def test_each_lot_has_a_part_of_its_own():
 
 
 def test_forecasts_are_those_of_jax(model, file):
-    options = {"samples": 6, "max_people": PEOPLE, "compile": "needed", "hold": 1.0}
+    options = {"samples": 6, "max_people": COUNT, "compile": "needed", "hold": 1.0}
     reports = []
     ours = Predictor(OnnxModel(file), **options, report=reports.append)
     theirs = Predictor(model, **options)
@@ -221,13 +236,13 @@ def test_it_needs_no_jax(model, file, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     result = np.load(tmp_path / "out.npz")
-    options = {"samples": 6, "max_people": PEOPLE, "compile": "needed", "hold": 1.0}
+    options = {"samples": 6, "max_people": COUNT, "compile": "needed", "hold": 1.0}
     predictor = Predictor(model, **options)
     for frame in frames:
         forecast = predictor.push(*frame)
     (expected,) = forecast.models.values()
     assert_allclose(result["samples"], expected.samples, atol=1e-4)
-    assert result["radius"].shape == (2, PEOPLE, 12)
+    assert result["radius"].shape == (2, COUNT, 12)
     assert (result["radius"] > 0).all()
 
 
@@ -250,8 +265,8 @@ def run_without_jax(folder, *words, check=True, others=""):
 def tracks(tmp_path):
     """The stream as a file."""
     rows = []
-    for time, ids, places in stream():
-        rows += [f"{time},{id},{x},{y}\n" for id, (x, y) in zip(ids, places)]
+    for stamp, ids, places in stream():
+        rows += [f"{stamp},{id},{x},{y}\n" for id, (x, y) in zip(ids, places)]
     (tmp_path / "tracks.csv").write_text("t,id,x,y\n" + "".join(rows))
     return tmp_path / "tracks.csv"
 
@@ -282,6 +297,45 @@ def test_commands_need_no_jax(file, tracks):
         folder, "replay", tracks, *light, "--place", "hall.npz", check=False
     )
     assert "--place learns with a model in JAX" in done.stderr
+
+
+@pytest.mark.slow
+def test_a_node_needs_no_jax(file, tmp_path):
+    """A process that hears people of another node, and publishes their futures until it is stopped."""
+    master, store, heard = Master(), typestore(1), []
+
+    def topic(name, kind):
+        definition, md5 = store.generate_msgdef(kind, ros_version=1)
+        return Topic(name, ros1_name(kind), md5, definition)
+
+    words = ["ros1", "--model", file, "--samples", 6, "--master", master.uri]
+    command = [sys.executable, "-c", COMMAND, *map(str, words)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment["BLOCKED"] = f"{JAX} polars scipy"
+    node = Node("peer", master.uri, print)
+    people = node.advertise(topic(PEOPLE_TOPICS[0], PEOPLE))
+    samples = topic("/hri/human_poses_prediction/samples", FORECAST)
+    node.subscribe(samples, lambda data, header: heard.append(data))
+    process = subprocess.Popen(command, cwd=tmp_path, env=environment)
+    try:
+        wait(lambda: people.subscribers, 120)
+        for number in range(600):
+            stamp = time.time()
+            frame = Frame(stamp, np.arange(3), np.eye(3, 2) + number / 10)
+            message = make_people(functools.partial(blank, store), frame)
+            people.publish(bytes(store.serialize_ros1(message, PEOPLE)))
+            time.sleep(0.1)
+            if len(heard) > 3:
+                break
+        forecast = store.deserialize_ros1(heard[-1], FORECAST)
+        assert forecast.ids.tolist() == [0, 1, 2]
+        assert len(forecast.futures) == forecast.samples * 3 * 12 * 2
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+    finally:
+        process.kill()
+        node.close()
+        master.server.close()
 
 
 def test_what_cannot_be_is_refused(model, file, tmp_path):
