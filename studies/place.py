@@ -27,12 +27,6 @@ Protocol, written before the run:
   eth, zara1 and bo-360-050-050. That turning helps had been seen before on THÖR 1 and 3,
   gates_1, nexus_9, hyang_6 and bot-300-075-075: these six are marked, too. The choice
   was then tried once on all others.
-- Whether symbols of the nearest neighbour help a memory: a kernel `met` compares the gait
-  and the four symbols of QTC_C1 with whoever is nearest within 4 m, as they change over
-  three steps; each unit by which a symbol differs counts like a width. The answer is the
-  paired difference from the table without it, over the recordings of three minutes or
-  more. A symbol of half and of two widths was tried on hotel, eth, zara1 and
-  bo-360-050-050, where nothing differed.
 - The interval is Student's over places, 95 %, of the change in per cent. Recordings
   shorter than three minutes are shown, and not in the mean. Since recordings of one
   site are not independent, it is also printed over sites, of the mean of each: added

@@ -16,7 +16,6 @@ turned to the way that a person faces now, and is recalled in a mirror, too.
 
 import dataclasses
 import functools
-import os
 from typing import NamedTuple
 
 import jax
@@ -25,7 +24,6 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.scene import turned
-from neurosym_jax.symbolic import qtc
 
 __all__ = [
     "FEATURES",
@@ -40,16 +38,8 @@ __all__ = [
     "remember",
 ]
 
-FEATURES = 10
-"""Position, velocity and earlier velocity, and symbols of the nearest neighbour."""
-NEIGHBOUR = os.environ.get("NEIGHBOUR", "qtc")
-"""Whose symbols: `qtc`, or `shuffled` among people."""
-NEAR = 4.0
-"""Metres within which a neighbour counts."""
-NOBODY = np.array([9.0, 9.0, 0.0, 0.0])
-"""What stands for symbols where nobody is near; the same in a mirror."""
-STILL = 0.1
-"""Metres over `STRIDE` steps up to which a symbol is 0."""
+FEATURES = 6
+"""Position, velocity and earlier velocity: numbers by which moments are compared."""
 STRIDE = 3
 """Steps over which a velocity is taken: trackers' noise is large over a single one."""
 FAR = 3.0
@@ -66,7 +56,7 @@ CORNERS = np.array(np.meshgrid(*[[0, 1]] * 4)).reshape(4, -1).T
 """[16, 4] offsets of the cells around a moment, two along each axis."""
 PRIMES = np.array([73856093, 19349663, 83492791, 49979687], np.uint32)
 """Factors of the hash of a cell: M. Teschner et al., VMV 2003, section 4.1."""
-MIRROR = np.array([1, -1, 1, -1, 1, -1, 1, 1, -1, -1], np.float32)
+MIRROR = np.array([1, -1, 1, -1, 1, -1], np.float32)
 """Factors of features seen in a mirror that lies along the velocity."""
 
 
@@ -86,14 +76,9 @@ class Kernel:
     turned: bool = False
     """Whether moments are compared in the directions of their own velocities."""
 
-    symbols: bool = False
-    """Whether a symbol of the nearest neighbour that differs by 1 is a width."""
-
-    def likeness(self, place: Array, motion: Array, symbols: Array) -> Array:
+    def likeness(self, place: Array, motion: Array) -> Array:
         """[...] weights, 1 for the same moment and 0 beyond `FAR`, see `_gaps`."""
         distance = place / self.place + motion / self.speed
-        if self.symbols:
-            distance = distance + symbols
         return jnp.where(distance < FAR, jnp.exp(-distance), 0)
 
     def scaled(self, moment: Array) -> Array:
@@ -111,7 +96,7 @@ class Kernel:
         return jnp.concatenate([place, velocity], -1)
 
 
-def _gaps(moment: Array, others: Array) -> tuple[Array, Array, Array]:
+def _gaps(moment: Array, others: Array) -> tuple[Array, Array]:
     """[N, n] how far `moment [N, 6]` lies from `others [N, n, 6]`: in position, and in motion.
 
     Motion is the velocity, and half of the earlier one.
@@ -122,8 +107,7 @@ def _gaps(moment: Array, others: Array) -> tuple[Array, Array, Array]:
     gap = jnp.square(moment.T[:, :, None] - others)
     place = jnp.sqrt(gap[0] + gap[1])
     motion = jnp.sqrt(gap[2] + gap[3]) + jnp.sqrt(gap[4] + gap[5]) / 2
-    parts = [jnp.abs(moment.T[row, :, None] - others[row]) for row in range(6, 10)]
-    return jax.lax.optimization_barrier((place, motion, sum(parts)))
+    return jax.lax.optimization_barrier((place, motion))
 
 
 def _direction(velocity: Array) -> Array:
@@ -140,7 +124,7 @@ def _from_within(moment: Array) -> Array:
     velocity = turned(moment[..., 2:4], direction, -1)
     earlier = turned(moment[..., 4:6], direction, -1)
     origin = jnp.zeros_like(velocity)
-    return jnp.concatenate([origin, velocity, earlier, moment[..., 6:]], axis=-1)
+    return jnp.concatenate([origin, velocity, earlier], axis=-1)
 
 
 KERNELS = (
@@ -148,7 +132,6 @@ KERNELS = (
     Kernel("around", 3.0, 0.5),
     Kernel("manner", np.inf, 0.15),
     Kernel("gait", np.inf, 0.15, turned=True),
-    Kernel("met", np.inf, 0.15, turned=True, symbols=True),
 )
 """The kernels of a place; `studies.place` says what they were chosen on."""
 
@@ -198,47 +181,17 @@ def empty_memory(moments: int, steps: int, kernels: int = len(KERNELS)) -> Memor
     )
 
 
-def neighbours(track: np.ndarray) -> np.ndarray:
-    """[N, 4] symbols of QTC_C1 of each with the nearest one, at the last of `track [N, S, 2]`.
+def features(track: np.ndarray, period: float) -> np.ndarray:
+    """[N, 6] features of the last of the steps `track [N, S, 2]`, S > 3.
 
-    They are of the last `STRIDE` steps; `NOBODY` where nobody is near.
+    Where fewer than seven steps are there, the velocity stands for the earlier one.
     """
-    people = len(track)
-    nobody = np.tile(NOBODY, (people, 1))
-    if people < 2:
-        return nobody
-    last, before = track[:, -1], track[:, -1 - STRIDE]
-    gap = np.linalg.norm(last[:, None] - last, axis=-1)
-    np.fill_diagonal(gap, np.inf)
-    nearest = gap.argmin(axis=1)
-    size = 1 << (people - 1).bit_length()
-    row = np.minimum(np.arange(size), people - 1)
-    pair = np.stack([before, last], axis=1)
-    found = np.asarray(_symbols(pair[row], pair[nearest[row]]))[:people, 0]
-    if NEIGHBOUR == "shuffled":
-        rng = np.random.default_rng(people)
-        found = found[rng.permutation(people)]
-    return np.where(gap.min(axis=1)[:, None] <= NEAR, found, nobody)
-
-
-@jax.jit
-def _symbols(first: Array, second: Array) -> Array:
-    options = {"quantisation_factor": STILL, "side_quantisation_factor": STILL}
-    return qtc.observe(first, second, **options)
-
-
-def features(
-    track: np.ndarray, period: float, symbols: np.ndarray | None = None
-) -> np.ndarray:
-    """[N, 10] features of the last of the steps `track [N, S, 2]`, S > 3."""
     seconds = STRIDE * period
     velocity = (track[:, -1] - track[:, -1 - STRIDE]) / seconds
     earlier = velocity
     if track.shape[1] > 2 * STRIDE:
         earlier = (track[:, -1 - STRIDE] - track[:, -1 - 2 * STRIDE]) / seconds
-    if symbols is None:
-        symbols = neighbours(track)
-    return np.concatenate([track[:, -1], velocity, earlier, symbols], axis=1)
+    return np.concatenate([track[:, -1], velocity, earlier], axis=1)
 
 
 @functools.partial(jax.jit, static_argnums=0, donate_argnums=1)

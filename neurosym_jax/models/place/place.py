@@ -255,7 +255,6 @@ class Place:
         config = self.model.config
         for awaited in getattr(self, "_awaited", ()):
             self._ledger = self._ledger.release(awaited.commitment)
-        self._met: dict[int, dict[int, np.ndarray]] = {}
         self._steps = Steps(config.period)
         before = max(BEFORE, config.obs_len)
         self._followed = Followed(before + config.pred_len, self._people)
@@ -341,7 +340,6 @@ class Place:
         config = self.model.config
         length = BEFORE + config.pred_len
         tracks = self._followed.tracks(number, length)
-        met = self._met.pop(number - config.pred_len, {})
         people, group = _consistent(tracks, config.period)
         if not len(people):
             return
@@ -352,8 +350,7 @@ class Place:
         rows = slice(len(people))
         past = group[:, :BEFORE] - self._origin
         future = group[:, BEFORE:] - self._origin
-        symbols = [met.get(person, memories.NOBODY) for person in people.tolist()]
-        feature[rows] = memories.features(past, config.period, np.array(symbols))
+        feature[rows] = memories.features(past, config.period)
         onward[rows] = future - past[:, -1:]
         numbers[rows] = people % 2**31
         time = np.full(size, self._now, np.float32)
@@ -368,7 +365,6 @@ class Place:
         if not tracks:
             return
         observed = np.array(list(tracks.values()))
-        self._met[number] = dict(zip(tracks, memories.neighbours(observed)))
         slots = int(bucket_of(len(tracks)))
         scene = pad_scene(make_scene(observed, frame=number), slots)
         scene = self.model.forecaster.prepared(scene.bare())
