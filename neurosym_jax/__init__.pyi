@@ -7,8 +7,8 @@ from . import runtime as runtime
 from . import simulation as simulation
 from . import symbolic as symbolic
 from . import training as training
-from .data.tables import register_format as register_format
 from .data.recordings import windows_from as windows_from
+from .data.tables import register_format as register_format
 from .errors import InputError as InputError
 from .evaluation.compare import evaluate as evaluate
 from .evaluation.metrics import register_metric as register_metric
