@@ -82,10 +82,11 @@ def _interpolated(
     since = moment - stamp[row]
     gap = stamp[after] - stamp[row]
     weight = np.clip(since / np.where(exact, 1.0, gap), 0.0, 1.0)
-    here = tracks.position[row]
+    before = tracks.position[row]
     # In this form a standing person stays exactly still, which QTC's zero symbols need.
-    between = here + weight[:, None] * (tracks.position[after] - here)
-    ahead = here + since[:, None] * velocity[row]
+    way = tracks.position[after] - before
+    between = before + weight[:, None] * way
+    ahead = before + since[:, None] * velocity[row]
 
     reading = tracks.reading
     if reading:
@@ -95,9 +96,9 @@ def _interpolated(
         tracks.take(row),
         reading=reading,
         stamp=moment,
-        position=np.where(exact[:, None], here, between),
+        position=np.where(exact[:, None], before, between),
         known=np.where(exact, moment, stamp[after]),
-        foreseen=np.where(exact[:, None], here, ahead),
+        foreseen=np.where(exact[:, None], before, ahead),
     )
 
 
@@ -297,5 +298,7 @@ def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
     since = np.maximum(since, first)
     span = tracks.stamp - tracks.stamp[since]
     moved = tracks.position - tracks.position[since]
-    still = np.zeros_like(moved)
-    return np.divide(moved, span[:, None], out=still, where=span[:, None] > 0)
+    velocity = np.zeros_like(moved)
+    has_time = span > 0
+    velocity[has_time] = moved[has_time] / span[has_time, None]
+    return velocity

@@ -174,8 +174,7 @@ def train(
     Raises:
         InputError: see `training.preparation.prepare` and `train_run`.
     """
-    if init is not None and not isinstance(init, Model):
-        init = load_model(init)
+    init = load_model(init) if isinstance(init, Path | str) else init
     seen = init.seen if init else ""
     config = config or (init.config if init else make_config("sgan"))
     recipe = recipe or usual_recipe(config)
