@@ -79,6 +79,7 @@ def _full(model: Any, moments: int) -> Any:
         place._memory,
         moment.astype(np.float32),
         onward.astype(np.float32),
+        np.zeros_like(onward, np.float32),
         np.arange(moments, dtype=np.int32),
         np.zeros(moments, np.float32),
     )

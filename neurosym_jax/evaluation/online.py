@@ -28,7 +28,7 @@ def recall_batches(
     recordings: Sequence[Tracks],
     file: Path | None = None,
 ) -> list[Remembered]:
-    """What is recalled for each batch of B scenes: [B, U, N, T, 2] and [B, U, N].
+    """What is recalled for each batch of B scenes: [B, U, N, T, 2], [B, U, N] and [B, U].
 
     Arguments are those of `watch_windows`; `batches` are of the same windows.
     """
@@ -82,9 +82,9 @@ def _recall(place: Place, windows: Windows, number: int) -> Remembered:
     observed = windows.position[rows, : windows.obs_len]
     scene = make_scene(observed)
     slots = int(bucket_of(len(observed)))
-    future, share = place.recalled(observed, scene, slots)
+    future, share, is_error = map(np.asarray, place.recalled(observed, scene, slots))
     people = len(observed)
-    return Remembered(np.asarray(future)[:, :people], np.asarray(share)[:, :people])
+    return Remembered(future[:, :people], share[:, :people], is_error)
 
 
 def _padded(batch: Batch, scenes: Sequence[Remembered]) -> Remembered:
@@ -98,4 +98,5 @@ def _padded(batch: Batch, scenes: Sequence[Remembered]) -> Remembered:
             people = scenes[number].future.shape[1]
             future[row, :, :people] = scenes[number].future
             share[row, :, :people] = scenes[number].share
-    return Remembered(future, share)
+    is_error = np.tile(scenes[0].is_error, (count, 1))
+    return Remembered(future, share, is_error)

@@ -12,6 +12,9 @@ nothing but room, since what is found is weighted by its true distance.
 
 A turned kernel compares how people move, whichever way they face. What followed is
 turned to the way that a person faces now, and is recalled in a mirror, too.
+
+A moment also keeps the error of the forecast that the network made then. Where it errs
+in the same way again, its error is added to what it forecasts now.
 """
 
 import dataclasses
@@ -26,6 +29,7 @@ from jax import Array
 from neurosym_jax.scene import turned
 
 __all__ = [
+    "COMPONENTS",
     "FEATURES",
     "KERNELS",
     "Kernel",
@@ -75,6 +79,8 @@ class Kernel:
     """Metres per second."""
     turned: bool = False
     """Whether moments are compared in the directions of their own velocities."""
+    errors: bool = False
+    """Whether the network's errors are recalled, too; of a kernel that is not turned."""
 
     def likeness(self, place: Array, motion: Array) -> Array:
         """[...] weights, 1 for the same moment and 0 beyond `FAR`, see `_gaps`."""
@@ -128,12 +134,17 @@ def _from_within(moment: Array) -> Array:
 
 
 KERNELS = (
-    Kernel("near", 1.5, 0.3),
-    Kernel("around", 3.0, 0.5),
+    Kernel("near", 1.5, 0.3, errors=True),
+    Kernel("around", 3.0, 0.5, errors=True),
     Kernel("manner", np.inf, 0.15),
     Kernel("gait", np.inf, 0.15, turned=True),
 )
 """The kernels of a place; `studies.place` says what they were chosen on."""
+COMPONENTS = {kernel.name: 1.0 for kernel in KERNELS} | {
+    f"errors {kernel.name}": 0.1 for kernel in KERNELS if kernel.errors
+}
+"""First weights, in proportion, of the parts of a forecast that are recalled, by name. Errors help
+where many people pass, and there a small weight grows soon."""
 
 
 class Memory(NamedTuple):
@@ -143,6 +154,9 @@ class Memory(NamedTuple):
     """[R, 6] see `features`; infinite where there is none."""
     onward: Array
     """[R, T, 2] offsets from the position at the T steps that followed, metres."""
+    error: Array
+    """[R, T, 2] from the mean of the network's points to where the person was, metres; infinite
+    where there was no forecast."""
     person: Array
     """[R] int32; -1 where there is no moment."""
     time: Array
@@ -156,14 +170,24 @@ class Memory(NamedTuple):
 
 
 class Recall(NamedTuple):
-    """What people like N others did, at the most U of them for each."""
+    """What people like N others did, U ways on for each."""
 
     onward: Array
-    """[N, U, T, 2] offsets from the last position, metres."""
+    """[N, U, T, 2] offsets from the last position, metres; or errors."""
     weight: Array
-    """[N, K, U] probability of each by each kernel; sums to `min(1, people / ENOUGH)`, where
+    """[N, C, U] probability of each by each component; sums to `min(1, people / ENOUGH)`, where
     a moment of one half-life ago counts for half a person, and one in a mirror for one
     more."""
+    is_error: Array
+    """[U] bool: which of the ways are errors, see `Memory.error`."""
+
+    def ways(self, expected: Array) -> Array:
+        """[N, U, T, 2] offsets from the last position, with errors added to what is `expected`.
+
+        `expected [N, T, 2]` is the mean of the network's points.
+        """
+        added = jnp.where(self.is_error[:, None, None], expected[:, None], 0)
+        return self.onward + added
 
 
 def empty_memory(moments: int, steps: int, kernels: int = len(KERNELS)) -> Memory:
@@ -173,6 +197,7 @@ def empty_memory(moments: int, steps: int, kernels: int = len(KERNELS)) -> Memor
     return Memory(
         moment=jnp.full((moments, FEATURES), jnp.inf, jnp.float32),
         onward=jnp.zeros((moments, steps, 2), jnp.float32),
+        error=jnp.zeros((moments, steps, 2), jnp.float32),
         person=jnp.full(moments, -1, jnp.int32),
         time=jnp.full(moments, -jnp.inf, jnp.float32),
         table=jnp.full((kernels, slots, CELL), moments, jnp.int32),
@@ -200,6 +225,7 @@ def remember(
     memory: Memory,
     moment: Array,
     onward: Array,
+    error: Array,
     person: Array,
     time: Array,
 ) -> Memory:
@@ -210,6 +236,7 @@ def remember(
         memory: of R moments.
         moment: [n, 6].
         onward: [n, T, 2].
+        error: [n, T, 2].
         person: [n] int32; nothing is remembered of a negative one.
         time: [n] seconds.
     """
@@ -237,6 +264,7 @@ def remember(
         return memory._replace(
             moment=memory.moment.at[row].set(seen, mode="drop"),
             onward=memory.onward.at[row].set(onward[number], mode="drop"),
+            error=memory.error.at[row].set(error[number], mode="drop"),
             person=memory.person.at[row].set(owner, mode="drop"),
             time=memory.time.at[row].set(time[number], mode="drop"),
             table=memory.table.at[index, slots, place].set(row, mode="drop"),
@@ -255,17 +283,42 @@ def recall(
     now: Array | float = 0.0,
     half_life: Array | float = np.inf,
 ) -> Recall:
-    """What people did from moments like `moment [N, 6]`, by each of K kernels.
+    """What people did from moments like `moment [N, 6]`, by each component.
 
-    A moment counts for half after `half_life` [] seconds before `now` [].
+    Components are the kernels, and then the errors of those that have them. A moment
+    counts for half after `half_life` [] seconds before `now` [].
     """
-    parts = [
+    groups = [
         _recall_alike(kernels, is_turned, memory, moment, now, half_life)
         for is_turned in sorted({kernel.turned for kernel in kernels})
     ]
-    onward = jnp.concatenate([part.onward for part in parts], axis=1)
-    weight = jnp.concatenate([part.weight for part in parts], axis=2)
-    return Recall(onward, weight)
+    onward = jnp.concatenate([group.onward for group in groups], axis=1)
+    weight = jnp.concatenate([group.weight for group in groups], axis=2)
+
+    error = groups[0].error
+    is_known = jnp.isfinite(error).all(axis=(2, 3))
+    error = jnp.where(is_known[..., None, None], error, 0)
+    with_errors = [number for number, kernel in enumerate(kernels) if kernel.errors]
+    _, count, ways = weight.shape
+    further = [(0, 0), (0, len(with_errors)), (0, error.shape[1])]
+    alike = groups[0].weight[:, with_errors] * is_known[:, None]
+    weight = jnp.pad(weight, further).at[:, count:, ways:].set(alike)
+    return Recall(
+        onward=jnp.concatenate([onward, error], axis=1),
+        weight=weight,
+        is_error=jnp.arange(weight.shape[2]) >= ways,
+    )
+
+
+class _Alike(NamedTuple):
+    """The most similar moments, by kernels that are turned, or by the others."""
+
+    onward: Array
+    """[N, U, T, 2] see `Recall`."""
+    error: Array
+    """[N, U, T, 2] of the same moments, as they were."""
+    weight: Array
+    """[N, K, U] by each of all kernels."""
 
 
 def _recall_alike(
@@ -275,7 +328,7 @@ def _recall_alike(
     moment: Array,
     now: Array | float,
     half_life: Array | float,
-) -> Recall:
+) -> _Alike:
     """What kernels recall that are turned, or those that are not; the others have no weight."""
     rows = []
     for number, kernel in enumerate(kernels):
@@ -319,11 +372,12 @@ def _recall_alike(
     total = jnp.maximum(weight.sum(axis=2, keepdims=True), 1e-9)
     row = jnp.take_along_axis(row, best, axis=1)
     onward = memory.onward.at[row].get(mode="fill", fill_value=0)
+    error = memory.error.at[row].get(mode="fill", fill_value=0)
     if is_turned:
         was = memory.moment.at[row, 2:4].get(mode="fill", fill_value=0)
         is_mirrored = best >= others.shape[1] // 2
         onward = _turned_ways(onward, was, is_mirrored, moment[:, None, 2:4])
-    return Recall(onward, share * weight / total)
+    return _Alike(onward, error, share * weight / total)
 
 
 def _best_of_people(person: Array, likeness: Array) -> tuple[Array, Array]:

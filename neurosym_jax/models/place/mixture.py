@@ -1,7 +1,7 @@
 """The network's points and what people did here, as one distribution of each person.
 
-A component is the network alone (the first), or what one kernel recalls. Where a kernel
-recalls few people, the rest of its probability is the network's. Any mixture of the
+A component is the network alone (the first), or what one kernel recalls: the ways that
+people went, or the errors that the network made. Where a kernel recalls few people, the rest of its probability is the network's. Any mixture of the
 components has an energy score that follows from two small arrays: how far each
 component lies from the truth, and how far the components lie apart.
 """
@@ -23,9 +23,11 @@ class Remembered(NamedTuple):
     """What people did here before, as an input of `Forecaster.distribution`."""
 
     future: AnyArray
-    """[U, N, T, 2] positions in the frame of the scene, metres."""
+    """[U, N, T, 2] positions in the frame of the scene, or errors of the network, metres."""
     share: AnyArray
     """[U, N] their probabilities for each person; what is left to 1 is the network's."""
+    is_error: AnyArray
+    """[U] bool: which are errors, and added to the mean of the network's points."""
 
     def beside(
         self, points: Array, part: Array | int, parts: int
@@ -35,7 +37,8 @@ class Remembered(NamedTuple):
         A distribution that is drawn in `parts` takes each point of the memory in one of
         them, so that a part has P + U / `parts` points.
         """
-        future = self.future.reshape(-1, parts, *self.future.shape[1:])
+        future = self._positions(points)
+        future = future.reshape(-1, parts, *future.shape[1:])
         share = self.share.reshape(-1, parts, self.share.shape[1])
         future = future[:, part]
         share = share[:, part]
@@ -57,6 +60,7 @@ class Remembered(NamedTuple):
         for part in scene.identity:
             key = jax.random.fold_in(key, part)
         shift, order = jax.random.split(key)
+        positions = self._positions(draws)
         times = -(-count // len(draws))  # rounded up
         draws = jnp.repeat(draws, times, axis=0)[:count]
         people = draws.shape[1]
@@ -66,9 +70,14 @@ class Remembered(NamedTuple):
         ends = jnp.cumsum(self.share, axis=0)
         point = (ends[:, None] <= lot).sum(axis=0)  # [count, N]
         last = len(ends) - 1
-        future = self.future[jnp.minimum(point, last), jnp.arange(people)]
+        future = positions[jnp.minimum(point, last), jnp.arange(people)]
         is_memory = point <= last
         return jnp.where(is_memory[..., None, None], future, draws)
+
+    def _positions(self, points: Array) -> Array:
+        """[U, N, T, 2] where a person will be by the memory, beside `points [P, N, T, 2]`."""
+        is_error = jnp.asarray(self.is_error)[:, None, None, None]
+        return self.future + jnp.where(is_error, points.mean(axis=0), 0)
 
 
 @jax.jit
@@ -81,8 +90,9 @@ def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
         last: [N, 2] last positions in the frame of the scene.
     """
     share = jnp.einsum("k,nku->un", shares[1:], recall.weight)
-    future = recall.onward + last[:, None, None]
-    return Remembered(future.swapaxes(0, 1), share)
+    is_error = recall.is_error[:, None, None]
+    future = recall.onward + jnp.where(is_error, 0, last[:, None, None])
+    return Remembered(future.swapaxes(0, 1), share, recall.is_error)
 
 
 @jax.jit
@@ -132,13 +142,14 @@ def energy(shares: np.ndarray, error: np.ndarray, distances: np.ndarray) -> np.n
 def _points(offsets: Array, recall: Recall) -> Array:
     """[N, P + U, T * 2] points of all components."""
     own = offsets.swapaxes(0, 1)
-    points = jnp.concatenate([own, recall.onward], axis=1)
+    ways = recall.ways(offsets.mean(axis=0))
+    points = jnp.concatenate([own, ways], axis=1)
     return points.reshape(*points.shape[:2], -1)
 
 
 def _weights(count: int, recall: Recall) -> Array:
     """[N, 1 + K, P + U] probability of each point in each component, of P = `count`."""
-    people, _kernels, points = recall.weight.shape
+    people, _components, points = recall.weight.shape
     rest = 1 - recall.weight.sum(axis=2)
     network = jnp.concatenate([jnp.ones((people, 1)), rest], axis=1)
     own = jnp.repeat(network[..., None] / count, count, axis=2)

@@ -24,7 +24,7 @@ from neurosym_jax.models.forecaster import Forecaster
 from neurosym_jax.models.place import memory as memories
 from neurosym_jax.models.place.change import Change
 from neurosym_jax.models.place.flows import Flows, flows_of
-from neurosym_jax.models.place.memory import KERNELS, Memory, Recall
+from neurosym_jax.models.place.memory import COMPONENTS, KERNELS, Memory, Recall
 from neurosym_jax.models.place.mixture import (
     Remembered,
     distances_apart,
@@ -40,7 +40,7 @@ from neurosym_jax.scene import Scene, make_scene, pad_scene
 
 __all__ = ["Place", "load_place", "steps_of", "write_place"]
 
-VERSION = 1
+VERSION = 2
 """Of the file that `Place.save` writes."""
 BEFORE = 2 * memories.STRIDE + 1
 """Steps up to a moment from which its features are taken."""
@@ -53,6 +53,8 @@ class _Awaited(NamedTuple):
     people: list[int]
     offsets: Any
     """[P, N', T, 2] the network's points, from the last positions."""
+    expected: np.ndarray
+    """[N', T, 2] their means."""
     recall: Recall
     distances: np.ndarray
     """[N, 1 + K, 1 + K] see `distances_apart`."""
@@ -85,7 +87,7 @@ class Place:
         Args:
             model: of any family.
             frame: name of the frame of the positions; empty where it has none.
-            moments: most moments that are remembered. 100,000 take 17 MB.
+            moments: most moments that are remembered. 100,000 take 25 MB.
             half_life: seconds of watching after which what people did, and what that
                 brought, counts for half. By default it counts for ever; recordings of
                 minutes do not tell what is better.
@@ -106,19 +108,19 @@ class Place:
         """Time that the place was watched."""
         self._params = jax.device_put(model.params)
         self._memory = memories.empty_memory(moments, model.config.pred_len)
-        self._ledger = new_ledger(len(KERNELS))
-        self._shares = np.eye(1 + len(KERNELS))[0]
+        self._ledger = new_ledger(list(COMPONENTS.values()))
+        self._shares = np.eye(1 + len(COMPONENTS))[0]
         self._origin: np.ndarray | None = None
         self._now, self._people = 0.0, 0
         self.begin()
 
     @property
     def shares(self) -> dict[str, float]:
-        """Probability of each part of a forecast, `network` and the kernels by name.
+        """Probability of each part of a forecast, `network` and the `COMPONENTS` by name.
 
-        A kernel's is that of a person for whom it recalls enough people.
+        That of a component holds for a person for whom it recalls enough people.
         """
-        names = ["network", *(kernel.name for kernel in KERNELS)]
+        names = "network", *COMPONENTS
         return dict(zip(names, self._shares.tolist()))
 
     @property
@@ -290,18 +292,25 @@ class Place:
             self._origin = step.position.mean(axis=0)
         self._followed.push(step)
         self._people = self._followed.next
-        self._score(step.number)
-        self._remember(step.number)
+        expected = self._score(step.number)
+        self._remember(step.number, expected)
         self._expect(step.number)
 
-    def _score(self, number: int) -> None:
-        """Learn from the forecasts whose last step was `number`."""
+    def _score(self, number: int) -> dict[int, np.ndarray]:
+        """Learn from the forecasts whose last step was `number`.
+
+        Returns:
+            By person [T, 2], the mean of the network's points as offsets.
+        """
         steps = self.model.config.pred_len
+        expected: dict[int, np.ndarray] = {}
         while self._awaited and self._awaited[0].step <= number - steps:
             awaited = self._awaited.popleft()
             self._ledger = self._ledger.release(awaited.commitment)
             if awaited.step == number - steps:
+                expected = dict(zip(awaited.people, awaited.expected))
                 self._learn(awaited, number)
+        return expected
 
     def _learn(self, awaited: _Awaited, number: int) -> None:
         """Score forecasts by the tracks of those who are still in view."""
@@ -335,8 +344,8 @@ class Place:
         self.forget(0.0)
         self._ledger = dataclasses.replace(self._ledger, lost=0.0)
 
-    def _remember(self, number: int) -> None:
-        """Remember the moments whose way on ends with step `number`."""
+    def _remember(self, number: int, expected: Mapping[int, np.ndarray]) -> None:
+        """Remember the moments whose way on ends with step `number`, and what was `expected`."""
         config = self.model.config
         length = BEFORE + config.pred_len
         tracks = self._followed.tracks(number, length)
@@ -346,16 +355,20 @@ class Place:
         size = int(bucket_of(len(people)))
         feature = np.zeros((size, memories.FEATURES), np.float32)
         onward = np.zeros((size, config.pred_len, 2), np.float32)
+        error = np.full_like(onward, np.inf)
         numbers = np.full(size, -1, np.int32)
         rows = slice(len(people))
         past = group[:, :BEFORE] - self._origin
         future = group[:, BEFORE:] - self._origin
         feature[rows] = memories.features(past, config.period)
         onward[rows] = future - past[:, -1:]
+        for row, person in enumerate(people.tolist()):
+            if person in expected:
+                error[row] = onward[row] - expected[person]
         numbers[rows] = people % 2**31
         time = np.full(size, self._now, np.float32)
         self._memory = memories.remember(
-            KERNELS, self._memory, feature, onward, numbers, time
+            KERNELS, self._memory, feature, onward, error, numbers, time
         )
 
     def _expect(self, number: int) -> None:
@@ -368,7 +381,7 @@ class Place:
         slots = int(bucket_of(len(tracks)))
         scene = pad_scene(make_scene(observed, frame=number), slots)
         scene = self.model.forecaster.prepared(scene.bare())
-        offsets = _offsets(self.model.forecaster, self._params, scene)
+        offsets, expected = _offsets(self.model.forecaster, self._params, scene)
         recall = self._recall(observed, slots)
         distances = distances_apart(offsets, recall)
         distances = np.asarray(distances, np.float64)[: len(tracks)]
@@ -376,7 +389,15 @@ class Place:
         self._ledger, commitment = self._ledger.commit(distances, filled)
         self._shares = commitment.shares
         self._awaited.append(
-            _Awaited(number, list(tracks), offsets, recall, distances, commitment)
+            _Awaited(
+                step=number,
+                people=list(tracks),
+                offsets=offsets,
+                expected=np.asarray(expected),
+                recall=recall,
+                distances=distances,
+                commitment=commitment,
+            )
         )
 
     def _recall(self, observed: np.ndarray, slots: int) -> Recall:
@@ -405,10 +426,13 @@ def _consistent(
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _offsets(forecaster: Forecaster, params: Any, scene: Scene) -> jax.Array:
-    """[P, N, T, 2] the network's points, from the last positions."""
+def _offsets(
+    forecaster: Forecaster, params: Any, scene: Scene
+) -> tuple[jax.Array, jax.Array]:
+    """[P, N, T, 2] the network's points, from the last positions, and their means [N, T, 2]."""
     points = forecaster.points(params, scene, jax.random.key(0))
-    return points - jnp.asarray(scene.observed)[None, :, -1:]
+    offsets = points - jnp.asarray(scene.observed)[None, :, -1:]
+    return offsets, offsets.mean(axis=0)
 
 
 def write_place(file: Path | str, contents: Mapping[str, Any]) -> None:

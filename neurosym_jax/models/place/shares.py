@@ -25,6 +25,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from neurosym_jax.models.place.mixture import energy
 
@@ -76,6 +77,8 @@ class Ledger:
 
     experts: np.ndarray
     """[E, 1 + K] see `experts`."""
+    first: np.ndarray
+    """[E] logarithms of their weights before anything was scored."""
     log_weight: np.ndarray
     """[E] up to a constant."""
     gain: float = 0.0
@@ -133,8 +136,7 @@ class Ledger:
         """
         if kept == 1:
             return self
-        before = np.log(_first_weights(self.experts))
-        log_weight = before + kept * (self.log_weight - before)
+        log_weight = self.first + kept * (self.log_weight - self.first)
         return dataclasses.replace(self, log_weight=log_weight)
 
     def release(self, commitment: Commitment) -> "Ledger":
@@ -165,17 +167,16 @@ class Ledger:
         return ledger, Scored(len(error), float(network), float(used))
 
 
-def new_ledger(kernels: int, rate: float = RATE, loss: float = LOSS) -> Ledger:
-    """The ledger of a place where nothing was scored yet."""
-    rows = experts(kernels)
-    return Ledger(rows, np.log(_first_weights(rows)), rate=rate, loss=loss)
+def new_ledger(components: ArrayLike, rate: float = RATE, loss: float = LOSS) -> Ledger:
+    """The ledger of a place where nothing was scored yet.
 
-
-def _first_weights(rows: np.ndarray) -> np.ndarray:
-    """[E] weights of `experts` before anything was scored."""
-    weight = np.full(len(rows), (1 - ALONE) / (len(rows) - 1))
-    weight[0] = ALONE
-    return weight
+    `components [K]` are first weights of what is recalled, in proportion.
+    """
+    weight = np.repeat(np.asarray(components, float), len(STEPS))
+    weight = np.append(ALONE, (1 - ALONE) * weight / weight.sum())
+    first = np.log(weight)
+    rows = experts(np.size(components))
+    return Ledger(rows, first, first, rate=rate, loss=loss)
 
 
 def risk_of(

@@ -6,6 +6,7 @@ import pytest
 
 from neurosym_jax.models.place.memory import (
     CELL,
+    COMPONENTS,
     ENOUGH,
     KERNELS,
     POINTS,
@@ -17,7 +18,7 @@ from neurosym_jax.models.place.memory import (
 )
 
 STEPS = 4
-NAMES = [kernel.name for kernel in KERNELS]
+NAMES = list(COMPONENTS)
 RIGHT, UP = np.array([1.2, 0.0]), np.array([0.0, 1.2])
 
 
@@ -27,15 +28,19 @@ def moments(position, velocity, count=1):
     return np.tile(row, (count, 1)).astype(np.float32)
 
 
-def after(memory, moment, onward, people, time=0.0):
-    """A memory with further moments; `onward [2]` is where all of them ended."""
+def after(memory, moment, onward, people, time=0.0, error=np.inf):
+    """A memory with further moments; `onward [2]` is where all of them ended.
+
+    Every forecast was wrong by `error`; of an infinite one, there was none.
+    """
     count = len(moment)
     way = np.broadcast_to(onward, (count, 2))[:, None] * np.linspace(0.25, 1, STEPS)[
         :, None
     ].astype(np.float32)
     stamps = np.full(count, time, np.float32)
     numbers = np.asarray(people, np.int32)
-    return remember(KERNELS, memory, moment, way, numbers, stamps)
+    wrong = np.full_like(way, error)
+    return remember(KERNELS, memory, moment, way, wrong, numbers, stamps)
 
 
 def weights(memory, moment):
@@ -47,8 +52,9 @@ def weights(memory, moment):
 
 def test_nothing_is_recalled_of_an_empty_memory():
     found = recall(KERNELS, empty_memory(100, STEPS), moments([0, 0], RIGHT))
-    # As many ways on that are turned.
-    assert found.onward.shape == (1, 2 * POINTS, STEPS, 2)
+    # As many ways on that are turned, and as many errors.
+    assert found.onward.shape == (1, 3 * POINTS, STEPS, 2)
+    assert found.is_error.tolist() == [False] * (2 * POINTS) + [True] * POINTS
     assert not np.any(found.weight)
 
 
@@ -76,10 +82,31 @@ def test_kernels_differ_in_place_and_velocity():
     back = weights(memory, moments([0, 0], -RIGHT))
     faster = weights(memory, moments([0, 0], 2 * RIGHT))
     one = pytest.approx(1)
-    assert here == {"near": one, "around": one, "manner": one, "gait": one}
-    assert elsewhere == {"near": 0, "around": 0, "manner": one, "gait": one}
-    assert back == {"near": 0, "around": 0, "manner": 0, "gait": one}
-    assert faster == {"near": 0, "around": 0, "manner": 0, "gait": 0}
+    # Of these people there was no forecast that could be wrong.
+    nothing = dict.fromkeys(NAMES, 0)
+    assert here == nothing | {"near": one, "around": one, "manner": one, "gait": one}
+    assert elsewhere == nothing | {"manner": one, "gait": one}
+    assert back == nothing | {"gait": one}
+    assert faster == nothing
+
+
+def test_errors_of_forecasts_are_recalled_where_they_were_made():
+    memory = empty_memory(100, STEPS)
+    few = ENOUGH // 2
+    here = moments([0, 0], RIGHT, few)
+    memory = after(memory, here, [1, 0], np.arange(few), error=0.25)
+    # Of others there was no forecast, and so no error.
+    memory = after(memory, here, [1, 0], few + np.arange(few))
+    found = recall(KERNELS, memory, moments([0.1, 0], RIGHT))
+    for name in ("errors near", "errors around"):
+        weight = np.asarray(found.weight[0, NAMES.index(name)])
+        assert weight.sum() == pytest.approx(0.5)
+        assert found.is_error[weight > 0].all()
+        assert (np.asarray(found.onward[0])[weight > 0] == 0.25).all()
+    is_error = np.asarray(found.is_error)
+    assert not np.asarray(found.weight[0, : len(KERNELS), is_error]).any()
+    elsewhere = weights(memory, moments([50, 0], RIGHT))
+    assert elsewhere["errors near"] == elsewhere["errors around"] == 0
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.5, -1.9])
@@ -127,8 +154,9 @@ def test_somebody_counts_once_and_few_people_count_in_part():
     memory = after(memory, rows, [0, 0], np.zeros(len(rows)))
     found = recall(KERNELS, memory, moments([0, 0], [0, 0]))
     # In a mirror once more.
-    assert (np.asarray(found.weight[0]) > 0).sum(1).tolist() == [1, 1, 1, 2]
-    share = np.asarray(found.weight[0]).sum(1)
+    weight = np.asarray(found.weight[0, : len(KERNELS)])
+    assert (weight > 0).sum(1).tolist() == [1, 1, 1, 2]
+    share = weight.sum(1)
     assert share == pytest.approx(np.array([1, 1, 1, 2]) / ENOUGH)
 
 

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from neurosym_jax.evaluation.metrics import energy_score
 from neurosym_jax.models.place.memory import Recall
@@ -25,7 +26,8 @@ def drawn():
     onward = rng.normal(1, 1, (3, 4, 5, 2)).astype(np.float32)
     weight = rng.uniform(0, 1, (3, 2, 4))
     weight *= np.array([[[1.0], [0.4]]]) / weight.sum(2, keepdims=True)
-    recall = Recall(jnp.asarray(onward), jnp.asarray(weight, jnp.float32))
+    is_error = jnp.array([False, True, False, True])
+    recall = Recall(jnp.asarray(onward), jnp.asarray(weight, jnp.float32), is_error)
     return jnp.asarray(offsets), recall, rng.normal(0, 1, (3, 5, 2)).astype(np.float32)
 
 
@@ -38,12 +40,10 @@ def test_energy_is_that_of_the_points_with_their_probabilities(drawn, shares):
         np.asarray(distances_apart(offsets, recall)),
     )
     memory = remembered(recall, jnp.array(shares), jnp.zeros((3, 2)))
+    points, weight = memory.beside(offsets, 0, 1)
     for person in range(3):
-        share = np.asarray(memory.share[:, person])
-        own = np.full(6, (1 - share.sum()) / 6)
-        points = np.concatenate([offsets[:, person], memory.future[:, person]])
         scene = make_scene(np.zeros((1, 2, 2)), truth[person][None])
-        wanted = energy_score(points[:, None], scene, np.concatenate([own, share]))
+        wanted = energy_score(points[:, person, None], scene, weight[person])
         assert given[person, 0] == pytest.approx(float(wanted), abs=2e-4)
 
 
@@ -52,24 +52,48 @@ def test_draws_take_what_is_remembered_as_often_as_its_share_says():
     future = jnp.arange(1.0, 4)[:, None, None, None] * jnp.ones((3, 2, 3, 2))
     share = jnp.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.5]])
     scene = make_scene(np.zeros((2, 2, 2)))
-    memory = Remembered(future, share)
+    memory = Remembered(future, share, jnp.zeros(3, bool))
     mixed = memory.among(draws, scene, jax.random.key(0), 400)[:, :, 0, 0]
     for person in range(2):
         counts = np.bincount(np.asarray(mixed[:, person], int), minlength=4)
         assert counts[1:] == pytest.approx(400 * np.asarray(share[:, person]), abs=1)
 
 
+def test_errors_are_added_to_what_the_network_expects():
+    """Somebody 10 m ahead on average, of whom others were forecast 2 m short here."""
+    points = jnp.array([8.0, 12.0])[:, None, None, None] * jnp.ones((2, 1, 3, 2))
+    recall = Recall(
+        onward=2 * jnp.ones((1, 1, 3, 2)),
+        weight=jnp.ones((1, 1, 1)),
+        is_error=jnp.array([True]),
+    )
+    last = jnp.array([[100.0, 0.0]])
+    memory = remembered(recall, jnp.array([0.5, 0.5]), last)
+    both, weight = memory.beside(last[:, None] + points, 0, 1)
+    assert_allclose(both[2, 0], [[112.0, 12.0]] * 3)
+    assert_allclose(weight, [[0.25, 0.25, 0.5]])
+    scene = make_scene(np.zeros((1, 2, 2)))
+    mixed = memory.among(last[:, None] + points, scene, jax.random.key(0), 40)
+    ahead = np.unique(np.asarray(mixed[:, 0, 0, 0]), return_counts=True)
+    assert_allclose(ahead[0], [108.0, 112.0])
+    # Half of 40, and the half of the network's that lies there, too.
+    assert_allclose(ahead[1], [10, 30], atol=3)
+    # Of a truth that is 12 m ahead they are right.
+    assert_allclose(errors(points, recall, 12 * jnp.ones((1, 3, 2))), [[2**1.5, 0]])
+
+
 def test_each_part_of_a_distribution_has_the_whole_share():
     points = jnp.zeros((5, 2, 3, 2))
     future = jnp.arange(4.0)[:, None, None, None] * jnp.ones((4, 2, 3, 2))
     share = jnp.array([[0.1, 0.0], [0.2, 0.0], [0.1, 0.0], [0.2, 0.6]])
+    memory = Remembered(future, share, jnp.zeros(4, bool))
     for part in range(2):
-        both, weight = Remembered(future, share).beside(points, part, 2)
+        both, weight = memory.beside(points, part, 2)
         assert both.shape == (7, 2, 3, 2)
         assert weight.shape == (2, 7)
         assert np.asarray(weight).sum(1) == pytest.approx(1)
         assert both[5:, 0, 0, 0].tolist() == [part, part + 2]
         assert weight[0, 5:].sum() == pytest.approx(0.6)
     # Somebody whose share has no point in this part has the network alone there.
-    both, weight = Remembered(future, share).beside(points, 0, 2)
+    both, weight = memory.beside(points, 0, 2)
     assert weight[1, :5].sum() == pytest.approx(1)

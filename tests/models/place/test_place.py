@@ -63,6 +63,20 @@ def test_a_corner_is_learned(watched):
     assert watched.shares["network"] < 0.4
 
 
+def test_errors_lead_from_what_was_expected_to_what_came(watched):
+    arrays = watched.contents()
+    error = arrays["memory_error"]
+    was_forecast = np.isfinite(error).all(axis=(1, 2))
+    # Nobody had the whole window after seven steps.
+    moments = arrays["memory_person"] >= 0
+    assert 0.8 < was_forecast.sum() / moments.sum() < 1
+    onward = arrays["memory_onward"][was_forecast]
+    velocity = arrays["memory_moment"][was_forecast, 2:4]
+    straight = velocity[:, None] * PERIOD * np.arange(1, 13)[:, None]
+    assert np.abs(onward - straight).max() > 4  # At the corner.
+    np.testing.assert_allclose(onward - error[was_forecast], straight, atol=0.7)
+
+
 def test_forecasts_turn_where_people_turn(model, watched):
     observed = window(999, 6.0)
     future = np.array([corner(6.0 + PERIOD * step, 999) for step in range(1, 13)])
@@ -384,7 +398,7 @@ def test_another_model_and_another_file_are_refused(model, watched, tmp_path):
     ("name", "reason"),
     [
         ("memory_onward", "memory_onward must be"),
-        ("shares", "shares must be [5] float"),
+        ("shares", "shares must be [7] float"),
     ],
 )
 def test_a_file_with_arrays_of_another_shape_is_refused(

@@ -66,7 +66,7 @@ def worst_truth(points, shares, rng):
 def test_no_stream_costs_more_than_the_limit(seed, people, near):
     """An enemy who sees each forecast, and first lets the memory win, then lose."""
     rng = np.random.default_rng(seed)
-    ledger = new_ledger(KERNELS)
+    ledger = new_ledger(np.ones(KERNELS))
     awaited, excess, lowest, noon = [], 0.0, 0.0, rng.integers(0, 60)
     kept = rng.choice([1.0, 0.99, 0.5])  # What is forgotten changes no bound.
     for step in range(80):
@@ -100,7 +100,7 @@ def test_no_stream_costs_more_than_the_limit(seed, people, near):
 def test_without_delay_the_regret_to_every_expert_is_bounded(seed):
     """Cesa-Bianchi and Lugosi, theorem 2.2, with a ledger that limits nothing."""
     rng = np.random.default_rng(seed)
-    ledger = new_ledger(KERNELS, loss=1e9)
+    ledger = new_ledger(np.ones(KERNELS), loss=1e9)
     before = np.exp(ledger.log_weight)
     total, used, squares = np.zeros(len(before)), 0.0, 0.0
     for _ in range(60):
@@ -157,7 +157,7 @@ def test_nobody_who_is_like_nobody_takes_a_risk():
 @pytest.mark.parametrize("best", [0, 1, 2])
 def test_weights_go_to_the_component_that_is_right(best):
     rng = np.random.default_rng(1)
-    ledger = new_ledger(KERNELS)
+    ledger = new_ledger(np.ones(KERNELS))
     for _ in range(150):
         points = forecasts(rng, 3, 0.3)
         filled = np.ones((3, KERNELS))
@@ -172,7 +172,7 @@ def test_weights_go_to_the_component_that_is_right(best):
 
 
 def test_scores_of_long_ago_count_for_less():
-    ledger = new_ledger(KERNELS)
+    ledger = new_ledger(np.ones(KERNELS))
     first = ledger.log_weight
     learned = dataclasses.replace(ledger, log_weight=first - np.arange(len(first)))
     assert learned.fade(1.0) is learned
