@@ -77,7 +77,7 @@ class Remembered(NamedTuple):
     def _positions(self, points: Array) -> Array:
         """[U, N, T, 2] where a person will be by the memory, beside `points [P, N, T, 2]`."""
         is_error = jnp.asarray(self.is_error)[:, None, None, None]
-        return self.future + jnp.where(is_error, points.mean(axis=0), 0)
+        return jnp.asarray(self.future) + jnp.where(is_error, points.mean(axis=0), 0)
 
 
 @jax.jit
