@@ -209,6 +209,13 @@ def test_a_robot_crosses_and_its_episodes_are_compared_in_pairs(tmp_path):
     assert (tmp_path / "x.png").stat().st_size > 10_000
 
 
+def test_the_page_says_what_forecasts_are_worth():
+    episodes = driving.read(DOCS / "driving.csv")
+    tables = {setting: driving.table_of(rows) for setting, rows in episodes.items()}
+    assert len({len(table) for table in tables.values()}) == 1
+    assert driving.comparison(tables, 20.0) in (DOCS / "nav2.md").read_text()
+
+
 def test_data_kept_back_and_test_data_are_not_trained_on(tmp_path):
     opentraj, out = tmp_path / "opentraj", tmp_path / "out"
     for folder in (STANFORD, HERMES):
