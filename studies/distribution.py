@@ -26,7 +26,7 @@ kept back nothing was looked at before this test. SGAN and NeuroSyM ship for ETH
 alone; those that learned from simulations are left out.
 
 All are scored by 100 independent draws with the unbiased estimator; constant velocity has
-one forecast. `*` marks a score that is significantly behind the best of its line (paired
+one forecast. `†` marks a score that is significantly behind the best of its line (paired
 over blocks of scenes, Holm, 5 %).
 """
 
@@ -121,7 +121,7 @@ def _score(row: dict[str, float] | None) -> str:
         return "-"
     half = (row["energy_score_high"] - row["energy_score_low"]) / 2
     p = row["energy_score_p"]
-    mark = "*" if p is not None and p < SIGNIFICANT else ""
+    mark = "†" if p is not None and p < SIGNIFICANT else ""
     return f"{row['energy_score']:.3f} ±{half:.3f}{mark}"
 
 
