@@ -92,7 +92,6 @@ constant velocity makes one forecast.
 - "Published network" is the original checkpoint, evaluated here. It agrees with the paper's number within 0.02 m; on eth at 8 + 12,
   which has 70 scenes, within 0.04 m.
 - eth is read with SGAN's [wrong clock](data.md#the-eth-recording), as for the published numbers.
-- All numbers, by data set and with intervals, are in [`results.csv`](results.csv).
 
 What `recommended` does not do:
 
@@ -155,11 +154,7 @@ not run here.
 | MGF | 0.21 / 0.34 | TUTR | 0.21 / 0.36 |
 | **`recommended`** | 0.197 / 0.337 | | |
 
-Joint error on eth by Joint Metrics Matter's protocol, second hand but for ours (one training):
-
-| JDV2, which has a map | AgentFormer | GFTD | `recommended` |
-|---:|---:|---:|---:|
-| 0.480 / 0.763 | 0.482 / 0.794 | 0.505 / 0.873 | 0.455 / 0.755 |
+Joint errors on eth by [another protocol](../studies/pages/by_data_set.md#joint-errors-of-others).
 
 <details markdown="1">
 <summary>How this was measured</summary>
