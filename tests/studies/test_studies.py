@@ -127,21 +127,22 @@ def test_scores_by_different_numbers_of_draws_are_not_put_in_one_table():
 
 def test_a_table_of_energy_scores_has_one_model_of_a_kind():
     """A network of simulations, whose score is three times as high, stood in SGAN's column."""
-    row = {"draws": 100, "pred_len": 8, "dataset": "eth", "energy_score_p": None}
+    row = {"draws": 100, "pred_len": 8, "dataset": "eth"}
     ends = {"coverage_50": 0.5, "coverage_90": 0.9, "draw_collisions": 0.001}
     row |= ends | {"truth_collision_rate": 0.002}
     rows = []
-    for model, checkpoint, score in (
-        ("anchors", "anchors_eth_8", 0.56),
-        ("SGAN", "sgan_eth_8", 0.66),
-        ("SGAN", "sgan_simulations_8", 2.1),
+    for model, checkpoint, score, p in (
+        ("anchors", "anchors_eth_8", 0.56, None),
+        ("SGAN", "sgan_eth_8", 0.66, 0.01),
+        ("SGAN", "sgan_simulations_8", 2.1, 0.01),
     ):
         interval = {"energy_score_low": score - 0.1, "energy_score_high": score + 0.1}
         named = {"model": model, "checkpoint": checkpoint, "energy_score": score}
-        rows.append({**row, **named, **interval})
+        rows.append({**row, **named, **interval, "energy_score_p": p})
     line = distribution_table(pl.DataFrame(rows))[1]
     assert line[:3] == ["eth", "8 + 8", "0.560 ±0.100"]
-    assert line[6:] == ["0.660 ±0.100", "-", "50 / 90", "0.1 / 0.2"]
+    # A star would say "better", as in the tables of `evaluate`.
+    assert line[6:] == ["0.660 ±0.100†", "-", "50 / 90", "0.1 / 0.2"]
     rows.append({**rows[1], "checkpoint": "sgan_eth_8_again"})
     with pytest.raises(InputError, match="eth: two models are SGAN"):
         distribution_table(pl.DataFrame(rows))
