@@ -124,7 +124,7 @@ leads are [smaller than their intervals](../studies/pages/cross_domain.md). Trai
 
 **Six places had no part in choosing its distribution. `recommended` has the least energy score at five of them, significantly so at
 four, and is level with the anchor table at the sixth.** These are the lines from THÖR 1 to CITR. "Kept back" are five recordings of
-Stanford that nobody had looked at before.
+Stanford that were not looked at before.
 
 On ETH/UCY and the corridors its distribution was [chosen](../studies/pages/recipe.md#what-was-chosen-on-what). It has the least at all
 six, significantly so at five; on eth, with 70 scenes, nothing is significant.
