@@ -85,7 +85,7 @@ def run(
     if moment:
         _print_next(path, [] if folder else recordings, len(moment.agent), read)
     else:
-        print("no forecast: nobody is seen for 6.4 s")
+        print("no forecast: nobody is seen for 6 s, 16 steps")
     return 0
 
 

@@ -99,7 +99,7 @@ def test_what_cannot_be_forecast_is_said(tmp_path, capsys):
     assert "walk.csv: table with named columns" in out
     assert "people 1, points 3, duration 2.0 s, 1 points a second, 0 gaps" in out
     assert "warning: row 3: time runs backward for agent 1" in out
-    assert "no forecast: nobody is seen for 6.4 s" in out
+    assert "no forecast: nobody is seen for 6 s, 16 steps" in out
     assert figure.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="it is a folder"):
         inspect.run(tmp_path / "walk.csv", tmp_path, read=read)
