@@ -16,10 +16,12 @@ def remembered(start, way, person):
     moment = np.zeros((count, 6), np.float32)
     moment[:, :2] = start
     onward = np.linspace(0, 1, 13)[1:, None] * np.asarray(way)[:, None]
+    onward = onward.astype(np.float32)
+    error = np.full_like(onward, np.inf)
     people = np.asarray(person, np.int32)
     memory = empty_memory(200, 12)
     times = np.zeros(count, np.float32)
-    return remember(KERNELS, memory, moment, onward.astype(np.float32), people, times)
+    return remember(KERNELS, memory, moment, onward, error, people, times)
 
 
 def test_people_who_part_at_a_corner_are_told_by_direction():

@@ -284,6 +284,7 @@ def test_the_table_is_the_errors_of_what_is_written(folder, replayed, name):
 def test_the_rate_is_that_of_the_stamps():
     idle = SimpleNamespace(  # A predictor, and its analytics, that forecast nothing.
         waited=0.0,
+        learn=lambda: None,
         window=SimpleNamespace(push=lambda *_, **__: True),
         forecast=lambda *_, **__: None,
         add=lambda forecast: [],
