@@ -80,7 +80,7 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
             time.sleep(0.2)
         script = Path(__file__).with_name("rclpy_peer.py")
         peer = subprocess.run(
-            [python, script, path, "0.03", "/seen"],
+            [python, script, path, "0.06", "/seen"],
             env=environment,
             capture_output=True,
             text=True,
