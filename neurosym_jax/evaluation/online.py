@@ -28,7 +28,7 @@ def recall_batches(
     recordings: Sequence[Tracks],
     file: Path | None = None,
 ) -> list[Remembered]:
-    """What is recalled for each batch of B scenes: [B, U, N, T, 2], [B, U, N] and [B, U].
+    """What is recalled for each batch of B scenes: [B, U, N, T, 2] and [B, U, N].
 
     Arguments are those of `watch_windows`; `batches` are of the same windows.
     """
@@ -84,7 +84,7 @@ def _recall(place: Place, windows: Windows, number: int) -> Remembered:
     slots = int(bucket_of(len(observed)))
     future, share, is_error = map(np.asarray, place.recalled(observed, scene, slots))
     people = len(observed)
-    return Remembered(future[:, :people], share[:, :people], is_error)
+    return Remembered(future[:, :people], share[:, :people], is_error[:, :people])
 
 
 def _padded(batch: Batch, scenes: Sequence[Remembered]) -> Remembered:
@@ -93,10 +93,11 @@ def _padded(batch: Batch, scenes: Sequence[Remembered]) -> Remembered:
     count, slots = batch.scene.valid.shape
     future = np.zeros((count, points, slots, steps, 2), np.float32)
     share = np.zeros((count, points, slots), np.float32)
+    is_error = np.zeros((count, points, slots), bool)
     for row, number in enumerate(batch.index.tolist()):
         if number >= 0:
             people = scenes[number].future.shape[1]
             future[row, :, :people] = scenes[number].future
             share[row, :, :people] = scenes[number].share
-    is_error = np.tile(scenes[0].is_error, (count, 1))
+            is_error[row, :, :people] = scenes[number].is_error
     return Remembered(future, share, is_error)

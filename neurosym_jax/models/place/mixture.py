@@ -19,6 +19,10 @@ from neurosym_jax.scene import AnyArray, Scene
 __all__ = ["Remembered", "distances_apart", "energy", "errors", "remembered"]
 
 
+DRAWN = 32
+"""Most ways that a person's draws take from: pairs of people are compared in all of them."""
+
+
 class Remembered(NamedTuple):
     """What people did here before, as an input of `Forecaster.distribution`."""
 
@@ -27,7 +31,7 @@ class Remembered(NamedTuple):
     share: AnyArray
     """[U, N] their probabilities for each person; what is left to 1 is the network's."""
     is_error: AnyArray
-    """[U] bool: which are errors, and added to the mean of the network's points."""
+    """[U, N] bool: which are errors, and added to the mean of the network's points."""
 
     def beside(
         self, points: Array, part: Array | int, parts: int
@@ -76,7 +80,7 @@ class Remembered(NamedTuple):
 
     def _positions(self, points: Array) -> Array:
         """[U, N, T, 2] where a person will be by the memory, beside `points [P, N, T, 2]`."""
-        is_error = jnp.asarray(self.is_error)[:, None, None, None]
+        is_error = jnp.asarray(self.is_error)[..., None, None]
         return jnp.asarray(self.future) + jnp.where(is_error, points.mean(axis=0), 0)
 
 
@@ -84,15 +88,19 @@ class Remembered(NamedTuple):
 def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
     """The input of `Forecaster.distribution` for N people.
 
+    Of more than `DRAWN` ways the most probable are kept, and the rest is the network's.
+
     Args:
         recall: of these people.
         shares: [1 + K] probability of each component.
         last: [N, 2] last positions in the frame of the scene.
     """
-    share = jnp.einsum("k,nku->un", shares[1:], recall.weight)
-    is_error = recall.is_error[:, None, None]
-    future = recall.onward + jnp.where(is_error, 0, last[:, None, None])
-    return Remembered(future.swapaxes(0, 1), share, recall.is_error)
+    share = jnp.einsum("k,nku->nu", shares[1:], recall.weight)
+    share, kept = jax.lax.top_k(share, min(DRAWN, share.shape[1]))
+    future = jnp.take_along_axis(recall.onward, kept[..., None, None], axis=1)
+    is_error = recall.is_error[kept]
+    start = jnp.where(is_error[..., None, None], 0, last[:, None, None])
+    return Remembered((future + start).swapaxes(0, 1), share.T, is_error.T)
 
 
 @jax.jit

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from neurosym_jax.evaluation.metrics import energy_score
 from neurosym_jax.models.place.memory import Recall
 from neurosym_jax.models.place.mixture import (
+    DRAWN,
     Remembered,
     distances_apart,
     energy,
@@ -52,11 +53,27 @@ def test_draws_take_what_is_remembered_as_often_as_its_share_says():
     future = jnp.arange(1.0, 4)[:, None, None, None] * jnp.ones((3, 2, 3, 2))
     share = jnp.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.5]])
     scene = make_scene(np.zeros((2, 2, 2)))
-    memory = Remembered(future, share, jnp.zeros(3, bool))
+    memory = Remembered(future, share, jnp.zeros((3, 2), bool))
     mixed = memory.among(draws, scene, jax.random.key(0), 400)[:, :, 0, 0]
     for person in range(2):
         counts = np.bincount(np.asarray(mixed[:, person], int), minlength=4)
         assert counts[1:] == pytest.approx(400 * np.asarray(share[:, person]), abs=1)
+
+
+def test_of_many_ways_the_most_probable_are_drawn():
+    ways = 2 * DRAWN
+    weight = np.arange(1.0, ways + 1) / sum(range(1, ways + 1))
+    recall = Recall(
+        onward=jnp.arange(float(ways))[None, :, None, None] * jnp.ones((1, 1, 3, 2)),
+        weight=jnp.asarray(weight)[None, None],
+        is_error=jnp.arange(ways) % 2 == 0,
+    )
+    memory = remembered(recall, jnp.array([0.5, 0.5]), jnp.full((1, 2), 100.0))
+    number = np.arange(ways)[: DRAWN - 1 : -1]
+    assert memory.is_error[:, 0].tolist() == (number % 2 == 0).tolist()
+    start = np.where(number % 2 == 0, 0, 100)
+    assert_allclose(memory.future[:, 0, 0, 0], number + start)
+    assert_allclose(memory.share[:, 0], weight[number] / 2, rtol=1e-5)
 
 
 def test_errors_are_added_to_what_the_network_expects():
@@ -86,7 +103,7 @@ def test_each_part_of_a_distribution_has_the_whole_share():
     points = jnp.zeros((5, 2, 3, 2))
     future = jnp.arange(4.0)[:, None, None, None] * jnp.ones((4, 2, 3, 2))
     share = jnp.array([[0.1, 0.0], [0.2, 0.0], [0.1, 0.0], [0.2, 0.6]])
-    memory = Remembered(future, share, jnp.zeros(4, bool))
+    memory = Remembered(future, share, jnp.zeros((4, 2), bool))
     for part in range(2):
         both, weight = memory.beside(points, part, 2)
         assert both.shape == (7, 2, 3, 2)
