@@ -47,9 +47,10 @@ def run_command(
     """Run a command on the command line or a file in YAML, and exit.
 
     `options` is the dataclass that `action` takes, or without `action` a function of
-    the options. Options whose `needs_jax` is false run without JAX. `prepare` removes arguments that other programs add. The exit status is
-    the integer that is returned, else 0; 2 for bad input or a full or read-only disk;
-    128 and the number of the signal that ended it, such as 130 after Ctrl-C.
+    the options. Options whose `needs_jax` is false run without JAX. `prepare` removes
+    arguments that other programs add. The exit status is the integer that is returned,
+    else 0; 2 for bad input or a full or read-only disk; 128 and the number of the
+    signal that ended it, such as 130 after Ctrl-C.
     """
     tune()
     _write_any_text()

@@ -1,9 +1,10 @@
 """The network's points and what people did here, as one distribution of each person.
 
 A component is the network alone (the first), or what one kernel recalls: the ways that
-people went, or the errors that the network made. Where a kernel recalls few people, the rest of its probability is the network's. Any mixture of the
-components has an energy score that follows from two small arrays: how far each
-component lies from the truth, and how far the components lie apart.
+people went, or the errors that the network made. Where a kernel recalls few people, the
+rest of its probability is the network's. Any mixture of the components has an energy
+score that follows from two small arrays: how far each component lies from the truth, and
+how far the components lie apart.
 """
 
 from typing import NamedTuple

@@ -459,7 +459,8 @@ def load_place(file: Path | str, model: Model, *, half_life: float = math.inf) -
         facts = json.loads(str(arrays["facts"]))
         if facts["version"] != VERSION:
             raise InputError(
-                f"has version {facts['version']} of the file, not {VERSION}"
+                f"has version {facts['version']} of the file, not {VERSION}: "
+                "begin another file"
             )
         if facts["model"] != _fingerprint(model):
             raise InputError(
