@@ -39,7 +39,8 @@ from neurosym_jax.models.sgan.torch_names import torch_names
 from neurosym_jax.runtime.foreign import read_arrays, read_json, reading
 from neurosym_jax.scene import checked_positions, model_dtype
 
-__all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_torch"]
+__all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "row_fields", "run_parity"]
+__all__ += ["run_torch"]
 
 TOLERANCE = 1e-5
 """Largest absolute difference that passes, in the output's own unit."""
@@ -82,18 +83,11 @@ class Parity:
 
     def to_json(self) -> dict[str, Any]:
         """The verdict and all rows; differences that are not finite are null."""
-        rows = []
-        for row in self.rows:
-            fields = dataclasses.asdict(row)
-            for name in ("max_abs", "max_rel"):
-                if not math.isfinite(fields[name]):
-                    fields[name] = None
-            rows.append(fields)
         return {
             "ok": self.ok,
             "tolerance": self.tolerance,
             "assumed": list(self.assumed),
-            "rows": rows,
+            "rows": [row_fields(row) for row in self.rows],
         }
 
     def __str__(self) -> str:
@@ -117,6 +111,15 @@ class Parity:
         return "\n".join(
             [aligned_table(table), "", *lines, f"{within} within {self.tolerance:g}"]
         )
+
+
+def row_fields(row: Any) -> dict[str, Any]:
+    """The fields of a dataclass for JSON, with null for a number that is not finite."""
+    fields = dataclasses.asdict(row)
+    for name, value in fields.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            fields[name] = None
+    return fields
 
 
 def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
@@ -216,24 +219,18 @@ def hand_over(
     Arguments that are no plain values, or lists or tuples of some, are left out: no
     constructor of SGAN's takes any. Of a `training`, arrays go into a file of their own.
     """
-    arguments, tuples = {}, []
+    arguments, arrays = {}, {}
     for name, value in contents["args"].items():
         if _is_plain(value):
             arguments[str(name)] = value
-            if isinstance(value, tuple):
-                tuples.append(str(name))
-    tensors, names = [], {}
     for state in ("g_state", "d_state"):
         if isinstance(contents.get(state), Mapping):
-            names[state] = list(contents[state])
-            tensors += map(np.asarray, contents[state].values())
-    np.savez(folder / "state.npz", *tensors)
-    description = {
-        "title": title,
-        "arguments": arguments,
-        "tuples": tuples,
-        "names": names,
-    }
+            for name, tensor in contents[state].items():
+                arrays[f"{state}/{name}"] = np.asarray(tensor)
+    np.savez(folder / "state.npz", **arrays)
+    tuples = [name for name in arguments if isinstance(arguments[name], tuple)]
+    description: dict[str, Any] = {"title": title, "arguments": arguments}
+    description["tuples"] = tuples
     if training is not None:
         description["training"] = training["settings"]
         np.savez(folder / torch_side.TRAINING, **training["arrays"])

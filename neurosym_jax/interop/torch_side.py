@@ -27,7 +27,6 @@ __all__ = [
     "random_alpha",
     "random_walks",
     "read",
-    "restore_adam",
     "takes_alpha",
     "trainings",
 ]
@@ -102,14 +101,12 @@ def read(torch, contents_folder):
     arguments = contents["arguments"]
     for name in contents["tuples"]:
         arguments[name] = tuple(arguments[name])
-    with np.load(
-        os.path.join(contents_folder, "state.npz"), allow_pickle=False
-    ) as arrays:
-        values = [arrays[f"arr_{number}"] for number in range(len(arrays.files))]
     states = {}
-    tensors = map(torch.from_numpy, values)
-    for state, names in contents["names"].items():
-        states[state] = {name: next(tensors) for name in names}
+    path = os.path.join(contents_folder, "state.npz")
+    with np.load(path, allow_pickle=False) as arrays:
+        for key in arrays.files:
+            state, _, name = key.partition("/")
+            states.setdefault(state, {})[name] = torch.from_numpy(arrays[key])
     return contents["title"], arguments, states, contents.get("training")
 
 
@@ -127,14 +124,13 @@ def random_walks(steps, seed):
     return walks
 
 
-def inputs(walks, arguments, seed, network=None):
+def inputs(walks, arguments, seed, network):
     """Arrays of a case's scenes `walks`, [N, steps, 2] each, and noise for them.
 
     They are float32, or float64 for a network of doubles.
     """
-    kind = np.float32
-    if network is not None and "64" in str(next(network.parameters()).dtype):
-        kind = np.float64
+    is_double = "64" in str(next(network.parameters()).dtype)
+    kind = np.float64 if is_double else np.float32
     ends = np.cumsum([len(walk) for walk in walks])
     starts = np.append(0, ends[:-1])
     positions = np.concatenate(walks)
@@ -272,19 +268,6 @@ def trainings(torch, network, critic, inputs_, settings):
     return arrays
 
 
-def restore_adam(adam, moments):
-    """Put the state of a checkpoint into a new optimiser.
-
-    `moments` are `step`, `exp_avg` and `exp_avg_sq` by NUMBER/NAME, where parameters are
-    numbered in torch's order.
-    """
-    state = adam.state_dict()
-    for key, value in moments.items():
-        number, name = key.split("/")
-        state["state"].setdefault(int(number), {})[name] = value
-    adam.load_state_dict(state)
-
-
 class Training:
     """SGAN's and NeuroSyM's own steps, with batches, noises and labels that are given.
 
@@ -302,14 +285,15 @@ class Training:
         )
 
     def run(self, inputs_):
-        """The arrays of `settings["reported"]` steps."""
-        for adam, prefix in ((self.adam, ADAM + "g/"), (self.critic_adam, ADAM + "d/")):
-            moments = {}
-            for name in list(inputs_):
-                if name.startswith(prefix):
-                    moments[name[len(prefix) :]] = inputs_.pop(name)
-            restore_adam(adam, moments)
-        self.bounds = inputs_.pop("bounds")
+        """The arrays of `settings["reported"]` steps, from the optimisers' states on."""
+        for network, adam in (("g", self.adam), ("d", self.critic_adam)):
+            state = adam.state_dict()
+            for key in inputs_:
+                if key.startswith(ADAM + network):
+                    number, name = key.split("/")[2:]
+                    state["state"].setdefault(int(number), {})[name] = inputs_[key]
+            adam.load_state_dict(state)
+        self.bounds = inputs_["bounds"]
         dtype = self.torch.get_default_dtype()
         inputs_ = {name: values.to(dtype) for name, values in inputs_.items()}
 
@@ -317,12 +301,12 @@ class Training:
         losses = []
         for name, state in self.states().items():
             arrays["0/" + name] = state
-        for step in range(len(inputs_["labels"])):
-            at = {name: values[step] for name, values in inputs_.items()}
-            real, fake, generator_label = at["labels"]
-            first, second = zip(at["traj"], at["traj_rel"], at["alpha"])
-            losses.append(self.step_critic(*first, at["noise_d"], real, fake))
-            self.step_network(*second, at["noise_g"], generator_label)
+        for step, (real, fake, generator_label) in enumerate(inputs_["labels"]):
+            batches = [inputs_[name][step] for name in ("traj", "traj_rel", "alpha")]
+            first, second = zip(*batches)
+            noise, noises = inputs_["noise_d"][step], inputs_["noise_g"][step]
+            losses.append(self.step_critic(*first, noise, real, fake))
+            self.step_network(*second, noises, generator_label)
             if step + 1 in self.settings["reported"]:
                 for name, state in self.states().items():
                     arrays[str(step + 1) + "/" + name] = state

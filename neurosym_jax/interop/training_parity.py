@@ -21,7 +21,7 @@ from neurosym_jax.evaluation.tables import aligned_table
 from neurosym_jax.interop import torch_side
 from neurosym_jax.interop.cases import padded, placed_alpha, state_of, weights_pairs
 from neurosym_jax.interop.checkpoint import generator
-from neurosym_jax.interop.parity import run_torch
+from neurosym_jax.interop.parity import row_fields, run_torch
 from neurosym_jax.interop.torch_training import (
     adam_entries,
     recipe_of,
@@ -95,19 +95,12 @@ class TrainingParity:
 
     def to_json(self) -> dict[str, Any]:
         """The verdict and all rows; differences that are not finite are null."""
-        rows = []
-        for row in self.rows:
-            fields = dataclasses.asdict(row)
-            for name, value in fields.items():
-                if not math.isfinite(value):
-                    fields[name] = None
-            rows.append(fields)
         return {
             "ok": self.ok,
             "alive": self.alive,
             "tolerance": self.tolerance,
             "assumed": list(self.assumed),
-            "rows": rows,
+            "rows": [row_fields(row) for row in self.rows],
         }
 
     def __str__(self) -> str:
@@ -118,15 +111,9 @@ class TrainingParity:
             ("", *types, "moved", "the discriminator"),
         ]
         for row in self.rows:
-            differences = [
-                row.generator_float64,
-                row.discriminator_float64,
-                row.generator_float32,
-                row.discriminator_float32,
-                row.moved,
-            ]
-            numbers = [f"{value:.1e}" for value in differences]
-            table.append((str(row.step), *numbers, f"{row.d_loss:.4f}"))
+            step, *differences, loss, moved = dataclasses.astuple(row)
+            numbers = [f"{value:.1e}" for value in (*differences, moved)]
+            table.append((str(step), *numbers, f"{loss:.4f}"))
         lines = [aligned_table(table), ""]
         if self.assumed:
             lines.append(f"assumed: {'; '.join(self.assumed)}")

@@ -10,6 +10,7 @@ import pytest
 from neurosym_jax.commands.parity import run
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.parity import TOLERANCE, hand_over, run_parity, run_torch
+from tests.interop import released_cases  # noqa: F401 (it registers kinds of cases)
 from tests.repository import GOLDEN, exhaustive
 
 
