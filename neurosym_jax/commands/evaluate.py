@@ -186,7 +186,6 @@ def run(options: Options) -> list[Row]:
                 planned,
                 test_on=options.test_on,
                 min_agents=least,
-                spoken=_spoken(options, models),
             )
         tests = add_forecasts(tests, files, partial=options.partial)
         settings = Settings(
@@ -195,7 +194,7 @@ def run(options: Options) -> list[Row]:
             metrics.metric_names(further, collisions=options.collisions),
             options.seeds,
             PROTOCOLS[options.protocol].by_scene,
-            _labels(options, files, tests, models),
+            _labels(options, files, tests),
             options.online,
             options.place,
             options.scene,
@@ -210,7 +209,7 @@ def run(options: Options) -> list[Row]:
     _write_report(options, rows, tests)
     style = {"intervals": options.intervals, "whole": not default or bool(further)}
     print(tables.format_table(rows_frame(rows), options.table, **style))
-    networks = _recommended(options, models)
+    networks = sorted(path for path, model in models if model.called)
     notes = [f"{RECOMMENDED}: {', '.join(networks)}"] if networks else []
     notes += _readings_and_models(tests, models)
     notes += _written(options, tests, results)
@@ -237,22 +236,15 @@ def _paths(tests: Sequence[compare.Test]) -> list[str]:
     return paths
 
 
-def _recommended(options: Options, models: Models) -> list[str]:
-    """Names of the networks that `recommended` stands for, or that are the default."""
+def _load(path: str, options: Options) -> Model:
+    """A model; one that `recommended` stands for, or that is the default, is called so."""
+    model = load_model(path)
     is_recommended = not options.model or RECOMMENDED in options.model
-    if options.all or not is_recommended:
-        return []
-    shipped = {
-        path.name for path in shipped_models() if path.name.startswith("anchors_")
-    }
-    paths = [path for path, _ in models]
-    return sorted(shipped.intersection(paths).difference(options.model))
-
-
-def _spoken(options: Options, models: Models) -> dict[str, str]:
-    """What messages call the networks that `recommended` stands for."""
-    networks = _recommended(options, models)
-    return {network: f"{RECOMMENDED} ({network})" for network in networks}
+    is_named = options.all or path in options.model
+    ships = path.startswith("anchors_") and not Path(path).exists()
+    if is_recommended and ships and not is_named:
+        return dataclasses.replace(model, called=RECOMMENDED)
+    return model
 
 
 def _write_report(
@@ -336,14 +328,10 @@ def _refuse_absent_scene(scene: int | None, tests: Sequence[compare.Test]) -> No
 
 
 def _labels(
-    options: Options,
-    files: Mapping[str, ForecastFile],
-    tests: Sequence[compare.Test],
-    models: Models,
+    options: Options, files: Mapping[str, ForecastFile], tests: Sequence[compare.Test]
 ) -> dict[str, str]:
     """Names by path: those of files of forecasts, and the ones that --label says."""
     labels = {str(file.path): name for name, file in files.items()}
-    labels |= dict.fromkeys(_recommended(options, models), RECOMMENDED)
     paths = {*_paths(tests), *labels}
     for label in options.label:
         name, _, path = label.partition("=")
@@ -390,7 +378,7 @@ def _plan(
     every_set = options.dataset is None and isinstance(source, EthUcy)
     datasets = source.scenes if every_set else (options.dataset,)
     paths = find_models(names, datasets, lengths["pred_len"])
-    models = [(path, load_model(path)) for path in paths]
+    models = [(path, _load(path, options)) for path in paths]
     if options.model:
         source = open_data(
             *arguments, model_scene=models[0][1].dataset, period=options.period
@@ -407,7 +395,6 @@ def _plan(
         samples=options.samples,
         # A folder of models, or what ships, is not named model by model.
         only_matching=len(models) != len(options.model),
-        spoken=_spoken(options, models),
     )
     return source, models, entries, protocol.min_agents if least is None else least
 

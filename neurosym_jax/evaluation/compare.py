@@ -62,7 +62,6 @@ from neurosym_jax.evaluation.tables import first_trainings, rows_frame
 from neurosym_jax.models.disk import (
     find_model,
     load_model,
-    shipped_models,
     shipped_name,
 )
 from neurosym_jax.models.forecast import Model, SceneForecaster, unpacked
@@ -115,10 +114,6 @@ Entries = list[tuple[str | None, Model]]
 """(path as given, model) of what is tested on one test set; baselines, first, have no path."""
 
 
-NAMED_BY_PATH: Mapping[str, str] = MappingProxyType({})
-"""Messages call models by their paths."""
-
-
 @dataclasses.dataclass(frozen=True)
 class TestSet:
     """A dataset at a horizon."""
@@ -160,7 +155,6 @@ def make_plan(
     baselines: Sequence[str] | None = None,
     samples: int = 20,
     only_matching: bool = False,
-    spoken: Mapping[str, str] = NAMED_BY_PATH,
 ) -> dict[TestSet, Entries]:
     """Plan the entries of each test set, by the source's order of datasets, then by horizon.
 
@@ -177,7 +171,6 @@ def make_plan(
         baselines: see `baselines_of`.
         samples: number of forecasts of each scene, k.
         only_matching: leave out models that would be refused.
-        spoken: what messages call models, by path, where it is not the path.
 
     Raises:
         InputError: for a model that does not match, or an unknown dataset or baseline.
@@ -189,7 +182,7 @@ def make_plan(
         if reason and only_matching:
             continue
         if reason:
-            raise InputError(f"{spoken.get(path, path)}: {reason}")
+            raise InputError(f"{_name_in_messages(path, model)}: {reason}")
         names = everywhere
         if model.dataset in source.scenes and not test_on:
             names = (str(model.dataset),)
@@ -328,7 +321,6 @@ def load_tests(
     *,
     test_on: Sequence[str] = (),
     min_agents: int = 2,
-    spoken: Mapping[str, str] = NAMED_BY_PATH,
 ) -> list[Test]:
     """Read the test sets of a plan (see `make_plan`), each recording once."""
     names = list(dict.fromkeys(test_set.dataset for test_set in plan))
@@ -337,7 +329,7 @@ def load_tests(
     with ThreadPoolExecutor(cpu_cores()) as pool:
         recordings = dict(zip(names, pool.map(read, names)))
     return [
-        make_test(test_set, entries, recordings[test_set.dataset], min_agents, spoken)
+        make_test(test_set, entries, recordings[test_set.dataset], min_agents)
         for test_set, entries in plan.items()
     ]
 
@@ -347,38 +339,40 @@ def make_test(
     entries: Entries,
     recordings: Sequence[Tracks],
     min_agents: int = 2,
-    spoken: Mapping[str, str] = NAMED_BY_PATH,
 ) -> Test:
     """Cut `recordings` into windows; warn of models that were trained on them, or at other steps.
 
     The reading of the first recording keeps the warnings of training people, for
-    reports. Warnings say `spoken[path]` where they would say a model's path.
+    reports.
     """
     windows = cut_windows(
         recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents
     )
-    return _told(Test(test_set, entries, windows, recordings=recordings), spoken)
+    return _told(Test(test_set, entries, windows, recordings=recordings))
 
 
-def _told(test: Test, spoken: Mapping[str, str] = NAMED_BY_PATH) -> Test:
+def _name_in_messages(path: str | None, model: Model) -> str:
+    """A model's path; where it was asked for as `recommended`, that and the path."""
+    if path and model.called:
+        return f"{model.called} ({path})"
+    return path or model.name
+
+
+def _told(test: Test) -> Test:
     """`test` with what is to be known of its models, see `make_test`."""
     learned = set()
     windows = test.windows
     for path, model in test.entries:
-        name = path or model.name
-        called = spoken.get(name, name)
+        called = _name_in_messages(path, model)
         period = model.config.period
         hits, looked = seen_before(model.seen, windows)
         if hits > ALIKE * looked:
-            learned.add(name)
+            learned.add(path or model.name)
             leak = (
                 f"{called}: was trained on these people: {hits} of {looked} windows that "
                 "were looked for are among its training windows, so its errors are too "
                 "small"
             )
-            stranger = _stranger(model, windows)
-            if stranger is not None:
-                leak += f" ({stranger} was not)"
             warn_caller(leak)
             first, *others = windows.reading
             first = dataclasses.replace(first, warnings=(*first.warnings, leak))
@@ -393,18 +387,6 @@ def _told(test: Test, spoken: Mapping[str, str] = NAMED_BY_PATH) -> Test:
             )
             warn_caller(line)
     return dataclasses.replace(test, windows=windows, learned=frozenset(learned))
-
-
-def _stranger(model: Model, windows: Windows) -> str | None:
-    """Name of a model like `model` that ships and was not trained on these people."""
-    family = model.family, model.config.obs_len, model.config.pred_len
-    for path in shipped_models():
-        other = load_model(path)
-        if family == (other.family, other.config.obs_len, other.config.pred_len):
-            hits, looked = seen_before(other.seen, windows)
-            if hits <= ALIKE * looked:
-                return path.name
-    return None
 
 
 # Results of an evaluation: every model of every test set, forecast, scored and timed.
@@ -480,11 +462,10 @@ def evaluate_tests(
     Each test set is a task of `run`, see `cluster_map`; default: all here, in threads.
     """
     step = progress_of(sum(len([*_entries(test, settings)]) for test in tests))
-    results: Iterable[Result] = _results(settings, tests)
+    results = _results(settings, tests)
     if run is not None:
-        results = itertools.chain.from_iterable(
-            run(functools.partial(_task, settings), tests)
-        )
+        tasks = run(functools.partial(_task, settings), tests)
+        results = itertools.chain.from_iterable(tasks)
     for result in results:
         step(f"{result.name} on {result.test_set.dataset}")
         yield result
@@ -536,62 +517,44 @@ def _compile(model: Model, scenes: Iterable[Scene], settings: Settings) -> None:
 def _evaluate_test(
     programs: Mapping[Forecaster, Future], test: Test, settings: Settings
 ) -> Iterator[Result]:
-    number = example = None
+    number, example = settings.scene, None
     for path, entry, online in _entries(test, settings):
         compiling = 0.0
         if isinstance(entry, Forecasts):
-            forecasts = entry.samples, entry.probability
             scenes = test.windows, test.batches
-            runs = [score_samples(*forecasts, *scenes, settings.metrics)]
+            samples, probability = entry.samples, entry.probability
+            runs = [score_samples(samples, probability, *scenes, settings.metrics)]
         else:
             start = time.perf_counter()
             programs[entry.forecaster].result()
             compiling = time.perf_counter() - start
             runs = _runs(entry, test, settings, online)
         evaluation, spread = _averaged(runs, settings)
-        if example is None or number is None:
-            number = settings.scene
-            if number is None:
-                number = _example_scene(test, evaluation)
+        if number is None:
+            number = _example_scene(test, evaluation)
+        if example is None:
             example = single_scene(test.windows, number)
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))
-        speed, forecast = _example_forecast(
-            entry, test, number, example, evaluation, settings
-        )
-        timing = {
-            "seconds_compiling": compiling,
-            "seconds_evaluating": evaluation.seconds,
-            **speed,
-        }
+        if isinstance(entry, Forecasts):
+            rows = test.windows.rows(np.array([number]))
+            valid = np.asarray(example.valid)[None]
+            forecast = unpacked(entry.samples[:, rows], valid)[:, 0]
+            latency, rate = entry.latency, None
+        else:
+            latency, forecast = _latency(entry, example, settings)
+            rate = evaluation.agents * evaluation.samples / evaluation.seconds
         name = settings.labels.get(path or "", entry.name)
         if online:
             name = f"{name}, online"
         facts = {"checkpoint": path, "model": name, **_identity(entry)}
         facts["learned"] = (path or entry.name) in test.learned
-        yield _result(
-            test, settings, facts, evaluation, spread, timing, example, forecast
-        )
-
-
-def _example_forecast(
-    entry: Model | Forecasts,
-    test: Test,
-    number: int,
-    example: Scene,
-    evaluation: Evaluation,
-    settings: Settings,
-) -> tuple[dict[str, float | None], np.ndarray]:
-    """Columns of speed, and the forecast of the scene `number` that figures show."""
-    if isinstance(entry, Forecasts):
-        rows = test.windows.rows(np.array([number]))
-        valid = np.asarray(example.valid)[None]
-        forecast = unpacked(entry.samples[:, rows], valid)[:, 0]
-        return {"latency": entry.latency, "forecasts_per_second": None}, forecast
-    latency, forecast = _latency(entry, example, settings)
-    count = evaluation.agents * evaluation.samples
-    rate = count / evaluation.seconds
-    return {"latency": latency, "forecasts_per_second": rate}, forecast
+        result = _result(test, settings, facts, evaluation, spread, example, forecast)
+        result.row["seconds_compiling"] = compiling
+        result.row["seconds_evaluating"] = evaluation.seconds
+        result.row["latency"] = latency
+        result.row["forecasts_per_second"] = rate
+        yield result
 
 
 def _result(
@@ -600,7 +563,6 @@ def _result(
     facts: Row,
     evaluation: Evaluation,
     spread: dict[str, float],
-    timing: Row,
     example: Scene,
     forecast: np.ndarray,
 ) -> Result:
@@ -624,7 +586,6 @@ def _result(
         "agents": evaluation.agents,
         "blocks": len(errors.block_sums[0]),
         **_columns(errors, spread, f"{facts['model']} on {test.test_set.dataset}"),
-        **timing,
     }
     horizons = {name: _band(score, errors) for name, score in curves.items()}
     return Result(

@@ -1,10 +1,7 @@
 """The training of any family: rounds of steps, validation, the best and the last state."""
 
-import contextlib
 import sys
-import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,51 +41,27 @@ from neurosym_jax.training.state import (
 __all__ = ["Progress", "train", "train_run"]
 
 
-# What a training tells while it runs: the bar, and what is compiled for how long.
+# What a training tells while it runs: the bar, and what is compiled.
 
-LONG = 30.0
-"""Seconds after which a compilation is told to go on."""
+STEP, VALIDATION = "the training step", "the validation"
 
 
 class Progress:
     """The progress of a run of `steps` steps on the standard error, from the first second on."""
 
-    def __init__(self, steps: int, programs: tuple[str, ...], *, quiet: bool = False):
-        """Compile `programs`, in words, each when it is first needed."""
+    def __init__(self, steps: int, *, quiet: bool = False):
+        """Show a bar, in a terminal only."""
         self._quiet = quiet
-        self._programs = [*programs]
-        self._count = len(programs)
-        self._since = time.monotonic()
+        self._programs = {STEP, VALIDATION}
         # tqdm's None shows the bar in a terminal only.
-        self._bar = tqdm(total=steps, unit="step", disable=True if quiet else None)
+        self.bar = tqdm(total=steps, unit="step", disable=True if quiet else None)
 
-    def __enter__(self) -> "Progress":
-        """Show the bar."""
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Leave the bar as it is."""
-        self._bar.close()
-
-    @contextlib.contextmanager
-    def compiling(self, program: str) -> Iterator[None]:
-        """Say that a program is compiled, the first time that it is run within this context."""
-        if program not in self._programs:
-            yield
-            return
-        self._programs.remove(program)
-        number = self._count - len(self._programs)
-        label = f"{program} (program {number} of {self._count})"
-        self._say(f"compiling {label}: usually 5 to 60 s, once on this machine")
-        text = f"still compiling {label}: XLA needs long for it here; nothing is wrong"
-        timer = threading.Timer(LONG, self._say, (text,))
-        timer.daemon = True
-        timer.start()
-        try:
-            yield
-        finally:
-            timer.cancel()
-        self._say(f"{program} compiled and run")
+    def tell_compiling(self, program: str) -> None:
+        """Say that a program is compiled, the first time that it is run."""
+        if program in self._programs and not self._quiet:
+            text = f"compiling {program}: usually 5 to 60 s, once on this machine"
+            self.bar.write(text, file=sys.stderr)
+        self._programs.discard(program)
 
     def go_to(self, step: int, metrics: Mapping[str, Any]) -> None:
         """Show a number of steps, and losses and errors."""
@@ -96,21 +69,14 @@ class Progress:
         for name, value in metrics.items():
             if name.endswith(("loss", "ade")):
                 numbers[name] = f"{value:.3f}"
-        self._bar.set_postfix(numbers, refresh=False)
-        self._bar.update(step - self._bar.n)
-
-    def _say(self, text: str) -> None:
-        if not self._quiet:
-            seconds = time.monotonic() - self._since
-            self._bar.write(f"[{seconds:.0f} s] {text}", file=sys.stderr)
+        self.bar.set_postfix(numbers, refresh=False)
+        self.bar.update(step - self.bar.n)
 
 
 # The training loop: rounds of compiled steps, validation and saved states.
 #
 # The best state by validation is a model on the disk from the first validation on, so a
 # run that ends early, whatever ends it, can be used; see `run_files`.
-
-PROGRAMS = STEP, VALIDATION = "the training step", "the validation"
 
 
 class _Session(NamedTuple):
@@ -205,8 +171,9 @@ def train_run(
     recipe = run.recipe
     record = record_of(run)
     files = RunFiles(run, folder, record)
-    with sole_writer(folder), Progress(recipe.steps, PROGRAMS, quiet=quiet) as progress:
-        rounds = _Rounds(run, folder, record, files, progress, on_row)
+    progress = Progress(recipe.steps, quiet=quiet)
+    with sole_writer(folder), progress.bar:
+        rounds = _Rounds(files, progress, on_row)
         session = _begin(run, folder, record if resume else None)
         files.begin(session.rows)
         if session.rows and not files.finished:
@@ -246,38 +213,30 @@ class _Rounds:
     """The steps and validations of a run, and what each of them writes and tells."""
 
     def __init__(
-        self,
-        run: Run,
-        folder: Path,
-        record: dict[str, Any],
-        files: RunFiles,
-        progress: Progress,
-        on_row: Callable[[Row], object],
+        self, files: RunFiles, progress: Progress, on_row: Callable[[Row], object]
     ):
-        self._run = run
-        self._folder = folder
+        self._run = files.run
         self._files = files
         self._progress = progress
         self._on_row = on_row
-        self._record = record
-        self._batches = make_batches(run.validation)
-        self._advice = Advice(run)
+        self._batches = make_batches(files.run.validation)
+        self._advice = Advice(files.run)
 
     def advanced(
         self, advance: Callable[..., Any], state: TrainState, done: int, count: int
     ) -> tuple[TrainState, Row]:
         """The state after `count` further steps, and their row."""
-        with self._progress.compiling(STEP):
-            state, metrics = advance(state, done, count)
-            row: Row = {"step": done + count}
-            for name, value in metrics.items():
-                row[name] = float(np.mean(value))
+        self._progress.tell_compiling(STEP)
+        state, metrics = advance(state, done, count)
+        row: Row = {"step": done + count}
+        for name, value in metrics.items():
+            row[name] = float(np.mean(value))
         return state, row
 
     def validated(self, state: TrainState, row: Row) -> Row:
         """A row with the errors on the validation set."""
-        with self._progress.compiling(VALIDATION):
-            return row | validate(self._run, _kept(self._run, state), self._batches)
+        self._progress.tell_compiling(VALIDATION)
+        return row | validate(self._run, _kept(self._run, state), self._batches)
 
     def with_row(self, session: _Session, state: TrainState, row: Row) -> _Session:
         """The session after a row, told and, where it was validated, saved."""
@@ -289,10 +248,10 @@ class _Rounds:
             best = _kept(self._run, state)
         if is_validated:
             state = jax.tree.map(np.array, state)
-            record = {**self._record, "rows": rows, "is_slower": session.is_slower}
+            record = self._files.record | {"rows": rows, "is_slower": session.is_slower}
             # The state first: a run that ends here goes on from it. A model without a
             # state could only be thrown away.
-            states = self._folder / "checkpoints"
+            states = self._files.folder / "checkpoints"
             save_state(states, row["step"], (state, best), record)
         if is_best:
             self._files.keep(best, row)

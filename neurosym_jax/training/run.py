@@ -546,37 +546,38 @@ class Advice:
 # it is finished.
 
 
+@dataclasses.dataclass(eq=False)
 class RunFiles:
     """The files of one run in `folder`; `record` is that of the run."""
 
-    def __init__(self, run: Run, folder: Path, record: dict[str, Any]):
-        """Write nothing yet."""
-        self._run, self._folder, self._record = run, folder, record
+    run: Run
+    folder: Path
+    record: dict[str, Any]
 
     @property
     def finished(self) -> bool:
         """Whether all is written that a finished run leaves."""
-        return (self._folder / "run.json").is_file()
+        return (self.folder / "run.json").is_file()
 
     def begin(self, rows: Sequence[Row]) -> None:
         """Write the options and the rows so far."""
-        if self._run.options:
-            write_text(self._folder / "recipe.yaml", self._run.options)
-        write_text(self._folder / "metrics.jsonl", "".join(map(_line, rows)))
+        if self.run.options:
+            write_text(self.folder / "recipe.yaml", self.run.options)
+        write_text(self.folder / "metrics.jsonl", "".join(map(_line, rows)))
 
     def add(self, row: Row) -> None:
         """Append a row to the log."""
-        append_text(self._folder / "metrics.jsonl", _line(row))
+        append_text(self.folder / "metrics.jsonl", _line(row))
 
     def unfinish(self) -> None:
         """Say that the run goes on."""
-        (self._folder / "run.json").unlink(missing_ok=True)
+        (self.folder / "run.json").unlink(missing_ok=True)
 
     def keep(self, params: Any, best: Row) -> None:
         """Replace the model by one with these parameters, which `best` was validated with."""
         model = self.model(params, best)
         facts = self._facts(model, best)
-        save_model(self._folder / "model", model, model_card(facts), replace=True)
+        save_model(self.folder / "model", model, model_card(facts), replace=True)
 
     def finish(self, params: Any, rows: Sequence[Row]) -> Model:
         """Write what a finished run leaves; returns the model."""
@@ -590,16 +591,16 @@ class RunFiles:
         losses = _curves(rows, ("loss", "g_loss", "g_adversarial", "d_loss"))
         errors = _curves(rows, ("val_ade", "val_fde", "val_energy_score"))
         figure = plot_training(losses, errors, "training", best=best["step"])
-        save_figure(figure, self._folder / "curves.png")
+        save_figure(figure, self.folder / "curves.png")
         # Last: it says that the run is finished, whatever kills the process.
-        write_json(self._folder / "run.json", self._facts(model, best))
+        write_json(self.folder / "run.json", self._facts(model, best))
         return model
 
     def model(self, params: Any, best: Row) -> Model:
         """The model with these parameters, and its origin, that of the initial model included."""
-        run = self._run
-        init = self._run.init
-        data = licences_of(self._run.data)
+        run = self.run
+        init = run.init
+        data = licences_of(run.data)
         if init is not None:
             data = {**(init.data or {"the initial model's": "unstated"}), **data}
         return Model(
@@ -619,17 +620,17 @@ class RunFiles:
     @property
     def _recipe(self) -> str:
         """`Model.recipe`: with the parameters that the training began with, if it had some."""
-        recipe = to_json(dataclasses.replace(self._run.recipe, seed=0))
+        recipe = to_json(dataclasses.replace(self.run.recipe, seed=0))
         text = json.dumps(recipe, sort_keys=True)
         arrays = [np.frombuffer(text.encode(), np.uint8)]
-        if self._run.init is not None:
-            arrays += jax.tree.leaves(self._run.init.params)
+        if self.run.init is not None:
+            arrays += jax.tree.leaves(self.run.init.params)
         return _digest_of(*arrays)[:16]
 
     @functools.cached_property
     def _seen(self) -> str:
-        before = () if self._run.init is None else (self._run.init.seen,)
-        return merged_fingerprints(fingerprint(self._run.training), *before)
+        before = () if self.run.init is None else (self.run.init.seen,)
+        return merged_fingerprints(fingerprint(self.run.training), *before)
 
     @functools.cached_property
     def _code(self) -> str | None:
@@ -637,14 +638,14 @@ class RunFiles:
 
     def _facts(self, model: Model, best: Row) -> dict[str, Any]:
         """The content of `run.json`."""
-        parts = {"training": self._run.training, "validation": self._run.validation}
+        parts = {"training": self.run.training, "validation": self.run.validation}
         counts, recordings = {}, {}
         for name, windows in parts.items():
             counts[name] = {"scenes": windows.scenes, "agents": windows.agents}
             recordings[name] = list(map(dataclasses.asdict, windows.reading))
         return {
-            **self._record,
-            "samples": self._run.samples,
+            **self.record,
+            "samples": self.run.samples,
             "licences": model.data,
             "counts": counts,
             "recordings": recordings,

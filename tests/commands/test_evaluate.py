@@ -3,15 +3,13 @@ import hashlib
 import itertools
 import json
 import warnings
-from types import SimpleNamespace
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from neurosym_jax import evaluation
-from neurosym_jax.commands.evaluate import Options, _labels, run
+from neurosym_jax.commands.evaluate import Options, _load, run
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.metrics import register_metric
 from neurosym_jax.evaluation.tables import rows_frame
@@ -172,20 +170,22 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
 
 
 @pytest.mark.parametrize(
-    ("checkpoint", "labels"),
+    ("typed", "called"),
     [
-        ((), {"anchors_general_8": "recommended"}),
-        (("recommended", "anchors_mine"), {"anchors_general_8": "recommended"}),
-        (("anchors_general_8",), {}),
-        (("recommended", "anchors_general_8"), {}),
+        ((), "recommended"),
+        (("recommended", "anchors_mine"), "recommended"),
+        (("anchors_general_8",), ""),
+        (("recommended", "anchors_general_8"), ""),
     ],
 )
-def test_recommended_has_one_name(checkpoint, labels):
+def test_recommended_has_one_name(typed, called, tmp_path, monkeypatch):
     """A network that is asked for by its own name keeps it, and so does another's folder."""
-    entries: Any = [("anchors_general_8", None), ("anchors_mine", None), ("", None)]
-    test: Any = SimpleNamespace(entries=entries)
-    assert _labels(Options(model=checkpoint), {}, [test], entries) == labels
-    assert _labels(Options(all=True), {}, [test], entries) == {}
+    name = "anchors_general_8"
+    assert _load(name, Options(model=typed)).called == called
+    assert _load(name, Options(all=True)).called == ""
+    save_model(tmp_path / "anchors_mine", load_model(name))
+    monkeypatch.chdir(tmp_path)
+    assert _load("anchors_mine", Options(model=("recommended", "."))).called == ""
 
 
 def test_a_warning_says_recommended_where_that_was_typed(options, tmp_path, capsys):

@@ -179,20 +179,25 @@ def generator_gradient(
     """
 
     def loss(params: Any) -> tuple[Array, Scalars]:
-        params = with_leak(params) if recipe.gentle_pooling else params
+        networks = params, discriminator
         return generator_loss(
-            generator_config,
-            recipe,
-            params,
-            discriminator,
-            groups,
-            noises,
-            label=label,
+            generator_config, recipe, *networks, groups, noises, label=label
         )
 
-    (value, terms), gradient = jax.value_and_grad(loss, has_aux=True)(generator)
+    return _gradient_of(loss, recipe, generator)
+
+
+def _gradient_of(
+    loss: Callable[[Any], tuple[Array, Scalars]], recipe: GeneratorRecipe, params: Any
+) -> tuple[Any, Scalars]:
+    """Gradient of `loss(params)`, in which gentle pooling leaks, and its terms and norm."""
+
+    def leaking(params: Any) -> tuple[Array, Scalars]:
+        return loss(with_leak(params) if recipe.gentle_pooling else params)
+
+    (value, terms), gradient = jax.value_and_grad(leaking, has_aux=True)(params)
     norm = optax.tree.norm(gradient)
-    return gradient, terms | {"g_loss": value, "g_gradient_norm": norm}
+    return gradient, {**terms, "g_loss": value, "g_gradient_norm": norm}
 
 
 def generator_loss(
@@ -523,7 +528,12 @@ def train_step(
     """
     if not recipe.adversarial_weight:
         batch = jax.tree.map(lambda leaf: leaf[-1], batches)
-        return _loss_step(forecaster, recipe, state, batch, key)
+
+        def loss(params: Any) -> tuple[Array, Scalars]:
+            return forecaster.loss(params, batch, key, recipe)
+
+        grads, metrics = _gradient_of(loss, recipe, state.params)
+        return _updated(recipe, state, grads, metrics), metrics
     config = forecaster.config
     earlier = recipe.discriminator_steps - 1
     keys = jax.random.split(key, 7 + 4 * earlier)
@@ -551,18 +561,14 @@ def train_step(
     return state, metrics
 
 
-def _loss_step(
-    forecaster: Any, recipe: GeneratorRecipe, state: TrainState, batch: Groups, key: Any
-) -> tuple[TrainState, Scalars]:
-    """A step of the generator by the forecaster's loss."""
-
-    def loss(params: Any) -> tuple[Array, Scalars]:
-        params = with_leak(params) if recipe.gentle_pooling else params
-        return forecaster.loss(params, batch, key, recipe)
-
-    (value, terms), grads = jax.value_and_grad(loss, has_aux=True)(state.params)
-    metrics = {**terms, "g_loss": value, "g_gradient_norm": optax.tree.norm(grads)}
-    return update(recipe, state, grads, _scale_of(recipe), value), metrics
+def _updated(
+    recipe: GeneratorRecipe, state: TrainState, grads: Any, metrics: Scalars
+) -> TrainState:
+    """The state after an Adam step of the generator."""
+    loss = metrics["g_loss"]
+    if recipe.gentle_pooling:
+        return update(recipe, state, grads, scale_pooling_updates, loss)
+    return update(recipe, state, grads, value=loss)
 
 
 def batch_loss(
@@ -592,12 +598,6 @@ def draw_batch(
     return groups, draw_group_noise(config, groups, keys[1], samples)
 
 
-def _scale_of(recipe: GeneratorRecipe) -> Callable[[Any], Any]:
-    if recipe.gentle_pooling:
-        return scale_pooling_updates
-    return lambda moves: moves
-
-
 def learn(
     generator_config: GeneratorConfig,
     recipe: GeneratorRecipe,
@@ -622,7 +622,7 @@ def learn(
     grads, terms = generator_gradient(
         generator_config, recipe, state.params, discriminator, *second, label=real[1]
     )
-    state = update(recipe, state, grads, _scale_of(recipe), terms["g_loss"])
+    state = _updated(recipe, state, grads, terms)
     return state, metrics | terms, (discriminator_grads, grads)
 
 
