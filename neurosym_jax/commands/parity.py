@@ -62,15 +62,20 @@ def run(
             together.
     """
     refuse(Seed, {"--seed": seed})
-    _refuse_out(out)
+    if out is not None and out.suffix != ".json":
+        raise InputError(f"{option('out', str(out))}: must end in .json")
+    if out is not None:
+        refuse_unwritable(out)
     module = {
         "torch_module": torch_module,
         "checkpoint": checkpoint,
         "python": python,
     }
+    if tolerance is None:
+        tolerance = TOLERANCE if train is None else TRAINING_TOLERANCE
     if directory is not None:
         refuse_given("on stored cases", **module, seed=seed, train=train, keep=keep)
-        parity = run_parity(directory, TOLERANCE if tolerance is None else tolerance)
+        parity = run_parity(directory, tolerance)
     elif not (torch_module and checkpoint):
         raise InputError(
             "give either a folder of stored cases, or --torch-module and --checkpoint"
@@ -86,21 +91,13 @@ def run(
     return 0 if parity.ok else 1
 
 
-def _refuse_out(path: Path | None) -> None:
-    if path is None:
-        return
-    if path.suffix != ".json":
-        raise InputError(f"{option('out', str(path))}: must end in .json")
-    refuse_unwritable(path)
-
-
 def _forecast(
     torch_module: str,
     checkpoint: Path,
     python: str | None,
     seed: int,
     keep: Path | None,
-    tolerance: float | None,
+    tolerance: float,
 ) -> Parity:
     contents, model = _read(checkpoint)
     folder = tempfile.TemporaryDirectory() if keep is None else new_folder(keep)
@@ -113,7 +110,7 @@ def _forecast(
             python=python or sys.executable,
             seed=seed,
         )
-        parity = run_parity(Path(name), TOLERANCE if tolerance is None else tolerance)
+        parity = run_parity(Path(name), tolerance)
     return dataclasses.replace(parity, assumed=model.assumed)
 
 
@@ -123,10 +120,8 @@ def _trained(
     steps: int,
     python: str | None,
     seed: int,
-    tolerance: float | None,
+    tolerance: float,
 ) -> TrainingParity:
-    if tolerance is None:
-        tolerance = TRAINING_TOLERANCE
     refuse(Count, {"--train": steps})
     refuse(NotNegative, {"tolerance": tolerance})
     contents, model = _read(checkpoint)

@@ -140,9 +140,10 @@ def _checked(path: Path, arrays: dict[str, np.ndarray]) -> ForecastFile:
             raise InputError(
                 f"{path}: probabilities must not be negative and have a sum of 1"
             )
-    names = ("samples", "ids", "frames", "recordings", "probabilities")
-    others = {name: arrays[name] for name in arrays if name not in names}
-    return ForecastFile(path, *(arrays.get(name) for name in names), truth=others)  # pyright: ignore[reportArgumentType]
+    fields: dict[str, Any] = {}
+    for name in (*NEEDED, "recordings", "probabilities"):
+        fields[name] = arrays.pop(name, None)
+    return ForecastFile(path, **fields, truth=arrays)
 
 
 def windows_of(file: ForecastFile) -> Windows:
@@ -151,12 +152,6 @@ def windows_of(file: ForecastFile) -> Windows:
     Raises:
         InputError: for a file without them.
     """
-    with reading(file.path, "forecasts with what happened"):
-        return _windows_of(file)
-
-
-def _windows_of(file: ForecastFile) -> Windows:
-    """See `windows_of`, whose door stands around this."""
     names = ("observed", "truth", "scene", "start", "period")
     missing = [name for name in names if name not in file.truth]
     if missing:
@@ -164,24 +159,25 @@ def _windows_of(file: ForecastFile) -> Windows:
             f"{file.path}: does not hold what happened ({missing[0]!r}): name the recordings that "
             "were forecast"
         )
-    arrays = [np.asarray(file.truth[name]) for name in names]
-    observed, truth, scene, start, period = arrays
-    order = np.lexsort((np.arange(len(scene)), scene))
-    first = np.unique(scene[order], return_index=True)[1]
-    recordings = np.array(_recordings(file))[order]
-    digests = [scene_identity(name, 0)[0] for name in recordings[first]]
-    position = np.concatenate([observed, truth], axis=1).astype(np.float64)
-    identity = np.stack([digests, start[order][first]], axis=-1)
-    return Windows(
-        position=position[order],
-        agent=_whole(file.ids[order]),
-        bounds=np.append(first, len(scene)),
-        identity=identity.astype(np.uint32),
-        obs_len=observed.shape[1],
-        period=float(period),
-        reading=tuple(Reading(name) for name in dict.fromkeys(recordings.tolist())),
-        stamp=file.frames[order][first].astype(np.float64),
-    )
+    with reading(file.path, "forecasts with what happened"):
+        arrays = [np.asarray(file.truth[name]) for name in names]
+        observed, truth, scene, start, period = arrays
+        order = np.argsort(scene, kind="stable")
+        first = np.unique(scene[order], return_index=True)[1]
+        recordings = np.array(_recordings(file))[order]
+        digests = [scene_identity(name, 0)[0] for name in recordings[first]]
+        position = np.concatenate([observed, truth], axis=1).astype(np.float64)
+        identity = np.stack([digests, start[order][first]], axis=-1)
+        return Windows(
+            position=position[order],
+            agent=_whole(file.ids[order]),
+            bounds=np.append(first, len(scene)),
+            identity=identity.astype(np.uint32),
+            obs_len=observed.shape[1],
+            period=float(period),
+            reading=tuple(map(Reading, dict.fromkeys(recordings.tolist()))),
+            stamp=file.frames[order][first].astype(np.float64),
+        )
 
 
 def _whole(ids: np.ndarray) -> np.ndarray:
@@ -253,21 +249,20 @@ def _match(
     if "U" in (ids.dtype.kind, people.dtype.kind):
         ids, people = _whole(ids).astype(str), people.astype(str)
     file_frames = np.round(file.frames, 3).tolist()
-    keys = list(zip(names, file_frames, ids.tolist()))
+    keys = zip(names, file_frames, ids.tolist())
     rows = {key: row for row, key in enumerate(keys)}
-    twice = len(keys) - len(rows)
+    twice = len(ids) - len(rows)
     if twice:
         raise InputError(f"{file.path}: {twice} rows repeat a recording, frame and id")
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     frames = last_frames(windows)
-    own_frames = np.round(frames, 3)[scene].tolist()
-    own_keys = zip(own[scene], own_frames, people.tolist())
+    own_keys = zip(own[scene], frames[scene].tolist(), people.tolist())
     matches = np.array([rows.get(key, -1) for key in own_keys])
     complete = np.ones(windows.scenes, bool)
     complete[scene[matches < 0]] = False
     used = np.unique(matches[matches >= 0])
-    missing = int(np.sum(matches < 0))
-    unused = int(np.isin(names, own).sum()) - len(used)
+    missing = np.sum(matches < 0)
+    unused = np.isin(names, own).sum() - len(used)
     if not complete.any() or ((missing or unused) and not partial):
         raise InputError(
             f"{file.path}: {missing} of {windows.agents} people in windows have no forecast, and "

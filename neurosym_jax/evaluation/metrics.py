@@ -142,37 +142,34 @@ def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Ar
     Divided by the root of agents times steps, so that a single forecast has its root
     mean square displacement error. Gneiting and Raftery, section 4.3.
     """
-    weight = _numbers(forecast, probability) / len(forecast)
     present = scene.valid[:, None, None]
-    error = jnp.where(present, forecast - scene.known_future, 0)
-    error = jnp.square(error).sum(axis=(1, 2, 3))
-    # Products of offsets from the mean, which lose nothing where samples lie close
-    # together.
-    offset = jnp.where(present, forecast - forecast.mean(axis=0), 0)
-    offset = offset.reshape(len(forecast), -1)
-    product = offset @ offset.T
-    square = jnp.diag(product)
-    square_gap = square[:, None] + square - 2 * product
-    spread = jnp.sqrt(jnp.maximum(square_gap, 0))
+    offset = jnp.where(present, forecast - scene.known_future, 0)
     agents = jnp.maximum(scene.valid.sum(), 1)
     scale = jnp.sqrt(agents * forecast.shape[2])
-    spread = weight @ spread @ weight * _pairs(forecast, probability)
-    return (weight @ jnp.sqrt(error) - spread / 2) / scale
+    return _energy(offset, probability) / scale
 
 
 def person_energy(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N] energy score of each agent by itself, `forecast [k, N, T, 2]`, as `energy_score`."""
-    weight = _numbers(forecast, probability) / len(forecast)
-    gap = jnp.square(forecast - scene.known_future).sum(axis=(2, 3))
-    offset = forecast - forecast.mean(axis=0)
-    product = jnp.einsum("intc,jntc->nij", offset, offset)
-    square = jnp.square(offset).sum(axis=(2, 3)).T
-    square_gap = square[:, :, None] + square[:, None] - 2 * product
+    offset = forecast - scene.known_future
+    scores = jax.vmap(_energy, in_axes=(1, None))(offset, probability)
+    return scores / jnp.sqrt(forecast.shape[2])
+
+
+def _energy(offset: Array, probability: Array | None) -> Array:
+    """[] energy score of k vectors by their offsets `[k, ...]` from the truth."""
+    offset = offset.reshape(len(offset), -1)
+    weight = _numbers(offset, probability) / len(offset)
+    error = jnp.sqrt(jnp.square(offset).sum(axis=1))
+    # Products of offsets from the mean, which lose nothing where samples lie close
+    # together.
+    offset = offset - offset.mean(axis=0)
+    product = offset @ offset.T
+    square = jnp.diag(product)
+    square_gap = square[:, None] + square - 2 * product
     distance = jnp.sqrt(jnp.maximum(square_gap, 0))
-    spread = jnp.einsum("i,nij,j->n", weight, distance, weight)
-    spread = spread * _pairs(forecast, probability)
-    scale = jnp.sqrt(forecast.shape[2])
-    return (weight @ jnp.sqrt(gap) - spread / 2) / scale
+    spread = weight @ distance @ weight * _pairs(offset, probability)
+    return weight @ error - spread / 2
 
 
 def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:

@@ -531,16 +531,7 @@ def _rounded(value: float | None, decimals: int, scale: float = 1) -> str:
 def _csv_table(lines: pl.DataFrame) -> str:
     """A line each, with unrounded numbers; `_low` and `_high` bound the 95 % interval, `_p` is of
     the paired test against the best."""
-    facts = [
-        "dataset",
-        "obs_len",
-        "pred_len",
-        "model",
-        "checkpoint",
-        "trainings",
-        "samples",
-    ]
-    facts += ["seeds", "scenes", "agents", "blocks", "learned"]
+    facts = [*FACTS[:4], "checkpoint", "trainings", *FACTS[4:], "learned"]
     values = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
     wide = lines.pivot(
         "metric", index=["line", *facts], values=list(values), maintain_order=True

@@ -2,7 +2,6 @@
 
 import dataclasses
 import difflib
-import hashlib
 import json
 import os
 import re
@@ -28,7 +27,7 @@ from neurosym_jax.models.parameters import (
     shapes_of,
 )
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.files import new_folder, replaced_folder
+from neurosym_jax.runtime.files import digest_of, new_folder, replaced_folder
 
 __all__ = [
     "DOWNLOADED",
@@ -330,15 +329,8 @@ def _read_config(folder: Path) -> tuple[str, bytes]:
 def _write_config(path: Path, folder: Path, rest: bytes) -> None:
     """Write `config.json` with the digest of `rest` and of the other files in `folder`."""
     contents = [(folder / name).read_bytes() for name in (CARD, PARAMS)]
-    path.write_bytes(f'{{\n  "sha256": "{_digest(rest, *contents)}",\n'.encode() + rest)
-
-
-def _digest(*contents: bytes) -> str:
-    """The digest of the text after it in `config.json`, of the card and of the parameters."""
-    digest = hashlib.sha256()
-    for content in contents:
-        digest.update(content)
-    return digest.hexdigest()
+    head = f'{{\n  "sha256": "{digest_of(rest, *contents)}",\n'
+    path.write_bytes(head.encode() + rest)
 
 
 def _read(folder: Path) -> Model:
@@ -351,7 +343,7 @@ def _read(folder: Path) -> Model:
             raise InputError(f"it has no {name}")
     # Read once: the bytes that are parsed are those that were checked.
     card, parameter_bytes = ((folder / name).read_bytes() for name in (CARD, PARAMS))
-    if _digest(rest, card, parameter_bytes) != digest:
+    if digest_of(rest, card, parameter_bytes) != digest:
         raise InputError("damaged: its files do not match the digest")
     fields = from_json(_File, parse_json(b"{" + rest, CONFIG), CONFIG)
     if fields.format != FORMAT:

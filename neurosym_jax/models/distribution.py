@@ -11,6 +11,7 @@ from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.forecast import Model, SceneForecaster, checked_scene
 from neurosym_jax.models.forecaster import Forecaster, key_of, options_of, refuse_many
+from neurosym_jax.models.tracking_errors import repair_scene, settle
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import Scene, pad_scene, to_world
 
@@ -104,8 +105,13 @@ def _draw(
     repair: bool,
     memory: "Remembered | None",
 ) -> Array:
-    if repair:
-        return forecaster.repaired_distribution(
-            params, scene, key_of(key), count, memory
-        )
-    return forecaster.distribution(params, scene, key_of(key), count, memory)
+    key = key_of(key)
+    if not repair or forecaster.repairs:
+        return forecaster.distribution(params, scene, key, count, memory)
+    period = forecaster.config.period
+    scene, repaired = repair_scene(scene, period)
+    draws = forecaster.distribution(params, scene, key, count)
+    draws = settle(draws, repaired, period)
+    if memory is None:
+        return draws
+    return memory.among(draws, scene, key, count)

@@ -3,7 +3,6 @@ of scenes.
 """
 
 import dataclasses
-import hashlib
 import itertools
 import json
 import reprlib
@@ -35,7 +34,13 @@ from neurosym_jax.models.forecaster import (
 )
 from neurosym_jax.models.histories import whole_history
 from neurosym_jax.models.place.mixture import Remembered
-from neurosym_jax.models.tracking_errors import repair_tracks, settle, was_repaired
+from neurosym_jax.models.tracking_errors import (
+    repair_scene,
+    repair_tracks,
+    settle,
+    was_repaired,
+)
+from neurosym_jax.runtime.files import digest_of
 from neurosym_jax.runtime.process import COMPILED_UNFUSED
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import (
@@ -125,12 +130,13 @@ class Model:
         is the digest of the numbers themselves. None where something is not known.
         """
         trained = [self.family, to_json(self.config), self.recipe]
-        leaves = jax.tree.leaves(self.params)
+        text = json.dumps(trained, sort_keys=True)
+        leaves = map(np.ascontiguousarray, jax.tree.leaves(self.params))
         return {
-            "configuration": _digest(json.dumps(trained, sort_keys=True).encode()),
-            "training_data": _digest(self.seen.encode()) if self.seen else None,
+            "configuration": digest_of(text.encode())[:16],
+            "training_data": digest_of(self.seen.encode())[:16] if self.seen else None,
             "training_seed": self.seed,
-            "parameters": _digest(*(np.asarray(leaf).tobytes() for leaf in leaves)),
+            "parameters": digest_of(*leaves)[:16],
         }
 
     @property
@@ -151,13 +157,6 @@ class Model:
         )
 
 
-def _digest(*contents: bytes) -> str:
-    sha = hashlib.sha256()
-    for content in contents:
-        sha.update(content)
-    return sha.hexdigest()[:16]
-
-
 class SceneForecaster:
     """k futures of each scene it is called with, by one compiled program a bucket of sizes."""
 
@@ -170,11 +169,7 @@ class SceneForecaster:
         seed: int,
         repair: bool = False,
     ):
-        """Move `params` to the device; nothing is compiled yet.
-
-        With `repair`, every forecaster is given plausible tracks in place of tracking
-        errors, see `repair_tracks`.
-        """
+        """Move `params` to the device; nothing is compiled yet. For `repair` see `forecast_scene`."""
         refuse(Count, {"samples": samples})
         refuse(Seed, {"seed": seed})
         self.forecaster = forecaster
@@ -226,11 +221,16 @@ def forecast_scene(
 ) -> Representatives:
     """`forecaster.representatives`, compiled; equal forecasters share the program.
 
-    With `repair`, its `repaired_representatives`.
+    With `repair` it is given plausible tracks, see `repair_tracks`, and forecasts begin
+    at the reported positions all the same. One that `repairs` tracks itself sees them
+    as they are.
     """
-    if repair:
-        return forecaster.repaired_representatives(params, scene, noise)
-    return forecaster.representatives(params, scene, noise)
+    if not repair or forecaster.repairs:
+        return forecaster.representatives(params, scene, noise)
+    period = forecaster.config.period
+    scene, repaired = repair_scene(scene, period)
+    samples, probability = forecaster.representatives(params, scene, noise)
+    return settle(samples, repaired, period), probability
 
 
 # Apart from the forecast, because threefry is slow to compile and this serves every
@@ -335,12 +335,12 @@ def checked_scene(
     refuse_other_length(model, scene.observed, "observed")
     if repair or model.forecaster.repairs:
         observed = np.asarray(scene.observed)
-        warn_of_tracking_errors(observed, model.config.period, "observed")
+        warn_of_tracking_errors(observed, model.config.period)
     return scene.replace(seen=seen)
 
 
-def warn_of_tracking_errors(observed: np.ndarray, period: float, name: str) -> None:
-    """Warn of agents in `observed [N, T, 2]`, called `name`, whose tracks are repaired.
+def warn_of_tracking_errors(observed: np.ndarray, period: float) -> None:
+    """Warn of agents in `observed [N, T, 2]` whose tracks are repaired.
 
     Warns:
         InputWarning: naming the agents, and those without any plausible step.
@@ -361,7 +361,7 @@ def warn_of_tracking_errors(observed: np.ndarray, period: float, name: str) -> N
             "forecast to go anywhere (are positions in metres?)"
         )
     if texts:
-        warn_caller(f"{name}: {'; '.join(texts)}")
+        warn_caller(f"observed: {'; '.join(texts)}")
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
@@ -682,7 +682,7 @@ def _predict_parts(
         period = model.config.period
         repaired = repair_tracks(windows.position, period) if repair else None
         if repair or model.forecaster.repairs:
-            warn_of_tracking_errors(windows.position, period, "observed")
+            warn_of_tracking_errors(windows.position, period)
         if repaired is not None:
             windows = dataclasses.replace(windows, position=repaired.tracks)
         batches = make_batches(windows)

@@ -25,7 +25,6 @@ from neurosym_jax.models.parameters import (
     nested_parameters,
     refuse_other_tree,
 )
-from neurosym_jax.models.tracking_errors import repair_scene, settle
 from neurosym_jax.plugins import Registry, additions
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.runtime.process import COMPILED_UNFUSED, refuse_forked
@@ -298,38 +297,6 @@ class Forecaster(abc.ABC):
     ) -> Representatives:
         """`forecast`, and the probabilities [k] of its samples; None where all have the same."""
         return self.forecast(params, scene, noise), None
-
-    def repaired_representatives(
-        self, params: Any, scene: Scene, noise: Array
-    ) -> Representatives:
-        """`representatives` [k, N, pred_len, 2], given plausible tracks in place of errors.
-
-        See `repair_tracks`: forecasts begin at the reported positions all the same. A
-        family that `repairs` tracks itself sees them as they are.
-        """
-        if self.repairs:
-            return self.representatives(params, scene, noise)
-        scene, repair = repair_scene(scene, self.config.period)
-        samples, probability = self.representatives(params, scene, noise)
-        return settle(samples, repair, self.config.period), probability
-
-    def repaired_distribution(
-        self,
-        params: Any,
-        scene: Scene,
-        key: Array,
-        count: int,
-        memory: "Remembered | None" = None,
-    ) -> Array:
-        """`distribution` given plausible tracks, as `repaired_representatives`."""
-        if self.repairs:
-            return self.distribution(params, scene, key, count, memory)
-        scene, repair = repair_scene(scene, self.config.period)
-        draws = self.distribution(params, scene, key, count)
-        draws = settle(draws, repair, self.config.period)
-        if memory is None:
-            return draws
-        return memory.among(draws, scene, key, count)
 
     def distribution(
         self,

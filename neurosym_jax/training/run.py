@@ -4,7 +4,6 @@ validation, and the files of its folder.
 
 import dataclasses
 import functools
-import hashlib
 import json
 import sys
 import types
@@ -32,7 +31,7 @@ from neurosym_jax.models.disk import save_model
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import FORECASTERS, Forecaster, forecaster_of
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.files import append_text, write_json, write_text
+from neurosym_jax.runtime.files import append_text, digest_of, write_json, write_text
 from neurosym_jax.runtime.process import COMPILED_QUICKLY, code_version, run_environment
 from neurosym_jax.training.custom import Custom
 from neurosym_jax.training.recipe import Recipe
@@ -295,7 +294,8 @@ def record_of(run: Run) -> dict[str, Any]:
     """What must be equal for a run to be resumed with the same bits; JSON-able."""
     init = None
     if run.init is not None:
-        init = _digest_of(*jax.tree.leaves(run.init.params))
+        leaves = jax.tree.leaves(run.init.params)
+        init = digest_of(*map(np.ascontiguousarray, leaves))
     return {
         "forecaster": run.forecaster.key,
         "config": to_json(run.config),
@@ -362,14 +362,8 @@ def differences_between(before: Any, now: Any, name: str = "") -> Iterator[str]:
 
 def _digest(windows: Windows) -> str:
     """SHA-256 of the windows themselves, whatever files they came from."""
-    return _digest_of(windows.position, windows.bounds, windows.identity)
-
-
-def _digest_of(*arrays: Any) -> str:
-    sha = hashlib.sha256()
-    for array in arrays:
-        sha.update(np.ascontiguousarray(array).tobytes())
-    return sha.hexdigest()
+    parts = windows.position, windows.bounds, windows.identity
+    return digest_of(*map(np.ascontiguousarray, parts))
 
 
 def model_card(
@@ -621,11 +615,11 @@ class RunFiles:
     def _recipe(self) -> str:
         """`Model.recipe`: with the parameters that the training began with, if it had some."""
         recipe = to_json(dataclasses.replace(self.run.recipe, seed=0))
-        text = json.dumps(recipe, sort_keys=True)
-        arrays = [np.frombuffer(text.encode(), np.uint8)]
+        contents: list[Any] = [json.dumps(recipe, sort_keys=True).encode()]
         if self.run.init is not None:
-            arrays += jax.tree.leaves(self.run.init.params)
-        return _digest_of(*arrays)[:16]
+            leaves = jax.tree.leaves(self.run.init.params)
+            contents += map(np.ascontiguousarray, leaves)
+        return digest_of(*contents)[:16]
 
     @functools.cached_property
     def _seen(self) -> str:

@@ -20,7 +20,7 @@ from neurosym_jax.data.windows import (
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation import compare
 from neurosym_jax.evaluation.tables import format_table, rows_frame
-from neurosym_jax.models.disk import find_model, load_model
+from neurosym_jax.models.disk import load_model
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*needs eth_stride=6")
 
@@ -117,16 +117,6 @@ def test_an_evaluation_says_so(benchmark, learned):
         compare.TestSet("zara1", 8, 8), [("mine", model)], recordings["zara1"]
     )
     assert test.windows.reading[0].warnings == ()
-
-
-def test_a_model_that_did_not_learn_these_people_is_named(benchmark):
-    """`recommended` learned all of ETH/UCY; for each data set a model ships that did not."""
-    model = load_model(find_model("anchor_table_general_12"))
-    for scene in ("hotel", "zara2"):
-        recordings = benchmark.recordings(scene)
-        test_set = compare.TestSet(scene, 8, 12)
-        with pytest.warns(InputWarning, match=f"anchor_table_{scene}_12 was not"):
-            compare.make_test(test_set, [("mine", model)], recordings)
 
 
 def test_who_learned_the_people_is_compared_with_nobody():
