@@ -302,8 +302,8 @@ class Training:
         for name, state in self.states().items():
             arrays["0/" + name] = state
         for step, (real, fake, generator_label) in enumerate(inputs_["labels"]):
-            batches = [inputs_[name][step] for name in ("traj", "traj_rel", "alpha")]
-            first, second = zip(*batches)
+            traj, alpha = inputs_["traj"][step], inputs_["alpha"][step]
+            first, second = zip(traj, inputs_["traj_rel"][step], alpha)
             noise, noises = inputs_["noise_d"][step], inputs_["noise_g"][step]
             losses.append(self.step_critic(*first, noise, real, fake))
             self.step_network(*second, noises, generator_label)
