@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.evidence import doubts_of, roughness
+from neurosym_jax.data.evidence import ENOUGH, doubts_of, roughness
 from neurosym_jax.data.tables import (
     METRES,
     STEPS,
@@ -37,11 +37,11 @@ from neurosym_jax.runtime.foreign import SETTINGS, read_json
 __all__ = [
     "BOX",
     "FLAGS",
-    "RATE_NAMES",
     "ROLES",
     "SWAP",
     "Schema",
     "column_name",
+    "facts_in",
     "facts_of",
     "kinds_beside",
     "names_in_comments",
@@ -82,50 +82,29 @@ def propose(table: Table, places: Mapping[str, int]) -> dict[str, int]:
     smooth the first.
     """
     part = _complete(table.take(np.arange(len(table.row)) < SAMPLED))
-    readings = []
-    for reading in _possible(part, places):
-        rough = reading.roughness
-        if rough < np.inf and rough % SET_BACK <= ROUGHEST:
-            readings.append(reading)
-    readings.sort(key=lambda reading: reading.roughness)
-    readings = readings[:JUDGED]
+    readings = sorted(_possible(part, places))[:JUDGED]
     if not readings:
         return {}
-    doubts = [doubts_of(reading.tracks()) for reading in readings]
+    doubts = [doubts_of(_tracks(part, columns)) for _, columns in readings]
     fewest = min(doubts)
     least_doubted = [
         reading for reading, count in zip(readings, doubts) if count == fewest
     ]
-    limit = least_doubted[0].roughness / SMOOTHER
-    smooth = [reading for reading in least_doubted if reading.roughness <= limit]
-    best = min(smooth, key=lambda reading: reading.columns)
+    limit = least_doubted[0][0] / SMOOTHER
+    best = min(columns for rough, columns in least_doubted if rough <= limit)
 
-    moment, person, x, y = best.columns
-    clock = "frame" if (best.moment % 1 == 0).all() else "time"
-    roles = {clock: moment, "id": person, "x": x, "y": y}
-    if {"time", "frame"} & places.keys():
-        del roles[clock]
-    if "left" in places:
-        del roles["x"], roles["y"]
-    return {role: at for role, at in roles.items() if role not in places}
+    is_frame = (part.extra(best[0], texts=False) % 1 == 0).all()
+    roles = dict(zip(("frame" if is_frame else "time", "id", "x", "y"), best))
+    taken = set(best) & set(places.values())
+    return {role: at for role, at in roles.items() if at not in taken}
 
 
-@dataclasses.dataclass(frozen=True)
-class _Candidate:
-    """Columns that may be the clock, the id and positions."""
-
-    columns: tuple[int, int, int, int]
-    moment: np.ndarray  # [R]
-    ids: np.ndarray  # [R]
-    position: np.ndarray  # [R, 2]
-    roughness: float
-
-    def tracks(self) -> Tracks:
-        """The tracks that it gives, at steps of a second or so and about their middle."""
-        moments = np.unique(self.moment)
-        stamp = (self.moment - moments[0]) / np.median(np.diff(moments))
-        position = self.position - self.position.mean(axis=0)
-        return make_tracks("proposal", stamp, self.ids, position)
+def _tracks(table: Table, columns: tuple[int, ...]) -> Tracks:
+    """The tracks of a reading, at steps of a second or so and about their middle."""
+    moment, ids, position = _read(table, columns)
+    moments = np.unique(moment)
+    stamp = (moment - moments[0]) / np.median(np.diff(moments))
+    return make_tracks("proposal", stamp, ids, position - position.mean(axis=0))
 
 
 def _complete(table: Table) -> Table:
@@ -133,64 +112,60 @@ def _complete(table: Table) -> Table:
     columns = range(min(len(table.names), MOST))
     is_empty = [absent(table.column(at)).to_numpy() for at in columns]
     is_complete = ~np.any(is_empty, axis=0)
-    if is_complete.mean() > 0.25:
-        return table.take(is_complete)
-    return table
+    return table.take(is_complete) if is_complete.mean() > 0.25 else table
 
 
-def _possible(table: Table, places: Mapping[str, int]) -> Iterator[_Candidate]:
-    """The readings of a table in which nobody is at two places at one moment."""
+def _read(
+    table: Table, columns: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """[R] numbers of the clock, [R] numbers of people and [R, C] others of some columns."""
+    moment, person, *others = columns
+    values = [table.extra(at, texts=False) for at in (moment, *others)]
+    moments, *values = np.nan_to_num(values)
+    ids = table.column(person).rank("dense").to_numpy()
+    return moments, ids, np.column_stack(values)
+
+
+def _possible(
+    table: Table, places: Mapping[str, int]
+) -> Iterator[tuple[float, tuple[int, ...]]]:
+    """The roughness and the columns (clock, id, x, y) of readings in which nobody is at two places
+    at one moment."""
     columns = range(min(len(table.names), MOST))
     free = [at for at in columns if at not in places.values()]
-    clock = places.get("time", places.get("frame"))
-    x = places.get("x", places.get("left"))
-    y = places.get("y", places.get("top"))
-    numbers = {}
-    for at in sorted({*free, clock, x, y} - {None}):
-        values = _numbers(table, at)
-        if values is not None:
-            numbers[at] = values
-    moments = [at for at in free if at in numbers]
-    if clock is not None:
-        moments = [clock]
-    people = [at for at in free if _repeats(table, at)]
-    if "id" in places:
-        people = [places["id"]]
+    numbers = [at for at in free if _are_numbers(table, at)]
+
+    def choices(others: list[int], *roles: str) -> list[int]:
+        return [places[role] for role in roles if role in places] or others
+
+    xs, ys = choices(numbers, "x", "left"), choices(numbers, "y", "top")
     pairs = []
-    for first, second in itertools.combinations(numbers, 2):
-        is_near = second - first <= 2
-        if is_near and x in (None, first) and y in (None, second):
-            pairs.append((first, second))
-    if x is not None and y is not None:
-        pairs = [(x, y)]
-
-    for moment, person in itertools.product(moments, people):
-        if moment == person or moment not in numbers:
-            continue
-        ids = table.column(person).rank("dense").to_numpy()
-        bends = _bends(numbers, numbers[moment], ids)
+    for x, y in itertools.product(xs, ys):
+        if 0 < y - x <= 2 or not {x, y} & set(free):
+            pairs.append((x, y))
+    people = choices([at for at in free if _repeats(table, at)], "id")
+    for moment, person in itertools.product(choices(numbers, "time", "frame"), people):
+        bends = _bends(table, (moment, person, *{*numbers, *xs, *ys}))
         for pair in pairs:
-            if {moment, person}.isdisjoint(pair) and bends.keys() >= set(pair):
-                position = np.column_stack([numbers[at] for at in pair])
-                roughest = bends[pair[0]] + bends[pair[1]]
-                columns = (moment, person, *pair)
-                yield _Candidate(columns, numbers[moment], ids, position, roughest)
+            if bends.keys() >= set(pair) and {moment, person}.isdisjoint(pair):
+                rough = bends[pair[0]] + bends[pair[1]]
+                if moment != person and rough % SET_BACK <= ROUGHEST:
+                    yield rough, (moment, person, *pair)
 
 
-def _bends(
-    numbers: Mapping[int, np.ndarray], moment: np.ndarray, ids: np.ndarray
-) -> dict[int, float]:
-    """The roughness of each column along tracks.
+def _bends(table: Table, columns: tuple[int, ...]) -> dict[int, float]:
+    """The roughness along tracks of the columns behind the clock and the id.
 
     A column with one number for all people at a moment is another clock. One with one
     number for each person may be a height: it is a coordinate only where no other column
     is left.
     """
+    moment, ids, values = _read(table, columns)
     bends = {}
-    rough = roughness(moment, ids, np.column_stack(list(numbers.values())))
-    for at, bend in zip(numbers, rough):
-        if _varies(moment, numbers[at]):
-            bends[at] = bend if _varies(ids, numbers[at]) else bend + SET_BACK
+    rough = roughness(moment, ids, values)
+    for at, bend, numbers in zip(columns[2:], rough.tolist(), values.T):
+        if bend < np.inf and _varies(moment, numbers):
+            bends[at] = bend if _varies(ids, numbers) else bend + SET_BACK
     return bends
 
 
@@ -200,43 +175,36 @@ def _varies(keys: np.ndarray, values: np.ndarray) -> bool:
     return len(pairs) > 1.2 * len(np.unique(keys))
 
 
-def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
-    """The columns x and y and the two behind them as those of a box in a picture, if these are as
-    its other corner or its size; else nothing."""
-    left = places.get("x", -1)
-    top = places.get("y", -1)
-    behind = (top + 1, top + 2)
-    if top != left + 1 or top < 1 or behind[1] >= len(table.names):
-        return {}
-    if not set(behind).isdisjoint(places.values()):
-        return {}
-    columns = (left, top, *behind)
-    values = np.column_stack([table.extra(at, texts=False) for at in columns])
-    first, second = values[:, :2], values[:, 2:]
-    if (second > first).all():
-        roles = ("left", "top", "right", "bottom")
-    elif (second > 0).all():
-        roles = ("left", "top", "width", "height")
-    else:
-        return {}
-    others = {role: at for role, at in places.items() if role not in "xy"}
-    return others | dict(zip(roles, columns))
-
-
-def _numbers(table: Table, at: int) -> Any:
-    """[R] numbers of a column; None where most fields are others."""
-    values = table.extra(at, texts=False)
-    if np.isfinite(values).mean() > 0.5:
-        return np.nan_to_num(values)
-    return None
+def _are_numbers(table: Table, at: int) -> bool:
+    """Whether most fields of a column are numbers."""
+    return np.isfinite(table.extra(at, texts=False)).mean() > 0.5
 
 
 def _repeats(table: Table, at: int) -> bool:
     """Whether a column's values repeat, as ids do; fractions never do."""
     texts = table.column(at)
-    values = table.extra(at, texts=False)
-    has_fractions = np.isfinite(values) & (np.nan_to_num(values) % 1 != 0)
+    has_fractions = np.nan_to_num(table.extra(at, texts=False)) % 1 != 0
     return 2 * texts.n_unique() <= len(texts) and not has_fractions.any()
+
+
+def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
+    """The columns x and y and the two behind them as those of a box in a picture, if these are as
+    its other corner or its size; else nothing."""
+    left = places.get("x", -1)
+    columns = range(left, left + 4)
+    is_free = left >= 0 and set(columns[2:]).isdisjoint(places.values())
+    if places.get("y") != left + 1 or columns[-1] >= len(table.names) or not is_free:
+        return {}
+    first_x, first_y, *others = (table.extra(at, texts=False) for at in columns)
+    second = np.array(others)
+    if (second > [first_x, first_y]).all():
+        roles = ("left", "top", "right", "bottom")
+    elif (second > 0).all():
+        roles = ("left", "top", "width", "height")
+    else:
+        return {}
+    kept = {role: at for role, at in places.items() if role not in POINT}
+    return kept | dict(zip(roles, columns))
 
 
 # The schema of a table: which column has which role and unit, as a user or the names
@@ -245,25 +213,13 @@ def _repeats(table: Table, at: int) -> bool:
 # The words of names stand in `vocabulary.tsv`. What names do not settle is proposed by
 # values, as a command to paste; it is never read without that.
 
+CLOCKS = ("time", "frame")
+POINT = ("x", "y")
 BOX = ("left", "top", "right", "bottom", "width", "height")
 FLAGS = ("lost", "valid", "state", "confidence")  # rows that are no positions
-ROLES = ("time", "frame", "id", "x", "y", *BOX, *FLAGS, "label", "vx", "vy")
+ROLES = (*CLOCKS, "id", *POINT, *BOX, *FLAGS, "label", "vx", "vy")
 DEGREES = "deg"  # unit of longitudes and latitudes
-_UNITS = {
-    # unit as names write it: as options do
-    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), "m"),
-    **{unit: unit for unit in ("cm", "mm", "s", "ms", "us", "ns")},
-    **dict.fromkeys(("px", "pix", "pixel", "pixels"), "px"),
-    **dict.fromkeys(("sec", "secs", "seconds"), "s"),
-    **dict.fromkeys(("deg", "degree", "degrees", "°"), DEGREES),
-    "ft": "0.3048",
-    "feet": "0.3048",
-    "km": "1000",
-    "µs": "us",
-    "msec": "ms",
-    "usec": "us",
-}
-_GLOBE = ("lon", "lng", "longitude", "lat", "latitude")  # columns in degrees
+Facts = Mapping[str, tuple[str, str]]  # what is said of `fps` and `unit`, and by whom
 _UNIT = re.compile(r"^(.*?\w)\s*(?:[\[(](.+?)[\])]|[\s_/.-](\w+))$")
 
 
@@ -272,14 +228,9 @@ class Schema:
     """Roles and other names, the extras, of the columns of a table."""
 
     places: Mapping[str, int]  # column of each role or extra
-    units: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """Of time, x and y, by name."""
-    flags: tuple[tuple[str, int], ...] = ()  # roles and columns of `FLAGS`
-    labels: tuple[int, ...] = ()  # further columns of kinds, by their names
-    sizes: tuple[int, ...] = ()  # columns of a width and a height beside x and y
-    heights: tuple[int, ...] = ()  # columns of z beside x and y
-    recordings: tuple[int, ...] = ()  # columns that tell recordings apart
-    declared: frozenset[str] = frozenset()  # the roles that the user gave
+    columns: Mapping[str, Sequence[int]]  # all that have a role by their names
+    units: Mapping[str, str]  # of time, x, y and left, by name
+    declared: frozenset[str]  # the roles that the user gave
 
     @property
     def clock(self) -> str:
@@ -287,29 +238,33 @@ class Schema:
         return "time" if "time" in self.places else "frame"
 
     @property
-    def is_box(self) -> bool:
-        """Whether positions are boxes in a picture."""
-        return not {"left", "height"}.isdisjoint(self.places)
-
-    @property
     def in_picture(self) -> bool:
-        """Whether positions are pixels."""
-        return self.is_box or "px" in self.units.values()
+        """Whether positions are pixels, or boxes of them."""
+        is_box = not {"left", "height"}.isdisjoint(self.places)
+        return is_box or "px" in self.units.values()
 
     @property
-    def in_degrees(self) -> bool:
-        """Whether positions are a longitude and a latitude."""
-        return self.units.get("x") == DEGREES
+    def flags(self) -> list[tuple[str, int]]:
+        """Roles and columns of `FLAGS`."""
+        return [(role, at) for role in FLAGS for at in self.columns.get(role, ())]
 
     @property
     def extras(self) -> dict[str, int]:
         """The columns that a user named otherwise than a role."""
         return {name: at for name, at in self.places.items() if name not in ROLES}
 
+    @property
+    def used(self) -> set[int]:
+        """The columns that are read."""
+        used = set(self.places.values())
+        for role in (*FLAGS, "label", "recording"):
+            used.update(self.columns.get(role, ()))
+        return used
+
 
 @functools.cache
 def vocabulary() -> dict[str, frozenset[str]]:
-    """The words of each role, and of `recording`, `people` and `others`."""
+    """The words of each role, and of units, `recording`, `people` and others."""
     path = files("neurosym_jax.data").joinpath("vocabulary.tsv")
     words = {}
     for line in path.read_text(encoding="utf-8").splitlines()[1:]:
@@ -318,33 +273,39 @@ def vocabulary() -> dict[str, frozenset[str]]:
     return words
 
 
+@functools.cache
+def _meanings(kind: str) -> dict[str, str]:
+    """The role of each word of a column's name, or where `kind` is "unit " its unit."""
+    meanings = {}
+    for role, words in vocabulary().items():
+        is_role = role in (*ROLES, "z", "recording")
+        if role.startswith(kind) and is_role == (not kind):
+            meanings = dict.fromkeys(words, role.removeprefix(kind)) | meanings
+    return meanings
+
+
 def plain_name(name: str) -> tuple[str, str]:
     """A column's name in lower-case letters and digits, and its unit, else nothing."""
     name = name.strip().lower()[:60]
     unit = ""
     match = _UNIT.match(name)
     if match:
-        unit = _UNITS.get((match[2] or match[3]).strip(), "")
+        unit = _meanings("unit ").get((match[2] or match[3]).strip(), "")
         name = match[1] if unit else name
     word = re.sub(r"[\W_]", "", name)
-    return word, DEGREES if word in _GLOBE else unit
+    return word, DEGREES if word in vocabulary()["globe"] else unit
 
 
 def role_of(name: str) -> str:
     """The role that a column's name says, else nothing."""
     name = name.removeprefix("field.")  # Of `rostopic echo -p`.
-    word = short = plain_name(name)[0]
-    parts = name.split(".")
-    if len(parts) > 2:  # As `pose.position.x`.
-        short = plain_name(".".join(parts[-2:]))[0]
-    for role, words in vocabulary().items():
-        if word in words or short in words:
-            return role
-    return ""
+    end = ".".join(name.split(".")[-2:])  # As `pose.position.x`.
+    roles = _meanings("")
+    return roles.get(plain_name(name)[0]) or roles.get(plain_name(end)[0], "")
 
 
-def parse_columns(columns: Iterable[str]) -> tuple[dict[str, str], bool | None]:
-    """The columns that a user gave by role, and whether there is a header, if that was said.
+def parse_columns(columns: Iterable[str]) -> dict[str, str]:
+    """The columns that a user gave by role; `header` and `table` may be among them.
 
     Raises:
         InputError: for what is not ROLE=COLUMN, and a role that stands twice.
@@ -358,24 +319,24 @@ def parse_columns(columns: Iterable[str]) -> tuple[dict[str, str], bool | None]:
                 f"{' '.join(ROLES[5:])}, or EXTRA=..), each once"
             )
         stated[key] = name
-    header = stated.pop("header", None)
-    if header not in (None, "yes", "no"):
+    header = stated.get("header", "no")
+    if header not in ("yes", "no"):
         raise InputError(f"header={header}: say header=no or header=yes")
-    return stated, None if header is None else header == "yes"
+    return stated
 
 
 def names_tracks(names: Sequence[str]) -> bool:
     """Whether a header names a clock, an id and positions."""
     roles = set(map(role_of, names))
-    return "id" in roles and bool(roles & {"time", "frame"}) and _has_position(roles)
+    return "id" in roles and not roles.isdisjoint(CLOCKS) and _has_position(roles)
 
 
 def _has_position(roles: Iterable[str]) -> bool:
     roles = set(roles)
-    has_corner = {"left", "top"} <= roles
     has_width = not roles.isdisjoint({"right", "width"})
     has_height = not roles.isdisjoint({"bottom", "height"})
-    return {"x", "y"} <= roles or (has_corner and has_width and has_height)
+    is_box = {"left", "top"} <= roles and has_width and has_height
+    return roles.issuperset(POINT) or is_box
 
 
 def names_in_comments(comments: Sequence[str], width: int) -> list[str]:
@@ -383,8 +344,7 @@ def names_in_comments(comments: Sequence[str], width: int) -> list[str]:
     for comment in reversed(comments):
         for mark in (None, ",", ";", "\t"):
             names = comment.split(mark)
-            roles = {role_of(name) for name in names}
-            if len(names) == width and {"id", "x", "y"} <= roles:
+            if len(names) == width and {"id", *POINT} <= set(map(role_of, names)):
                 return [name.strip() for name in names]
     return []
 
@@ -402,105 +362,77 @@ def schema_of(
     """
     declared = dict[str, int]()
     for role, name in stated.items():
-        if name != "none" or "none" in table.names:
+        is_none = name == "none" and name not in table.names
+        if not is_none and role not in ("header", "table"):
             declared[role] = _place(table, role, name)
-    named = _named(table, stated, declared)
-    sizes = (*named.get("width", [])[:1], *named.get("height", [])[:1])
-    named = _without_other_positions(named, stated)
+    columns = _columns(table, stated, declared)
 
     places = dict(declared)
-    clocks = {"time", "frame"}
-    for role in ROLES:
-        columns = named.get(role, [])
-        if role == "id" and len(columns) > 1:  # The number of a row is nobody's.
-            columns = [at for at in columns if _repeats(table, at)]
-        if role in places or (role in clocks and clocks & stated.keys()):
-            continue
-        if len(columns) == 1 or (columns and role in ("vx", "vy", *FLAGS)):
-            places[role] = columns[0]
-    _refuse_missing(table, places, named, in_picture)
-    points = [role for role in (*ROLES[:5], *BOX) if role in places]
+    others = _other_roles(columns, stated)
+    for role in (*CLOCKS, "id", *POINT, *BOX):
+        if role not in others and len(columns.get(role, ())) == 1:
+            places[role] = columns[role][0]
+    for role in ("vx", "vy"):
+        if role in columns:
+            places[role] = columns[role][0]
+    _refuse_missing(table, places, columns, in_picture)
+    points = [role for role in (*CLOCKS, "id", *POINT, *BOX) if role in places]
     if len({places[role] for role in points}) < len(points):
         raise InputError(
             f"{table.path}: {', '.join(points)} must be {len(points)} columns"
         )
-
-    flags = set[tuple[str, int]]()
-    for role in FLAGS:
-        columns = set(named.get(role, ()))
-        if role in places:
-            columns.add(places[role])
-        flags |= {(role, at) for at in columns}
-    labels = named.get("label", [])
-    recordings = [
-        at for at in named.get("recording", []) if at not in declared.values()
-    ]
-    is_named = not {"x", "y"} & stated.keys()
-    return Schema(
-        places,
-        _units(table, places),
-        flags=tuple(sorted(flags)),
-        labels=() if "label" in stated else tuple(labels),
-        sizes=sizes if is_named and len(sizes) == 2 else (),
-        heights=tuple(named.get("z", ())) if is_named else (),
-        recordings=tuple(recordings),
-        declared=frozenset(stated),
-    )
-
-
-def _units(table: Table, places: Mapping[str, int]) -> dict[str, str]:
-    """The units that names of columns say, by role."""
     units = {}
-    for role in ("time", "x", "y", "left", "vx"):
-        unit = ""
+    for role in ("time", *POINT, "left"):
         if role in places:
-            _, unit = plain_name(table.names[places[role]])
-        if unit:
-            units[role] = unit
-    return units
+            units[role] = plain_name(table.names[places[role]])[1]
+    return Schema(places, columns, units, frozenset(stated))
 
 
-def _named(
+def _columns(
     table: Table, stated: Mapping[str, str], declared: Mapping[str, int]
 ) -> dict[str, list[int]]:
-    """The columns whose names say a role that the user has not stated."""
+    """The columns of each role: the declared one, or all whose names say it."""
+    columns = {role: [at] for role, at in declared.items()}
     taken = {at for role, at in declared.items() if role in ROLES}
-    named = dict[str, list[int]]()
     for at, name in enumerate(table.names):
         role = role_of(name)
-        if role and role not in stated and at not in taken:
-            named.setdefault(role, []).append(at)
-    return named
+        is_extra = role == "recording" and at in declared.values()
+        if role and role not in stated and at not in taken and not is_extra:
+            columns.setdefault(role, []).append(at)
+    ids = columns.get("id", [])
+    if len(ids) > 1:  # The number of a row is nobody's.
+        columns["id"] = [at for at in ids if _repeats(table, at)]
+    return columns
 
 
-def _without_other_positions(
-    named: dict[str, list[int]], stated: Iterable[str]
-) -> dict[str, list[int]]:
-    """The columns without those of boxes, or without x and y, where the others are the positions."""
-    states_points = not {"x", "y"}.isdisjoint(stated)
-    states_boxes = not set(BOX).isdisjoint(stated)
-    others = ()
-    if states_points or (not states_boxes and {"x", "y"} <= named.keys()):
-        others = BOX
-    elif states_boxes or _has_position(named.keys() - {"x", "y"}):
-        others = ("x", "y")
-    return {role: columns for role, columns in named.items() if role not in others}
+def _other_roles(columns: Iterable[str], stated: Iterable[str]) -> set[str]:
+    """Roles of columns that are not read: those of a second clock, and of positions of the other
+    kind, boxes or points."""
+    named, stated = set(columns), set(stated)
+    others = set[str]()
+    if stated.intersection(CLOCKS):
+        others.update(set(CLOCKS) - stated)
+    states_box = not stated.isdisjoint(BOX)
+    if stated.intersection(POINT) or (not states_box and named.issuperset(POINT)):
+        others.update(set(BOX) - stated)
+    elif states_box or _has_position(named - set(POINT)):
+        others.update(POINT)
+    return others
 
 
 def _refuse_missing(
     table: Table,
     places: Mapping[str, int],
-    named: Mapping[str, Sequence[int]],
+    columns: Mapping[str, Sequence[int]],
     in_picture: bool,
 ) -> None:
     """Ask for the clock, the id and the position where they are missing, with what values propose."""
     required = []
-    if not {"time", "frame"} & places.keys():
+    if places.keys().isdisjoint(CLOCKS):
         required.append("time or frame")
-    if "id" not in places:
-        required.append("id")
+    required += {"id"} - places.keys()
     if not _has_position(places):
-        required += [role for role in ("x", "y") if role not in places]
+        required += [role for role in POINT if role not in places]
     if not required:
         return
     if len(table.names) < 3:
@@ -510,8 +442,8 @@ def _refuse_missing(
         )
 
     # Of columns with one role each is tried; their values are compared by who asks.
-    unclear = [role for role in ("time", "frame", "id", "x", "y") if role not in places]
-    choices = [named.get(role, [None]) for role in unclear]
+    unclear = [role for role in (*CLOCKS, "id", *POINT) if role not in places]
+    choices = [columns.get(role) or [None] for role in unclear]
     answers = {}
     for choice in itertools.islice(itertools.product(*choices), 16):
         guess = dict(places)
@@ -542,18 +474,19 @@ def _written(table: Table, places: Mapping[str, int]) -> tuple[str, ...]:
 def _place(table: Table, key: str, name: str) -> int:
     """The column with this number from 1, or this name."""
     names = list(table.names)
-    count = 0 if name.isdecimal() else names.count(name)
-    if count == 1:
-        return names.index(name)
-    if count:
+    if name.isdecimal() and 1 <= int(name[:9]) <= len(names):
+        return int(name) - 1
+    count = names.count(name)
+    if count > 1:
         raise InputError(
             f"{table.path}: {key}={name}: {count} columns are called so; say a number"
         )
-    if name.isdecimal() and 1 <= int(name[:9]) <= len(names):
-        return int(name) - 1
-    raise InputError(
-        f"{table.path}: no column {name[:40]!r}: which column is {key}? There are {_shown(table)}"
-    )
+    if not count or name.isdecimal():
+        raise InputError(
+            f"{table.path}: no column {name[:40]!r}: which column is {key}? There are "
+            f"{_shown(table)}"
+        )
+    return names.index(name)
 
 
 def _shown(table: Table) -> str:
@@ -593,7 +526,7 @@ def read_homography(text: str | Path) -> np.ndarray:
         raise InputError(
             f"{text}: the order of a homography is row-column or column-row"
         )
-    fields = read_text_file(Path(name)).replace(",", " ").replace(";", " ").split()
+    fields = re.split(r"[\s,;]+", read_text_file(Path(name)).strip())
     try:
         matrix = np.array(fields, float).reshape(3, 3)
         if not np.isfinite(np.linalg.inv(matrix)).all():
@@ -628,42 +561,39 @@ def outside(matrix: np.ndarray, points: np.ndarray, width: int, height: int) -> 
 
 
 def positions_of(
-    table: Table, schema: Schema, options: ReadOptions, unit: str | None
+    table: Table, schema: Schema, options: ReadOptions, facts: Facts
 ) -> tuple[Table, np.ndarray, np.ndarray]:
     """The rows with a position, [R, 2] metres, and [R, 2] in the file's unit.
 
-    `unit` is what the file says of itself.
+    `facts` are what the file says of itself.
 
     Raises:
         InputError: where no row has one, or their unit is not known or said twice.
     """
     table, raw = _points_of(table, schema, options)
     stated = options.unit_of(table.path.stem)
-    if stated and unit and abs(metres_in(stated) / metres_in(unit) - 1) > 1e-6:
-        user = option("unit", stated)
-        if "scale" not in options.allow:
-            raise InputError(
-                f"{table.path}: the file says that coordinates are {unit}, {user}: which is "
-                f"right? ({option('allow', ('scale',))} takes the option)"
-            )
-        table = table.warned(f"allowed scale: the file says {unit}, {user}")
-    if schema.in_degrees:
+    unit, witness = facts.get("unit", ("", ""))
+    if unit and not stated:
+        table = table.noted(f"coordinates in {unit} ({witness})")
+    elif unit and not math.isclose(metres_in(stated), metres_in(unit)):
+        line = f"the file says that coordinates are {unit}, {option('unit', stated)}"
+        table = table.warned(options.allowed(table.path, "scale", line))
+    if schema.units.get("x") == DEGREES:
         return _local_metres(table, raw, options)
-    has_scale = stated or unit or options.homography
-    if schema.in_picture and not has_scale:
+    if schema.in_picture and not (stated or unit or options.homography):
         raise Unsaid(
             f"{table.path}: positions are pixels of a picture: say what they are in metres, by "
             f"{option('homography', 'FILE')} or metres of a pixel, {option('unit', '0.032')}"
         )
+    position = raw
     if options.homography:
         position = project(read_homography(options.homography), raw)
         table.refuse(
             np.isnan(position).any(axis=1),
             lambda at: f"{raw[at]} lies beyond the homography's horizon",
         )
-        position = position * metres_in(stated or "m")
-    else:
-        position = raw * metres_in(stated or unit or "m")
+        unit = ""
+    position = position * metres_in(stated or unit or "m")
     # Rows of pictures count downward; a homography turns them itself.
     is_turned = schema.in_picture and not options.homography
     if options.flip_y or is_turned:
@@ -678,7 +608,7 @@ def _points_of(
 ) -> tuple[Table, np.ndarray]:
     """The rows with a position, and [R, 2] points, or middles of the lower edges of boxes."""
     _refuse_other_points(table, schema, options)
-    roles = [role for role in ("x", "y", *BOX) if role in schema.places]
+    roles = [role for role in (*POINT, *BOX) if role in schema.places]
     values = table.numbers(*(schema.places[role] for role in roles), missing=True)
     values[values == options.missing] = np.nan
     is_seen: Any = ~np.isnan(values).any(axis=1)
@@ -687,10 +617,9 @@ def _points_of(
     table = table.take(is_seen, "without a position")
     column = dict(zip(roles, values[is_seen].T))
     if "x" in column:
-        y = column["y"]
         if "height" in column:  # Of a box, x and y are the middle.
-            y = y + column["height"] / 2
-        return table, np.column_stack([column["x"], y])
+            column["y"] += column["height"] / 2
+        return table, np.column_stack([column["x"], column["y"]])
 
     left, top = column["left"], column["top"]
     right = column["right"] if "right" in column else left + column["width"]
@@ -704,26 +633,26 @@ def _points_of(
 
 def _refuse_other_points(table: Table, schema: Schema, options: ReadOptions) -> None:
     """Ask whether x and y are of a box in a picture, and whether y is a height."""
-    if "x" not in schema.places:
+    if "x" not in schema.places or not schema.declared.isdisjoint(POINT):
         return
-    x, y = (column_name(table, schema.places[role]) for role in "xy")
+    points = [schema.places[role] for role in POINT]
+    x, y = (column_name(table, at) for at in points)
+    sizes = [role for role in ("width", "height") if role in schema.columns]
     is_scaled = (options.unit or "m") not in METRES or options.homography
-    if schema.sizes and (is_scaled or schema.in_picture):
-        width, height = (column_name(table, at) for at in schema.sizes)
-        size = (f"width={width}", f"height={height}")
+    if len(sizes) == 2 and (is_scaled or schema.in_picture):
+        names = [column_name(table, schema.columns[role][0]) for role in sizes]
+        size = [f"{role}={name}" for role, name in zip(sizes, names)]
         raise Question(
-            f"{table.path}: {x}, {y}, {width} and {height} are of a box",
+            f"{table.path}: {x}, {y}, {' and '.join(names)} are of a box",
             {
                 (f"left={x}", f"top={y}", *size): "where x, y is its upper left corner",
                 (f"x={x}", f"y={y}", *size): "where it is its middle",
             },
         )
-    if len(schema.heights) == 1:
-        columns = schema.places["x"], schema.places["y"], *schema.heights
-        values = table.numbers(*columns, missing=True)
-        spread = np.nanstd(values, axis=0)
+    for at in schema.columns.get("z", ()):
+        spread = np.nanstd(table.numbers(*points, at, missing=True), axis=0)
         if spread[1] < FLAT * min(spread[0], spread[2]):
-            z = column_name(table, schema.heights[0])
+            z = column_name(table, at)
             raise Question(
                 f"{table.path}: {y} hardly varies beside {x} and {z}, as a height does",
                 {(f"x={x}", f"y={z}"): ""},
@@ -742,10 +671,9 @@ def _local_metres(
         raise InputError(
             f"{table.path}: longitudes and latitudes have no {option('unit')} or homography"
         )
-    middle = np.median(degrees, axis=0)
-    scale = EARTH * np.array([np.cos(np.radians(middle[1])), 1.0])
-    position = np.radians(degrees - middle) * scale
-    east, north = middle
+    east, north = np.median(degrees, axis=0)
+    scale = EARTH * np.array([np.cos(np.radians(north)), 1.0])
+    position = np.radians(degrees - [east, north]) * scale
     table = table.noted(f"degrees, as metres east and north of {north:.6f}, {east:.6f}")
     return table, position, position
 
@@ -757,101 +685,78 @@ def _local_metres(
 # named.
 
 _RATE = re.compile(
-    r"\b(frame[\s_-]*rate|fps|frames?[\s_-]*per[\s_-]*second)\b\W*(\d+(?:\.\d+)?)|"
+    r"\b(?:frame[\s_-]*rate|fps|frames?[\s_-]*per[\s_-]*second)\b\W*(\d+(?:\.\d+)?)|"
     r"(\d+(?:\.\d+)?)\s*(?:fps|frames per second)\b",
     re.IGNORECASE,
 )
-_RATE_UNIT = re.compile(
-    r"\b(?:unit|units|coordinates|positions|x|y)\b[^\n]{0,20}?\b(metres?|meters?|m|cm|mm)\b",
-    re.IGNORECASE,
-)
-RATE_NAMES = ("framerate", "fps", "framespersecond")  # plain names of a rate
-ENOUGH = 100  # rows from which velocities are a witness
+_RATE_NAMES = ("framerate", "fps", "framespersecond")  # plain names of a rate
 
 
-def facts_of(table: Table, schema: Schema) -> dict[str, str]:
-    """What is said of `fps` and `unit`, and by whom: `fps_by`, `unit_by`.
+def facts_of(table: Table, schema: Schema) -> Facts:
+    """What is said of the rate and the unit.
 
     Raises:
         InputError: where x and y have two units, or two places two rates.
     """
-    facts = dict[str, str]()
-
-    def add(key: str, value: str, witness: str) -> None:
+    facts = dict[str, tuple[str, str]]()
+    for key, value, witness in _said(table, schema):
+        known, first = facts.setdefault(key, (value, witness))
         number = metres_in if key == "unit" else float
-        if key in facts and number(facts[key]) != number(value):
+        if number(known) != number(value):
             raise InputError(
-                f"{table.path}: {facts[key + '_by']} says {key} {facts[key]}, {witness} {value}: "
-                "which is right?"
+                f"{table.path}: {first} says {key} {known}, {witness} {value}: which is right?"
             )
-        facts.setdefault(key, value)
-        facts.setdefault(f"{key}_by", witness)
-
-    for role in ("x", "y", "left"):
-        unit = schema.units.get(role)
-        if unit and unit not in ("px", DEGREES):
-            add("unit", unit, f"the name {table.names[schema.places[role]]!r}")
-    for key, value in table.facts.items():
-        add(key, value, "the file")
-    for comment in table.comments:
-        comment = re.sub(r"\[[^]]*\d[^]]*\]", "", comment)  # [1/s] is no rate
-        witness = f"the comment {comment[:40]!r}"
-        rate = _RATE.search(comment)
-        if rate:
-            add("fps", rate[2] or rate[3], witness)
-        unit = _RATE_UNIT.search(comment)
-        is_names = len(comment.split()) == len(table.names)
-        if unit and not is_names and "unit" not in facts:
-            add("unit", _plain_unit(unit[1]), witness)
-    for path in _beside(table.path):
-        for key, value in _facts_in(path).items():
-            add(key, value, path.name)
     return facts
 
 
-def _plain_unit(text: str) -> str:
-    """A unit of positions as options write it, else nothing."""
-    _, unit = plain_name(f"x [{text}]")
-    return unit
+def _said(table: Table, schema: Schema) -> Iterator[tuple[str, str, str]]:
+    """Each fact that is said: `fps` or `unit`, its value, and where it stands."""
+    for role in (*POINT, "left"):
+        unit = schema.units.get(role)
+        if unit and unit not in ("px", DEGREES):
+            yield "unit", unit, f"the name {table.names[schema.places[role]]!r}"
+    sources = {"the file": table.facts}
+    for comment in table.comments:
+        rate = _RATE.search(re.sub(r"\[[^]]*\d[^]]*\]", "", comment))  # not of [1/s]
+        if rate:
+            sources[f"the comment {comment[:40]!r}"] = {"fps": rate[1] or rate[2]}
+    for path in _beside(table.path):
+        other = _table_in(path)
+        if path.suffix == ".json":
+            with contextlib.suppress(InputError, AttributeError):
+                sources[path.name] = facts_in(read_json(path, limit=SETTINGS).items())
+        elif other and len(other.row) == 1:
+            sources[path.name] = facts_in(zip(other.names, other.fields[0]))
+    for witness, facts in sources.items():
+        for key, value in facts.items():
+            yield key, value, witness
+
+
+def facts_in(pairs: Iterable[tuple[Any, Any]]) -> dict[str, str]:
+    """The `fps` and `unit` among names and values."""
+    facts = {}
+    for name, value in pairs:
+        word, _ = plain_name(str(name))
+        if word in _RATE_NAMES:
+            with contextlib.suppress(TypeError, ValueError):
+                facts["fps"] = str(float(value))
+        _, unit = plain_name(f"x [{value}]")
+        if word in ("unit", "units") and unit:
+            facts["unit"] = unit
+    return facts
 
 
 def _beside(path: Path) -> list[Path]:
     """Files of metadata beside a table: 00_tracks.csv has 00_tracksMeta.csv, a.csv a_meta.json."""
-    if not path.suffix or not path.parent.is_dir():
-        return []
     stem = path.stem.rpartition("_")[0] or path.stem
-    others = []
-    for other in sorted(path.parent.glob(f"{glob.escape(stem)}*[mM]eta*")):
-        if other != path and other.suffix.lower() in (".csv", ".json"):
-            others.append(other)
-    return others
-
-
-def _facts_in(path: Path) -> dict[str, str]:
-    """A rate and a unit in a file of metadata; nothing where it cannot be read."""
-    fields = {}
-    if path.suffix.lower() == ".json":
-        with contextlib.suppress(InputError):
-            fields = read_json(path, limit=SETTINGS)
-        fields = fields if isinstance(fields, dict) else {}
-    else:
-        table = _table_in(path)
-        if table and len(table.row) == 1:
-            fields = {name: table.column(at)[0] for at, name in enumerate(table.names)}
-    facts = {}
-    for name, value in fields.items():
-        word, _ = plain_name(name)
-        if word in RATE_NAMES:
-            with contextlib.suppress(TypeError, ValueError):
-                facts["fps"] = str(float(value))
-        if word in ("unit", "units") and _plain_unit(value):
-            facts["unit"] = _plain_unit(value)
-    return facts
+    others = sorted(path.parent.glob(f"{glob.escape(stem)}*[mM]eta*"))
+    return [other for other in others if path.suffix and other != path]
 
 
 def _table_in(path: Path) -> Table | None:
-    with contextlib.suppress(InputError):
-        return read_table(path)
+    if path.suffix.lower() == ".csv":
+        with contextlib.suppress(InputError):
+            return read_table(path)
     return None
 
 
@@ -859,11 +764,9 @@ def kinds_beside(table: Table, schema: Schema) -> dict[str, pl.Series]:
     """[R] lower-case kinds of the rows' ids by the name of what says them: a file beside the table,
     if one does."""
     for path in _beside(table.path):
-        other = _table_in(path) if path.suffix.lower() == ".csv" else None
-        if other is None:
-            continue
-        roles = [role_of(name) for name in other.names]
-        if "id" in roles and "label" in roles and not {"x", "y"} & set(roles):
+        other = _table_in(path)
+        roles = list(map(role_of, other.names)) if other else []
+        if other and {"id", "label"} <= set(roles) and not {"x", "y"} & set(roles):
             label = roles.index("label")
             kind = dict(zip(other.column(roles.index("id")), other.words(label)))
             ids = table.column(schema.places["id"])
@@ -876,18 +779,10 @@ def kinds_beside(table: Table, schema: Schema) -> dict[str, pl.Series]:
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 AGREE = 0.15  # share by which witnesses of one rate may differ
+MEAN_OF_FIVE = (0.125, 0.25, 0.25, 0.25, 0.125)  # over four steps
 CLOSE = 0.02  # share by which velocities may miss a usual rate
 USUAL_RATES = (2.5, 3.75, 7.5, 12.5, 14.985, 23.976, 29.97, 59.94)
 """Frames a second of recordings that are no whole numbers."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Witness:
-    """Who says a rate, and how many frames a second."""
-
-    source: str
-    rate: float
-    is_option: bool = False  # the user, whose words need no note
 
 
 def stamps_of(
@@ -898,7 +793,7 @@ def stamps_of(
     ids: np.ndarray,
     part: np.ndarray,
     position: np.ndarray,
-    facts: Mapping[str, str],
+    facts: Facts,
 ) -> tuple[Table, np.ndarray]:
     """The table with notes on its clock, and [R] seconds, as the witnesses of its rate agree.
 
@@ -916,73 +811,64 @@ def stamps_of(
         InputError: for witnesses that contradict each other, or a clock that none
             decides.
     """
-    unit = facts.get("unit")
-    if unit and options.unit_of(table.path.stem) is None:
-        table = table.noted(f"coordinates in {unit} ({facts['unit_by']})")
     if schema.clock == "time":
         table, stamp = _seconds(table, schema, options)
         if "time" not in schema.declared:
-            _refuse_other_frames(table, schema.places["time"], stamp, part)
+            _refuse_other_frames(table, schema, stamp, part)
         return table, stamp
     if options.time_unit:
         raise InputError(
             f"{table.path}: {option('time_unit')} is of no use: it counts frames"
         )
     frame = table.whole_numbers(schema.places["frame"])
-    witnesses = _stated_rates(table, options, period, facts)
-    if not witnesses:
-        witnesses = _rate_of_velocities(table, schema, ids, frame, position)
-    if not witnesses:
+    stated = _stated_rates(table, options, period)
+    rates = stated | _rate_of_file(table, facts, stated)
+    rates = rates or _rate_of_velocities(table, schema, ids, frame, position)
+    if not rates:
         return _assumed(table, schema, frame, ids, period)
-    table = _agreed(table, witnesses, options)
-    first = witnesses[0]
-    if not first.is_option:
-        table = table.noted(f"{first.rate:g} frames a second ({first.source})")
+    (source, rate), *others = rates.items()
+    for other, value in others:
+        if abs(np.log(value / rate)) > np.log1p(AGREE):
+            line = f"{source} says {rate:g} frames a second, {other} {value:g}"
+            table = table.warned(options.allowed(table.path, "clock", line))
+    if not stated:
+        table = table.noted(f"{rate:g} frames a second ({source})")
     # In this order 10 frames at 25 a second are 0.4 s exactly.
-    return table, frame / (first.rate * period) * period
+    return table, frame / (rate * period) * period
 
 
 def _stated_rates(
-    table: Table, options: ReadOptions, period: float, facts: Mapping[str, str]
-) -> list[Witness]:
-    """The rates that the user and the file say.
-
-    Raises:
-        InputError: where the file says a rate of nothing, and the user none.
-    """
-    witnesses = []
+    table: Table, options: ReadOptions, period: float
+) -> dict[str, float]:
+    """The rates that the user says, by option."""
+    rates = {}
     rate = options.fps_of(table.path.stem)
     if rate:
-        witnesses.append(Witness(option("fps"), rate, is_option=True))
+        rates[option("fps")] = rate
     if options.eth_stride and table.path.stem.startswith("biwi_eth"):
-        rate = options.eth_stride / period
-        witnesses.append(Witness(option("eth_stride"), rate, is_option=True))
-    if "fps" in facts:
-        rate = float(facts["fps"])
-        if 0 < rate < math.inf:
-            witnesses.append(Witness(facts["fps_by"], rate))
-        elif not witnesses:
-            raise InputError(
-                f"{table.path}: {facts['fps_by']} says {facts['fps']} frames a second: "
-                f"say {option('fps', 25)}, or what it is"
-            )
-    return witnesses
+        rates[option("eth_stride")] = options.eth_stride / period
+    return rates
 
 
-def _agreed(table: Table, witnesses: Sequence[Witness], options: ReadOptions) -> Table:
-    """The table, with a warning if its user allows that the witnesses of its rate differ."""
-    first, *others = witnesses
-    for other in others:
-        if abs(np.log(other.rate / first.rate)) <= np.log1p(AGREE):
-            continue
-        line = f"{first.source} says {first.rate:g} frames a second, {other.source} {other.rate:g}"
-        if "clock" not in options.allow:
-            raise InputError(
-                f"{table.path}: {line}: which is right? ({option('fps')}, or "
-                f"{option('allow', ('clock',))} takes the first)"
-            )
-        table = table.warned(f"allowed clock: {line}")
-    return table
+def _rate_of_file(
+    table: Table, facts: Facts, stated: Mapping[str, float]
+) -> dict[str, float]:
+    """The rate that the file says, by what says it.
+
+    Raises:
+        InputError: where it is none, and the user has `stated` none.
+    """
+    if "fps" not in facts:
+        return {}
+    text, witness = facts["fps"]
+    if 0 < float(text) < math.inf:
+        return {witness: float(text)}
+    if stated:
+        return {}
+    raise InputError(
+        f"{table.path}: {witness} says {text} frames a second: say {option('fps', 25)}, or "
+        "what it is"
+    )
 
 
 def _rate_of_velocities(
@@ -991,58 +877,65 @@ def _rate_of_velocities(
     ids: np.ndarray,
     frame: np.ndarray,
     position: np.ndarray,
-) -> list[Witness]:
+) -> dict[str, float]:
     """The rate by which the columns vx, vy fit what people move in four frames, if they do.
 
     Over four rows, so that rounding and noise matter little. `ids`, `frame` are [R],
     `position` is [R, 2].
     """
     if not {"vx", "vy"} <= schema.places.keys():
-        return []
+        return {}
     columns = schema.places["vx"], schema.places["vy"]
     order = np.lexsort((frame, ids))
-    ids, frame, position = ids[order], frame[order], position[order]
-    velocity = np.nan_to_num(table.numbers(*columns, missing=True)[order])
-    same = ids[4:] == ids[:-4]
-    starts = np.flatnonzero(same & (frame[4:] > frame[:-4]))
-    if len(starts) < ENOUGH:
-        return []
-    frames = frame[starts + 4] - frame[starts]
-    moved = (position[starts + 4] - position[starts]) / frames[:, None]
-    weights = np.array([0.125, 0.25, 0.25, 0.25, 0.125])
-    rows = starts + np.arange(5)[:, None]
-    mean = np.einsum("l,lnd->nd", weights, velocity[rows])
-    across = (mean * moved).sum(axis=1)
+    velocity = np.nan_to_num(table.numbers(*columns, missing=True))[order]
+    if len(order) < ENOUGH:
+        return {}
+    frames = frame[order][4:] - frame[order][:-4]
+    same = (ids[order][4:] == ids[order][:-4]) & (frames > 0)
+    moved = (position[order][4:] - position[order][:-4])[same] / frames[same, None]
+    mean = [np.convolve(along, MEAN_OF_FIVE, "valid") for along in velocity.T]
+    velocity = np.column_stack(mean)[same]
+    across = (velocity * moved).sum(axis=1)
     length = (moved**2).sum(axis=1)
-    speed = (mean**2).sum(axis=1)
-    moves = (length > 0.01 * np.median(length)) & (speed > 0) & (length > 0)
-    if not moves.any():
-        return []
+    speed = (velocity**2).sum(axis=1)
+    moves = (speed > 0) & (length > 0)
+    if same.sum() < ENOUGH or not moves.any():
+        return {}
+    moves &= length > 0.01 * np.median(length)
     across, length, speed = across[moves], length[moves], speed[moves]
     # Medians, for velocities are wrong where tracks begin or are exchanged.
     cosine = np.median(across / np.sqrt(length * speed))
     rate = float(np.median(across / length))
     if cosine < 0.9 or not 0.9 < rate < 130:
-        return []
+        return {}
     usual = np.array([round(rate), *USUAL_RATES])
     nearest = float(usual[abs(usual - rate).argmin()])
     if abs(rate / nearest - 1) < CLOSE:
         rate = nearest
     names = ", ".join(table.names[at] for at in columns)
     hint = f"columns {names} alone, which may err by a twentieth: {option('fps')} corrects it"
-    return [Witness(hint, rate)]
+    return {hint: rate}
 
 
 def _assumed(
     table: Table, schema: Schema, frame: np.ndarray, ids: np.ndarray, period: float
 ) -> tuple[Table, np.ndarray]:
-    """[R] seconds of frames whose most common step is taken for `period` seconds."""
+    """[R] seconds of frames whose most common step is taken for `period` seconds.
+
+    Raises:
+        InputError: where that step is unusual, or every frame of a video is there.
+    """
     if schema.in_picture and np.any(np.diff(np.unique(frame)) == 1):
         raise Unsaid(
             f"{table.path}: it has every frame of a video: say how many a second "
             f"({option('fps', 30)})"
         )
-    step = usual_step(table, frame, ids)
+    step = usual_step(frame, ids)
+    if step not in STEPS:
+        raise Unsaid(
+            f"{table.path}: its frames are {step:g} apart, at 25 a second {step / 25:.2f} s: "
+            f"say how many make a second ({option('fps', 25)})"
+        )
     frames = "a frame is" if step == 1 else f"{step:g} frames are"
     table = table.noted(
         f"{frames} taken for {period:g} s, which nothing says: {option('fps')}"
@@ -1050,27 +943,14 @@ def _assumed(
     return table, frame / step * period
 
 
-def usual_step(
-    table: Table, frame: np.ndarray, ids: np.ndarray, any_step: bool = False
-) -> float:
-    """The most common step of people's frames [R].
-
-    Raises:
-        InputError: where that step is unusual, unless `any_step` will do.
-    """
+def usual_step(frame: np.ndarray, ids: np.ndarray) -> float:
+    """The most common step of people's frames [R], else of all; 1 where there is one frame."""
     order = np.lexsort((frame, ids))
-    steps = np.diff(frame[order])
-    same = np.diff(ids[order]) == 0
-    steps = steps[same & (steps > 0)]
+    steps = np.diff(frame[order])[np.diff(ids[order]) == 0]
+    steps = np.append(steps[steps > 0], [])
     if not len(steps):
         steps = np.diff(np.unique(frame))
-    stride = common(steps) if len(steps) else 1.0
-    if not any_step and stride not in STEPS:
-        raise Unsaid(
-            f"{table.path}: its frames are {stride:g} apart, at 25 a second {stride / 25:.2f} s: "
-            f"say how many make a second ({option('fps', 25)})"
-        )
-    return stride
+    return common(steps) if len(steps) else 1.0
 
 
 def _seconds(
@@ -1080,9 +960,9 @@ def _seconds(
     path = table.path
     place = schema.places["time"]
     name = table.names[place]
-    named = schema.units.get("time")
+    named = schema.units["time"]
     unit = options.time_unit
-    if options.fps_of(path.stem) is not None:
+    if options.fps_of(path.stem):
         raise InputError(
             f"{path}: {option('fps')} counts frames, and {name!r} is a time"
         )
@@ -1090,7 +970,7 @@ def _seconds(
         if unit and unit != named:
             stated = option("time_unit", unit)
             raise InputError(f"{path}: the name {name!r} says {named}, {stated}")
-        if unit is None and named != "s":
+        if not unit and named != "s":
             table = table.noted(f"times in {named} (the name {name!r})")
         unit = named
     texts = table.column(place)
@@ -1124,26 +1004,19 @@ def _moments(table: Table, texts: pl.Series) -> np.ndarray:
         moments = texts.str.to_datetime(time_unit="us", time_zone="UTC", strict=False)
         table.refuse(moments.is_null().to_numpy(), wrong)
         return moments.dt.timestamp("us").to_numpy() / 1e6
-    parts = texts.str.extract_groups(_CLOCK).struct.unnest()
-    count, date, hours, minutes, seconds = parts.get_columns()
-    table.refuse(hours.is_null().to_numpy(), wrong)
-    factors = {
-        3600.0: hours,
-        60.0: minutes,
-        1.0: seconds.str.replace(",", "."),
-        DAY: count,
-    }
-    stamp = np.zeros(len(texts))
-    for factor, column in factors.items():
-        stamp += factor * column.cast(pl.Float64).fill_null(0.0).to_numpy()
+    parts = texts.str.replace(",", ".").str.extract_groups(_CLOCK).struct.unnest()
+    table.refuse(parts.to_series(2).is_null().to_numpy(), wrong)
+    days, date, *clock = parts.get_columns()
+    counts = [
+        part.cast(pl.Float64).fill_null(0.0).to_numpy() for part in (days, *clock)
+    ]
+    stamp = np.array([DAY, 3600.0, 60.0, 1.0]) @ counts
     if date.null_count() == 0:
         return stamp + DAY * _days(table, date)
-    if stamp.max() >= DAY:
-        return stamp
     # Of clocks alone, a night without rows in the middle of a day is midnight.
     moments = np.unique(stamp)
-    gaps = np.diff(moments)
-    if len(gaps) and gaps.max() > NIGHT:
+    gaps = np.diff(moments, append=moments[-1])
+    if gaps.max() > NIGHT and stamp.max() < DAY:
         stamp = stamp + DAY * (stamp <= moments[gaps.argmax()])
     return stamp
 
@@ -1155,11 +1028,8 @@ def _days(table: Table, texts: pl.Series) -> np.ndarray:
         days = texts.str.to_date(form, strict=False)
         if not days.null_count():
             readings.append(days.cast(pl.Int32).to_numpy())
-    if not readings:
-        raise InputError(
-            f"{table.path}: {texts[0][:40]!r} is no date: write 2024-05-01"
-        )
-    if any(np.ptp(days) != np.ptp(readings[0]) for days in readings):
+    spans = {np.ptp(days) for days in readings}
+    if len(spans) != 1:
         raise InputError(
             f"{table.path}: {texts[0][:40]!r}: which is the day, which the month? Write 2024-05-01"
         )
@@ -1167,7 +1037,7 @@ def _days(table: Table, texts: pl.Series) -> np.ndarray:
 
 
 def _refuse_other_frames(
-    table: Table, clock: int, stamp: np.ndarray, part: np.ndarray
+    table: Table, schema: Schema, stamp: np.ndarray, part: np.ndarray
 ) -> None:
     """Refuse a column of frames that counts anything but the times [R] of each recording [R]."""
     places = [at for at, name in enumerate(table.names) if role_of(name) == "frame"]
@@ -1177,14 +1047,13 @@ def _refuse_other_frames(
     for number in np.unique(part):
         at = (part == number) & np.isfinite(frame)
         counts, moments = frame[at], stamp[at]
-        first, index = np.unique(counts, return_index=True)
-        if len(first) < 3:
+        if len(np.unique(counts)) < 3:
             continue
-        rate, start = np.polyfit(first - first[0], moments[index], 1)
-        line = start + rate * (counts - first[0])
-        error = np.max(np.abs(moments - line))
+        rate, start = np.polyfit(counts - counts[0], moments, 1)
+        error = np.abs(start + rate * (counts - counts[0]) - moments).max()
         if rate <= 0 or error > 0.1 + 2 * rate + 1e-3 * np.ptp(moments):
-            frames, times = table.names[places[0]], table.names[clock]
+            frames = table.names[places[0]]
+            times = table.names[schema.places["time"]]
             raise Question(
                 f"{table.path}: columns {frames!r} and {times!r} disagree",
                 {

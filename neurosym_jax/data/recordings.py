@@ -26,6 +26,7 @@ from neurosym_jax.data.tables import (
     FORMATS,
     SCALED,
     Format,
+    Question,
     ReadOptions,
     read_head,
 )
@@ -136,65 +137,56 @@ def read_any(
     """
     path = FRAME if is_frame(data) else Path(data)
     with reading(path, "a recording"):
-        return _read_any(data, path, options, frame_period)
+        form = columns.Columns() if is_frame(data) else format_of(path, options)
+        if is_frame(data) and options.format not in (None, "columns"):
+            raise InputError(
+                f"{path}: it is a {form.title}, not {option('format', options.format)}"
+            )
+        refuse_useless(path, form, options)
+
+        def take(answer: tuple[str, ...]) -> list[Tracks]:
+            asked = dataclasses.replace(options, columns=answer)
+            if is_frame(data):
+                return columns.Columns().take(table_of(data), asked, frame_period)
+            is_table = form.uses is not None and "columns" in form.uses
+            reader = form if is_table else columns.Columns()
+            return reader.read(path, asked, frame_period)
+
+        try:
+            if is_frame(data):
+                recordings = take(options.columns)
+            else:
+                recordings = form.in_metres(path, options, frame_period)
+        except Question as question:
+            raise columns.answered(question, options.columns, take) from None
+        return [_judged(data, path, form, tracks, options) for tracks in recordings]
 
 
-def _read_any(
-    data: Any, path: Path, options: ReadOptions, frame_period: float
-) -> list[Tracks]:
-    """See `read_any`, whose door stands around this."""
-    form = columns.Columns() if is_frame(data) else format_of(path, options)
-    if is_frame(data) and options.format not in (None, "columns"):
-        raise InputError(
-            f"{path}: it is a {form.title}, not {option('format', options.format)}"
-        )
-    refuse_useless(path, form, options)
-    if isinstance(form, columns.Columns) and is_frame(data):
-        recordings = form.take(table_of(data), options, frame_period)
-    else:
-        recordings = form.in_metres(path, options, frame_period)
+def _judged(
+    data: Any, path: Path, form: Format, tracks: Tracks, options: ReadOptions
+) -> Tracks:
+    """Tracks with their `reading`, after what they say of themselves."""
+    report = tracks.reading or Reading(
+        tracks.recording, printable(str(path)), rows=len(tracks.id)
+    )
+    lines = (*report.warnings, *_unnamed(path, options))
+    for guard, refused, line in judge(tracks):
+        lines += (options.allowed(path, guard, line) if refused else line,)
+    for line in lines:
+        warnings.warn(f"{path}: {line}", InputWarning, stacklevel=4)
+    file = None if is_frame(data) else report.file
     name = FORMATS.name_of(form)
-    judged = []
-    for tracks in recordings:
-        report = tracks.reading or Reading(
-            tracks.recording, printable(str(path)), rows=len(tracks.id)
-        )
-        lines = (
-            *report.warnings,
-            *_unnamed(path, options),
-            *_allowed(path, tracks, options),
-        )
-        for line in lines:
-            warnings.warn(f"{path}: {line}", InputWarning, stacklevel=3)
-        file = None if is_frame(data) else report.file
-        report = dataclasses.replace(report, file=file, format=name, warnings=lines)
-        judged.append(dataclasses.replace(tracks, reading=report))
-    return judged
+    report = dataclasses.replace(report, file=file, format=name, warnings=lines)
+    return dataclasses.replace(tracks, reading=report)
 
 
 def _unnamed(path: Path, options: ReadOptions) -> Iterator[str]:
     """A line for each option that has values of other recordings alone."""
     recording = printable(path.stem)
-    if options.unit and options.unit_of(path.stem) is None:
+    if options.unit and not options.unit_of(path.stem):
         yield f"{option('unit', options.unit)} does not name {recording}"
-    if options.fps and options.fps_of(path.stem) is None:
+    if options.fps and not options.fps_of(path.stem):
         yield f"{option('fps', options.fps)} does not name {recording}"
-
-
-def _allowed(path: Path, tracks: Tracks, options: ReadOptions) -> Iterator[str]:
-    """A line for each doubt of a recording.
-
-    Raises:
-        InputError: for one that refuses it, unless its guard is waived.
-    """
-    for guard, refused, line in judge(tracks):
-        if not refused:
-            yield line
-            continue
-        if guard not in options.allow:
-            waive = option("allow", (guard,))
-            raise InputError(f"{path}: {line} (where it is true all the same: {waive})")
-        yield f"allowed {guard}: {line}"
 
 
 def refuse_useless(path: Path, form: Format, options: ReadOptions) -> None:
@@ -247,9 +239,11 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     paths = files_in(folder)
     if options.columns or options.format:
         return paths
-    tables = [path for path in paths if isinstance(format_of(path), columns.Columns)]
     others = {}
-    for path in tables:
+    for path in paths:
+        form = format_of(path)
+        if isinstance(form, columns.Layout) or not isinstance(form, columns.Columns):
+            continue
         if not _names_tracks(path):
             others[path] = "it has no columns of tracks"
         elif _has_no_people(path, options):

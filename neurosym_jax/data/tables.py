@@ -130,14 +130,25 @@ class ReadOptions:
         for part in (self.unit or "m").split(","):
             _refuse_unit(part.rpartition("=")[2])
 
-    def unit_of(self, recording: str) -> str | None:
-        """The unit that was given for a file's recordings, by the file's name without ending."""
-        return _value_of(self.unit or "", recording)
+    def unit_of(self, recording: str) -> str:
+        """The unit that was given for a file's recordings, by the file's name without ending; else
+        nothing."""
+        return _value_of(self.unit, recording)
 
-    def fps_of(self, recording: str) -> float | None:
-        """The frames per second that were given for a file's recordings, as `unit_of`."""
-        rate = _value_of(str(self.fps or ""), recording)
-        return None if rate is None else float(rate)
+    def fps_of(self, recording: str) -> float:
+        """The frames per second that were given for a file's recordings, as `unit_of`; else 0."""
+        return float(_value_of(self.fps, recording) or 0)
+
+    def allowed(self, path: Path, guard: str, line: str) -> str:
+        """The warning of a guard that is waived.
+
+        Raises:
+            InputError: with `line`, where it is not.
+        """
+        if guard not in self.allow:
+            waive = option("allow", (guard,))
+            raise InputError(f"{path}: {line} (to read it all the same: {waive})")
+        return f"allowed {guard}: {line}"
 
 
 def _refuse_unit(unit: str) -> None:
@@ -151,13 +162,13 @@ def _refuse_unit(unit: str) -> None:
         )
 
 
-def _value_of(text: str, recording: str) -> str | None:
-    """The value of a recording in `VALUE` or `RECORDING=VALUE,...`."""
+def _value_of(option: str | float | None, recording: str) -> str:
+    """The value of a recording in `VALUE` or `RECORDING=VALUE,...`; else nothing."""
     values = {}
-    for part in text.split(","):
+    for part in str(option or "").split(","):
         name, _, value = part.rpartition("=")
         values[name] = value
-    return values.get(recording) or values.get("") or None
+    return values.get(recording) or values.get("", "")
 
 
 def metres_in(unit: str) -> float:

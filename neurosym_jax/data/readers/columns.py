@@ -1,6 +1,5 @@
 """Readers of tables: by their columns, and of layouts that have no names of columns."""
 
-import dataclasses
 from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -9,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.data.columns import (
-    FLAGS,
+    ROLES,
     Schema,
     column_name,
     facts_of,
@@ -17,7 +16,6 @@ from neurosym_jax.data.columns import (
     names_in_comments,
     parse_columns,
     positions_of,
-    role_of,
     schema_of,
     stamps_of,
     vocabulary,
@@ -49,7 +47,6 @@ __all__ = [
     "Stanford",
     "Text",
     "answered",
-    "recordings_of",
 ]
 
 
@@ -72,7 +69,7 @@ class NoPeople(InputError):
     """All rows of a table are of vehicles, robots or animals."""
 
 
-YES, NO = ("true", "yes", "t", "y"), ("false", "no", "f", "n")
+LOOKED_AT = 50  # columns whose words are looked at
 MANY_KINDS = 10  # of which there may be as many as people
 SHARED = 3  # rows at one place that may stand for none
 LEAP = 5  # usual steps that people leap there and back
@@ -90,6 +87,8 @@ class Columns(Format):
 
     title = "table with named columns"
     uses = OF_A_TABLE
+    decimals: ClassVar[int | None] = None  # to which positions are rounded
+    people: ClassVar[tuple[str, ...]] = ()  # kinds that are kept if no option says
 
     def knows(self, head: Head) -> bool:
         """Names in a header or a comment, a column of texts, or more than four columns."""
@@ -103,31 +102,55 @@ class Columns(Format):
 
         Raises:
             InputError: naming file, row and reason.
+            Question: for columns that are missing or may mean another thing.
         """
-        _, has_header = parse_columns(options.columns)
+        header = parse_columns(options.columns).get("header")
+        has_header = None if header is None else header == "yes"
         return self.take(read_table(path, has_header=has_header), options, period)
 
     def take(self, table: Table, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in a table that was read.
+        """The recordings in a table that was read: people at positions in metres, on its clock.
 
         Raises:
-            InputError: as `read`; a question has the answers that read the table.
+            InputError: as `read`.
         """
+        stated = parse_columns(options.columns)
         table = tidy(table)
+        if stated.get("id") == "none":  # The whole table is one person.
+            table = table.with_column("none", pl.Series([["0"]]))
+        schema = schema_of(table, stated, options.homography is not None)
+        places = schema.places
+        table = _people(_seen(table, schema), schema, options.keep or self.people)
+        table = _with_ids(table, places["id"])
+        facts = facts_of(table, schema)
+        table, position, raw = positions_of(table, schema, options, facts)
+        if self.decimals is not None:
+            position = np.round(position, self.decimals)
 
-        def take(columns: Iterable[str]) -> list[Tracks]:
-            stated, _ = parse_columns(columns)
-            stated.pop("table", "")  # It was chosen where there are several.
-            rows = table
-            if stated.get("id") == "none":  # The whole table is one person.
-                rows = table.with_column("none", pl.Series([["0"]]))
-            schema = schema_of(rows, stated, options.homography is not None)
-            return recordings_of(rows, schema, options, period)
+        is_shared = shared_places(table, schema, position)
+        if is_shared.any():
+            shared = ", ".join(map(str, np.unique(raw[is_shared], axis=0).tolist()))
+            hint = f"at {shared}, which people share: no position ({option('missing')})"
+            table = table.take(~is_shared, hint)
+            position, raw = position[~is_shared], raw[~is_shared]
 
-        try:
-            return take(options.columns)
-        except Question as question:
-            raise answered(question, options.columns, take) from None
+        ids, texts = table.ids(places["id"])
+        names, part = _parts(table, schema)
+        table, stamp = stamps_of(table, schema, options, period, ids, part, raw, facts)
+        if len(names) > 1:
+            table = _warned_of_cameras(table, schema, ids, stamp, part, position)
+        others = set(range(len(table.names))) - schema.used
+        return table.tracks(
+            stamp,
+            ids,
+            position,
+            {name: table.extra(at) for name, at in schema.extras.items()},
+            parts=(names, part),
+            clock=places["frame"] if schema.clock == "frame" else None,
+            columns=[f"{role}={column_name(table, at)}" for role, at in places.items()],
+            unused=[column_name(table, at) for at in sorted(others)],
+            people=texts,
+        )
 
 
 def _is_whole(values: np.ndarray) -> np.ndarray:
@@ -164,17 +187,12 @@ FITS: dict[str, Callable[[np.ndarray], Any]] = {
 """By role, without its number, what its values [R] are: [R] or [] bool."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Layout(Format):
+class Layout(Columns):
     """A table without a header that is known by its numbers."""
 
     uses = frozenset({"unit", "fps", "keep", "homography", "flip_y", "missing"})
     layout: ClassVar[tuple[str, ...]] = ()
     """What each column is: a role, or another name, which is not read."""
-    decimals: ClassVar[int | None] = None  # to which positions are rounded
-    people: ClassVar[
-        tuple[str, ...]
-    ] = ()  # kinds that are kept, where the column has numbers
 
     def knows(self, head: Head) -> bool:
         """Whether the first rows fit every role."""
@@ -195,21 +213,8 @@ class Layout(Format):
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in a file."""
         table = read_table(path, self.layout)
-
-        def take(columns: Iterable[str]) -> list[Tracks]:
-            stated = dataclasses.replace(options, columns=tuple(columns))
-            return Columns().read(path, stated, period)
-
-        try:
-            self.check(table)
-        except Question as question:
-            raise answered(question, (), take) from None
-        places = {
-            role: at for at, role in enumerate(self.layout) if role_of(role) == role
-        }
-        flags = tuple((role, places[role]) for role in FLAGS if role in places)
-        schema = Schema(places, flags=flags, declared=frozenset(places))
-        return recordings_of(table, schema, options, period, self.decimals, self.people)
+        self.check(table)
+        return self.take(table, options, period)
 
     def check(self, table: Table) -> None:
         """Refuse what is no such table after all."""
@@ -218,46 +223,36 @@ class Layout(Format):
 def answered(
     question: Question,
     stated: Iterable[str],
-    take: Callable[[Iterable[str]], list[Tracks]],
+    take: Callable[[tuple[str, ...]], list[Tracks]],
 ) -> InputError:
     """The question with those of its answers that read the table, and which people least belie.
 
     `take` reads the table by columns; `stated` are those that the user said.
     """
-    doubts = dict[tuple[str, ...], int]()
-    columns = dict[tuple[str, ...], tuple[str, ...]]()
-    previews = []
-    stated_pairs = _pairs(stated)
-    for answer in question.answers:
-        columns[answer] = tuple((stated_pairs | _pairs(answer)).values())
+    tried = []
+    for answer, case in question.answers.items():
+        pairs = {pair.partition("=")[0]: pair for pair in (*stated, *answer)}
+        columns = tuple(pairs.values())
+        text = f"{option('columns', columns)} {case}".strip()
         try:
-            recordings = take(columns[answer])
-            doubts[answer] = sum(map(doubts_of, recordings))
-            previews.append(_preview(recordings[0]))
+            recordings = take(columns)
+            doubts = sum(map(doubts_of, recordings))
+            tried.append((doubts, text, _preview(recordings[0])))
         except Unsaid:  # Of what another option says, no more can be known.
-            doubts[answer] = 0
+            tried.append((0, text, ""))
         except InputError:
             continue
-    if not doubts:
+    if not tried:
         example = option("columns", ("time=..", "id=..", "x=..", "y=.."))
         return InputError(
             f"{question}: none that reads it was found ({example} names them)"
         )
-    fewest = min(doubts.values())
-    texts = []
-    for answer, count in doubts.items():
-        if count == fewest:
-            text = f"{option('columns', columns[answer])} {question.answers[answer]}"
-            texts.append(text.strip())
+    fewest, _, preview = min(tried)
+    texts = [text for doubts, text, _ in tried if doubts == fewest]
     error = InputError(f"{question}: say {', or '.join(texts)}")
-    if len(texts) == 1 and previews:
-        error.add_note(previews[0])
+    if len(texts) == 1 and preview:
+        error.add_note(preview)
     return error
-
-
-def _pairs(columns: Iterable[str]) -> dict[str, str]:
-    """The pairs ROLE=COLUMN by their roles."""
-    return {pair.partition("=")[0]: pair for pair in columns}
 
 
 def _preview(tracks: Tracks) -> str:
@@ -268,105 +263,48 @@ def _preview(tracks: Tracks) -> str:
     return "\n".join(lines)
 
 
-def recordings_of(
-    table: Table,
-    schema: Schema,
-    options: ReadOptions,
-    period: float,
-    decimals: int | None = None,
-    people: Sequence[str] = (),
-) -> list[Tracks]:
-    """The recordings in a table: people at positions in metres, on the clock that it says.
-
-    Positions are rounded to `decimals`; `people` are kinds of people where `options`
-    say nothing.
-
-    Raises:
-        InputError: naming file, row and reason.
-        Question: for columns that may mean another thing.
-    """
-    places = schema.places
-    table = _people(_seen(table, schema), schema, options.keep or people)
-    table = _with_ids(table, places["id"])
-    facts = facts_of(table, schema)
-    table, position, raw = positions_of(table, schema, options, facts.get("unit"))
-    if decimals is not None:
-        position = np.round(position, decimals)
-    ids, texts = table.ids(places["id"])
-    names, part = _parts(table, schema)
-    table, stamp = stamps_of(table, schema, options, period, ids, part, raw, facts)
-
-    is_shared = shared_places(ids, stamp, position)
-    if is_shared.any():
-        places_shared = np.unique(raw[is_shared], axis=0).tolist()
-        values = ", ".join(map(str, places_shared))
-        hint = f"at {values}, which people share: no position ({option('missing')})"
-        table = table.take(~is_shared, hint)
-        ids, stamp, part = ids[~is_shared], stamp[~is_shared], part[~is_shared]
-        position = position[~is_shared]
-    if schema.recordings:
-        table = _warned_of_cameras(table, schema, ids, stamp, part, position)
-    used = {*places.values(), *schema.labels, *schema.recordings}
-    used |= {at for _, at in schema.flags}
-    others = [at for at in range(len(table.names)) if at not in used]
-    return table.tracks(
-        stamp,
-        ids,
-        position,
-        {name: table.extra(at) for name, at in schema.extras.items()},
-        parts=(names, part),
-        clock=places["frame"] if schema.clock == "frame" else None,
-        columns=[f"{role}={column_name(table, at)}" for role, at in places.items()],
-        unused=[column_name(table, at) for at in others],
-        people=texts,
-    )
-
-
 def _parts(table: Table, schema: Schema) -> tuple[list[str], np.ndarray]:
     """The names of recordings, and [R] the index of each row's."""
     stem = table.path.stem
-    columns = map(table.column, schema.recordings)
-    keys = ["_".join(row) for row in zip(*columns)]
-    if len(set(keys)) < 2:
-        return [printable(stem)], np.zeros(len(table.row), int)
-    kinds, part = np.unique(keys, return_inverse=True)
-    return [printable(f"{stem}_{kind}"[:200]) for kind in kinds], part
+    keys = pl.Series([""] * len(table.row))
+    for at in schema.columns.get("recording", ()):
+        keys = keys + "_" + table.column(at)
+    kinds, part = np.unique(keys.to_numpy(), return_inverse=True)
+    if len(kinds) == 1:
+        return [printable(stem)], part
+    return [printable(f"{stem}{kind}"[:200]) for kind in kinds], part
 
 
-def shared_places(
-    ids: np.ndarray, stamp: np.ndarray, position: np.ndarray
-) -> np.ndarray:
+def shared_places(table: Table, schema: Schema, position: np.ndarray) -> np.ndarray:
     """[R] bool: rows at a place that stands for none, as 0, 0 or -9999, -9999.
 
     People share it, or both its numbers are one of `NOWHERE`; rows of a person repeat
     it; and people leap there and back, so that a door or a seat is none.
     """
-    is_shared = np.zeros(len(ids), bool)
+    ids = table.column(schema.places["id"]).rank("dense").to_numpy()
+    moment = table.extra(schema.places[schema.clock])
     places, place, counts = np.unique(
         position, axis=0, return_inverse=True, return_counts=True
     )
     place = place.ravel()
     visits = np.unique(np.column_stack([place, ids]), axis=0)
-    people = np.bincount(visits[:, 0], minlength=len(places))
+    people = np.bincount(visits[:, 0])
     x, y = places.T
     is_nowhere = (x == y) & np.isin(x, NOWHERE)
     candidates = np.flatnonzero((counts >= SHARED) & ((people > 1) | is_nowhere))
 
-    order = np.lexsort((stamp, ids))
+    order = np.lexsort((moment, ids))
     same = np.diff(ids[order]) == 0
-    move = np.diff(position[order], axis=0)
-    length = np.linalg.norm(move, axis=1)
+    length = np.linalg.norm(np.diff(position[order], axis=0), axis=1)
+    is_shared = np.zeros(len(ids), bool)
     # The most frequent are enough: a recording has one or two such values.
-    frequent = candidates[np.argsort(-counts[candidates])]
-    for number in frequent[:5]:
+    for number in candidates[np.argsort(-counts[candidates])][:5]:
         is_there = place[order] == number
         goes = is_there[1:] != is_there[:-1]
         walks = ~is_there[1:] & ~is_there[:-1]
         leaps = length[same & goes]
         steps = length[same & walks & (length > 0)]
-        if not len(leaps) or not len(steps):
-            continue
-        if np.median(leaps) > LEAP * np.median(steps):
+        if len(leaps) and len(steps) and np.median(leaps) > LEAP * np.median(steps):
             is_shared |= place == number
     return is_shared
 
@@ -388,7 +326,7 @@ def _warned_of_cameras(
     length = np.linalg.norm(moves, axis=1)
     if not len(length) or np.median(length) >= 1:
         return table
-    column = column_name(table, schema.recordings[0])
+    column = column_name(table, schema.columns["recording"][0])
     unsplit = option("columns", (f"part={column}",))
     return table.warned(
         f"{len(length)} times a person goes on in another recording: is it one that a column "
@@ -413,26 +351,28 @@ def _with_ids(table: Table, at: int) -> Table:
 def _seen(table: Table, schema: Schema) -> Table:
     """The rows that no flag calls lost, invalid or without confidence."""
     words = vocabulary()
-    flags = dict.fromkeys(schema.flags)
-    used = {*schema.places.values(), *schema.recordings, *schema.labels}
-    for at in range(min(len(table.names), 50)):
+    flags = list(schema.flags)
+    for at in sorted(set(range(min(len(table.names), LOOKED_AT))) - schema.used):
         # A column of such words alone is a flag, whatever its name.
         texts = table.words(at)
         is_unseen = texts.is_in(words["unseen"])
-        is_state = (is_unseen | texts.is_in(words["seen"])).all()
-        if at not in used and is_state and is_unseen.any():
-            flags["state", at] = None
+        if is_unseen.any() and (is_unseen | texts.is_in(words["seen"])).all():
+            flags.append(("state", at))
     for role, at in flags:
         is_seen = _is_seen(table, role, at)
         name = table.names[at][:30]
         if not is_seen.any():
             raise InputError(f"{table.path}: column {name!r} leaves no row")
-        if table.names[at].isdecimal():
+        if name.isdecimal():
             name = role
-        values = table.column(at).filter(~is_seen).unique(maintain_order=True)
-        values = [value[:20] or "nothing" for value in values.head(3)]
-        table = table.take(is_seen, f"with {name} {printable(', '.join(values))}")
+        table = table.take(is_seen, f"with {name} {_some(table.column(at), ~is_seen)}")
     return table
+
+
+def _some(texts: pl.Series, chosen: Any) -> str:
+    """The first of the `chosen` texts, for a message."""
+    unique = texts.filter(chosen).unique(maintain_order=True).head(6)
+    return printable(", ".join(text[:30] or "nothing" for text in unique))
 
 
 def _is_seen(table: Table, role: str, at: int) -> np.ndarray:
@@ -441,32 +381,29 @@ def _is_seen(table: Table, role: str, at: int) -> np.ndarray:
     Raises:
         InputError: for a word or number whose meaning is not known.
     """
-    words = vocabulary()
     texts = table.words(at)
-    numbers = texts.cast(pl.Float64, strict=False)
+    kinds = ("seen", "unseen", "yes", "no")
+    seen, unseen, yes, no = (texts.is_in(vocabulary()[kind]) for kind in kinds)
+    no |= absent(texts)
+    number = texts.cast(pl.Float64, strict=False)
     if role == "confidence":
-        if (numbers < 0).fill_null(False).all():
-            return np.ones(len(texts), bool)  # -1 everywhere: unknown
-        return (numbers > 0).fill_null(texts.is_in(YES)).to_numpy()
-    seen = texts.is_in(words["seen"])
-    unseen = texts.is_in(words["unseen"])
-    yes = texts.is_in(YES) | (numbers == 1).fill_null(False)
-    no = texts.is_in(NO) | absent(texts) | (numbers == 0).fill_null(False)
-    if role == "lost":
-        seen = seen | no
-        unseen = unseen | yes
+        is_unknown = (number < 0).fill_null(False).all()  # -1 everywhere
+        yes |= (number > 0).fill_null(False) | is_unknown
+        no = ~yes
     elif role == "valid":
-        share = (numbers > 0) & (numbers < 1)
-        seen = seen | yes | share.fill_null(False)
-        unseen = unseen | no
-    others = texts.filter(~(seen | unseen)).unique(maintain_order=True).head(4)
-    if len(others):
+        yes |= number.is_between(0, 1, closed="none").fill_null(False)
+    elif role == "lost":
+        yes, no = no, yes
+    if role != "state":
+        seen, unseen = seen | yes, unseen | no
+    if not (seen | unseen).all():
         column = column_name(table, at)
         kinds = option("columns", (f"label={column}",))
         no_flag = option("columns", (f"{role}=none",))
         raise Unsaid(
-            f"{table.path}: column {column!r} has {printable(', '.join(others))}: which rows are "
-            f"positions? {kinds} with {option('keep')} and its words says it, {no_flag} takes all"
+            f"{table.path}: column {column!r} has {_some(texts, ~(seen | unseen))}: which rows "
+            f"are positions? {kinds} with {option('keep')} and its words says it, {no_flag} "
+            "takes all"
         )
     return seen.to_numpy()
 
@@ -478,63 +415,57 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
     columns (there may be millions) whose texts say so; numbers, and kinds in a file
     beside, count only where no texts do, and names of rows or of people are no kinds.
     """
-    people = vocabulary()["people"]
-    others = vocabulary()["others"]
+    people, others = vocabulary()["people"], vocabulary()["others"]
     kinds = [kind.lower() for kind in keep]
-    if "label" in schema.declared:
-        columns = {schema.places["label"]: table.words(schema.places["label"])}
-    else:
-        columns = _kinds(table, schema, people | others | set(kinds))
-    columns = {table.names[at][:30]: texts for at, texts in columns.items()}
-    if not columns:
-        columns = kinds_beside(table, schema)
+    columns = _kinds(table, schema, people | others | set(kinds))
+    columns = columns or kinds_beside(table, schema)
     if keep and not columns:
         raise InputError(
             f"{table.path}: {option('keep')}: no column is a label, class, type or category"
         )
     in_words = {}
     for name, texts in columns.items():
-        if _are_words(texts) or texts.is_in(kinds).any():
+        is_number = texts.cast(pl.Float64, strict=False).is_not_null()
+        if not is_number.all() or texts.is_in(kinds).any():
             in_words[name] = texts
     is_person = np.ones(len(table.row), bool)
+    reasons = []
     for name, texts in (in_words or columns).items():
         mask = texts.is_in(kinds or people).to_numpy()
-        left = texts.filter(~mask).unique(maintain_order=True).head(6)
-        left = printable(", ".join(kind[:30] or "nothing" for kind in left))
+        left = _some(texts, ~mask)
         if not mask.any():
-            column = f"{table.path}: column {name!r} has {left}"
-            hint = f"say with {option('keep')} which are people"
+            error = Unsaid
             if not keep and texts.is_in(others).all():
-                raise NoPeople(f"{column} alone: {hint}")
-            raise Unsaid(f"{column}: {hint}")
-        mask = mask[is_person]
-        hint = f"({option('keep')} says who is kept)"
-        table = table.take(mask, f"with {name} {left} {hint}")
-        is_person[is_person] = mask
-    return table
-
-
-def _are_words(texts: pl.Series) -> bool:
-    """Whether one of the texts is no number."""
-    return texts.cast(pl.Float64, strict=False).null_count() > 0
+                error, left = NoPeople, f"{left} alone"
+            raise error(
+                f"{table.path}: column {name!r} has {left}: say with {option('keep')} which are "
+                "people"
+            )
+        if not mask.all():
+            reasons.append(f"{name} {left}")
+        is_person &= mask
+    hint = f"with {', '.join(reasons)} ({option('keep')} says who is kept)"
+    return table.take(is_person, hint)
 
 
 def _kinds(
     table: Table, schema: Schema, words: Collection[str]
-) -> dict[int, pl.Series]:
-    """The columns of kinds by their names or `words`, in lower-case letters."""
-    columns = {}
-    used = {at for role, at in schema.places.items() if role not in schema.extras}
-    people = max(table.column(schema.places["id"]).n_unique(), MANY_KINDS)
-    for at in schema.labels:
-        texts = table.words(at)
-        if texts.n_unique() < people or texts.is_in(words).any():
-            columns[at] = texts
-    for at in range(min(50, len(table.names))):
-        texts = table.words(at)
-        if at not in used and texts.is_in(vocabulary()["others"]).any():
-            columns[at] = texts
-    return columns
+) -> dict[str, pl.Series]:
+    """The columns of kinds by their names or `words`, in lower-case letters, by name."""
+    labels = schema.columns.get("label", [])
+    places = labels
+    if "label" not in schema.declared:
+        people = max(table.column(schema.places["id"]).n_unique(), MANY_KINDS)
+        used = {schema.places[role] for role in schema.places if role in ROLES}
+        places = []
+        for at in [*labels, *range(min(len(table.names), LOOKED_AT))]:
+            texts = table.words(at)
+            is_kind = texts.is_in(vocabulary()["others"]).any() and at not in used
+            if at in labels:
+                is_kind = texts.is_in(words).any() or texts.n_unique() < people
+            if is_kind:
+                places.append(at)
+    return {table.names[at][:30]: table.words(at) for at in places}
 
 
 # Layouts without a header: what each column is. Numbers alone say which file has one.

@@ -22,13 +22,12 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.data.columns import (
-    RATE_NAMES,
+    facts_in,
     names_tracks,
     parse_columns,
-    plain_name,
     role_of,
 )
-from neurosym_jax.data.readers.columns import SMOOTHER, Columns, answered
+from neurosym_jax.data.readers.columns import SMOOTHER, Columns
 from neurosym_jax.data.tables import (
     Head,
     Question,
@@ -81,18 +80,9 @@ class Storage(Columns):
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in its table of tracks, or in the one that `table=NAME` says."""
-        magic = read_head(path).magic
-
-        def take(columns: Iterable[str]) -> list[Tracks]:
-            stated, _ = parse_columns(columns)
-            table = _table_in_storage(path, magic, stated.get("table", ""))
-            chosen = dataclasses.replace(options, columns=tuple(columns))
-            return self.take(table, chosen, period)
-
-        try:
-            return take(options.columns)
-        except Question as question:
-            raise answered(question, options.columns, take) from None
+        name = parse_columns(options.columns).get("table", "")
+        table = _table_in_storage(path, read_head(path).magic, name)
+        return self.take(table, options, period)
 
 
 class Json(Columns):
@@ -381,7 +371,8 @@ def _in_sqlite(path: Path, name: str) -> Content:
         facts = {}
         for table, head in heads.items():
             if len(head) == 2:
-                facts |= _rate_in(base, table)
+                rows = base.execute(f"select * from {_quoted(table)}")
+                facts |= facts_in(rows.fetchmany(1000))
         chosen = name if name in heads else _the_one(path, tracks, name)
         rows = []
         for row in base.execute(f"select * from {_quoted(chosen)}"):
@@ -399,17 +390,6 @@ def _quoted(table: str) -> str:
     """The name of a table as SQL takes it."""
     name = table.replace('"', '""')
     return f'"{name}"'
-
-
-def _rate_in(base: sqlite3.Connection, table: str) -> dict[str, str]:
-    """The rate in a table of keys and values, if it has one."""
-    facts = {}
-    rows = base.execute(f"select * from {_quoted(table)}")
-    for key, value in rows.fetchmany(1000):
-        word, _ = plain_name(str(key))
-        if word in RATE_NAMES:
-            facts["fps"] = str(float(value))
-    return facts
 
 
 def _limit(base: sqlite3.Connection, path: Path) -> None:
@@ -434,10 +414,7 @@ def _in_hdf5(path: Path, name: str) -> Content:
         item = sets[_the_one(path, sets, name)]
         refuse_dense(path, item.size * len(item.dtype.names or " "))
         refuse_dense(path, item.nbytes / 8)
-        attributes = {**file.attrs, **item.attrs}
-        facts = {}
-        if "fps" in attributes:
-            facts["fps"] = str(float(attributes["fps"]))
+        facts = facts_in([*file.attrs.items(), *item.attrs.items()])
         columns = array_columns(path, item[()])
     return {key: _as_texts(columns[key].tolist()) for key in columns}, facts
 

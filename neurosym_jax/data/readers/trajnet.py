@@ -57,7 +57,7 @@ class Trajnet(Format):
         table = Table(path, _KEYS, texts, np.array(list(points)))
         ids, people = table.ids(1)
         frame = table.whole_numbers(0)
-        step = frame / usual_step(table, frame, ids, any_step=True)
+        step = frame / usual_step(frame, ids)
         stamp = step / (rates[-1] if rates else FPS)
         rate = options.fps_of(path.stem)
         if rate:
