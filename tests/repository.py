@@ -12,6 +12,8 @@ ROOT = Path(__file__).resolve().parents[1]
 GOLDEN = ROOT / "tests" / "golden"
 SMALL = GOLDEN / "small.pt"
 """A checkpoint of SGAN with few parameters, as torch saves it."""
+slow = functools.partial(pytest.param, marks=pytest.mark.slow)
+"""A case that takes seconds."""
 exhaustive = functools.partial(pytest.param, marks=pytest.mark.exhaustive)
 """A case that a release runs, because another has most of its faults in less time."""
 

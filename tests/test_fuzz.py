@@ -82,6 +82,7 @@ def folder(tmp_path_factory):
 FIELDS = [*nj.GeneratorConfig.__dataclass_fields__, "kind", "hidden_dim"]
 
 
+@pytest.mark.slow
 @SLOW
 @given(st.dictionaries(st.sampled_from(FIELDS), VALUES), VALUES)
 def test_configurations(folder, changes, value):

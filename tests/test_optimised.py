@@ -18,7 +18,6 @@ FILES = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(
     not os.environ.get("XLA_FLAGS"), reason="every test runs in this way"
 )

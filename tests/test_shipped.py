@@ -126,7 +126,6 @@ def furthest(first, other):
     return np.linalg.norm(first - other, axis=-1).max(axis=(0, 2))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", sampled(SEEING))
 def test_near_neighbours_change_the_forecast(name):
     removed, strange, model = [], [], shipped(name)

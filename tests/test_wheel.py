@@ -13,7 +13,7 @@ import zipfile
 import pytest
 from setuptools.build_meta import build_editable
 
-from tests.repository import ROOT
+from tests.repository import ROOT, slow
 
 SOURCES = (
     "neurosym_jax",
@@ -36,6 +36,8 @@ TRAIN = (
     "--set",
     "batch_scenes=4",
 )
+ENTRANCE = ("README.md", "docs/index.md")
+"""What is read first, and run whenever tests are."""
 WALK = [
     f"{0.4 * t:.1f},{who},{0.3 * t + who},{2 * who}"
     for t, who in itertools.product(range(20), (0, 1))
@@ -87,7 +89,6 @@ def test_a_source_distribution_has_the_same_bytes_at_any_time(installed, tmp_pat
     assert {f"{root}/PKG-INFO", f"{root}/neurosym_jax/scene.py"} < set(names)
 
 
-@pytest.mark.slow
 def test_an_editor_finds_an_editable_install(installed, tmp_path, monkeypatch):
     """It is a line of sys.path: pyright follows no import hooks."""
     monkeypatch.chdir(installed.parent / "source")
@@ -98,16 +99,22 @@ def test_an_editor_finds_an_editable_install(installed, tmp_path, monkeypatch):
         assert wheel.read(line).decode().strip() == str(installed.parent / "source")
 
 
-@pytest.mark.slow
-def test_what_pages_show_runs(installed, tmp_path):
+@pytest.mark.parametrize(
+    ("places", "least"),
+    [(ENTRANCE, 3), slow((*ENTRANCE[:1], "docs", "studies/pages"), 25)],
+)
+def test_what_pages_show_runs(installed, tmp_path, places, least):
     """Every block of Python and every command that needs nothing else, with what they print."""
     pytest.importorskip("sybil", reason="pages need the extra test")
     environment = os.environ | {
         "PYTHONPATH": str(installed),
         "NEUROSYM_DATA": str(tmp_path / "no"),
     }
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-    pages += sorted((ROOT / "studies" / "pages").glob("*.md"))
+    pages = [
+        page
+        for place in places
+        for page in (sorted((ROOT / place).glob("*.md")) or [ROOT / place])
+    ]
     command = [sys.executable, "-P", ROOT / "tests" / "pages.py", *pages]
     done = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True
@@ -117,7 +124,7 @@ def test_what_pages_show_runs(installed, tmp_path):
         r"ran (\d+) blocks and commands of (\d+) pages, 0 failed", done.stdout
     )
     assert count
-    assert int(count[1]) >= 25
+    assert int(count[1]) >= least
     assert (tmp_path / "results/figures/tracks_my_tracks.png").is_file()
 
 

@@ -105,6 +105,7 @@ def test_saved_forecasts_have_the_noise_of_the_seed(options, tmp_path):
     assert (first != saved(1)).any()
 
 
+@pytest.mark.slow
 def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
     rows = run(
         options(
@@ -188,6 +189,7 @@ def test_recommended_has_one_name(typed, called, tmp_path, monkeypatch):
     assert _load("anchors_mine", Options(model=("recommended", "."))).called == ""
 
 
+@pytest.mark.slow
 def test_a_warning_says_recommended_where_that_was_typed(options, tmp_path, capsys):
     data = tmp_path / "walk.csv"
     data.write_text("\n".join(f"{frame},1,{0.2 * frame:.1f},0" for frame in range(20)))
@@ -209,6 +211,7 @@ def test_one_step_and_one_agent(options, tmp_path):
     assert row["collision_rate"] == 0
 
 
+@pytest.mark.slow
 def test_further_metrics_where_they_are_asked_for(options, capsys, tmp_path):
     rng = np.random.default_rng(0)
     heading = rng.normal(0, 0.2, (3, 150)).cumsum(1)
@@ -233,6 +236,7 @@ def test_further_metrics_where_they_are_asked_for(options, capsys, tmp_path):
     assert "states, events: log scores" in out
 
 
+@pytest.mark.slow
 def test_another_rate_than_in_training_is_told(options, tmp_path):
     model = load_model("sgan_simulations_8")
     config = dataclasses.replace(model.config, period=0.2)
@@ -271,7 +275,6 @@ def test_joint_metrics_matter_counts_these_windows(shared, options):
         assert np.mean(values) == pytest.approx(mean, abs=0.001)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [exhaustive("sgan-models/zara1_8"), "sgan-p-models/hotel_12"]
 )

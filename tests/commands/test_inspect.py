@@ -47,6 +47,7 @@ def test_the_next_command_reads_the_file_as_it_was_read(tmp_path, capsys, name):
         assert "--columns" in words
 
 
+@pytest.mark.slow
 def test_the_picture_has_the_forecast_of_the_busiest_moment(
     tmp_path, monkeypatch, capsys
 ):

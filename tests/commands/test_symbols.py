@@ -44,6 +44,7 @@ def test_states_over_time_as_text(recording, tmp_path, capsys):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"pairs.png"}
 
 
+@pytest.mark.slow
 def test_weights_of_a_model(recording, tmp_path, capsys):
     run(recording, model=MODEL, out=tmp_path / "out")
     out = capsys.readouterr().out

@@ -119,6 +119,7 @@ def test_fuzz_damaged(kind, cuts, other, tmp_path_factory):
         assert len(message) < len(str(path)) + 400
 
 
+@pytest.mark.slow
 def test_a_header_of_100_000_bodies_is_fast(tmp_path):
     names = "\t".join(
         f"Helmet_{n} {axis}" for n, axis in itertools.product(range(100_000), "XYZ")

@@ -164,6 +164,7 @@ def test_what_is_written_is_read_whatever_its_order_clock_unit_and_names(
             read(text_of(head, [*lines, *moved]))
 
 
+@pytest.mark.slow
 def test_velocities_are_no_speed_and_heading(read):
     """`frame id x y vx vy` and `... z vx vy vz` have as many numbers as other formats."""
     for seed in range(5):

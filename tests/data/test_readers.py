@@ -202,7 +202,6 @@ def test_splits_leave_one_out(tmp_path):
             split_files(folder, scene, split)
 
 
-@pytest.mark.slow
 def test_a_whole_run_is_read_in_time(tmp_path):
     header = [
         "Frame",

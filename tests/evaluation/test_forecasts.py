@@ -111,6 +111,7 @@ def test_rows_in_any_order_and_names_by_mapping(recording, file, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_functions_of_numpy_and_torch_score_as_a_model_does(recording):
     torch = pytest.importorskip("torch")
 

@@ -15,6 +15,7 @@ from neurosym_jax.evaluation.compare import Settings, Test, TestSet, evaluate_te
 from neurosym_jax.evaluation.online import recall_batches, watch_windows
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.models.forecast import draw_batch
+from tests.repository import slow
 
 PERIOD = 0.4
 OBSERVED, AHEAD = 8, 12
@@ -45,7 +46,7 @@ def cut(tracks):
     return cut_windows([tracks], OBSERVED, AHEAD, min_agents=2)
 
 
-@pytest.mark.parametrize("period", [PERIOD, 0.3])
+@pytest.mark.parametrize("period", [slow(PERIOD), 0.3])
 def test_the_future_of_a_file_changes_no_earlier_forecast_by_a_bit(model, period):
     """With steps of 0.3 s positions are interpolated, of which a half is known later."""
     whole, short = (
@@ -84,6 +85,7 @@ def test_nothing_is_recalled_before_something_is_over(model):
             assert not scene.share.any()
 
 
+@pytest.mark.slow
 def test_each_recording_is_a_place_of_its_own(model):
     first, second = corner(), corner(people=8)
     both = cut_windows([first, second], OBSERVED, AHEAD, min_agents=2)
@@ -93,6 +95,7 @@ def test_each_recording_is_a_place_of_its_own(model):
         assert np.array_equal(one.share, other.share)
 
 
+@pytest.mark.slow
 def test_a_file_of_the_place_is_where_it_begins(model, tmp_path):
     tracks = corner()
     place = nj.Place(model)

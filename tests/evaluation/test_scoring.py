@@ -99,6 +99,7 @@ def test_equal_to_a_direct_loop(family, slots, samples):
     assert result.seconds > 0
 
 
+@pytest.mark.slow
 def test_distributions_are_scored_by_draws_of_their_own():
     """The CRPS of each person by pairs of 100 draws; errors are those of the samples."""
     model, batches = (

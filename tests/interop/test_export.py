@@ -51,6 +51,7 @@ def assert_same_forecasts(made, samples, peoples, rounded):
         np.testing.assert_allclose(probabilities, likely, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "mix"), [exhaustive("as_described", "global"), ("pool_net", "ped")]
 )
@@ -65,6 +66,7 @@ def test_shipped_models_for_1_2_7_and_64_people(name):
     assert_same_forecasts(load_model(name), 20, (7,), rounded=False)
 
 
+@pytest.mark.slow
 def test_the_example_needs_nothing_of_ours(model, tmp_path, capsys):
     path = tmp_path / "model.stablehlo"
     path.write_bytes(export_model(model("pool_net"), 5))

@@ -144,7 +144,6 @@ def run(code, tmp_path, endpoint):
     return "".join([done.stdout, *done.stderr.splitlines()[-1:]]).strip()
 
 
-@pytest.mark.slow
 def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
     endpoint, files, _ = hub
     code = (
@@ -176,7 +175,6 @@ PUSH = (
 )
 
 
-@pytest.mark.slow
 def test_a_private_model_is_never_public(hub, tmp_path):
     endpoint, files, made = hub
     run(PUSH, tmp_path, endpoint)

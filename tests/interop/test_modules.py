@@ -119,6 +119,7 @@ def test_a_changed_module_is_equal_refused_or_told_apart(
     assert "\n" not in "".join(outcomes)
 
 
+@pytest.mark.slow
 def test_modules_are_compared_on_scenes_of_ones_own_and_left_as_they_are(torch):
     network, cuda = network_of(torch, ARGUMENTS).double().train(), torch.Tensor.cuda
     state = {name: value.numpy() for name, value in network.state_dict().items()}
@@ -149,6 +150,7 @@ def test_modules_are_compared_on_scenes_of_ones_own_and_left_as_they_are(torch):
         compare(network, Model(Lengths(), {}, family="constant_velocity"))
 
 
+@pytest.mark.slow
 def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsys):
     (tmp_path / "sgan").mkdir()
     (tmp_path / "sgan" / "__init__.py").write_text("")
@@ -174,6 +176,7 @@ def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsy
 NEUROSYM = Path(__file__).with_name("neurosym_torch.py")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("release", ["InformedGenerator", "FirstRelease"])
 def test_the_command_compares_both_releases_of_neurosym(
     torch, tmp_path, capsys, release
@@ -217,6 +220,7 @@ def test_in_float64_a_network_of_doubles_is_compared_to_1e_12(torch):
         assert parity.ok, str(parity)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "python", "message"),
     [

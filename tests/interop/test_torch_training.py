@@ -51,6 +51,7 @@ def checkpoint(torch, tmp_path):
     return network, contents, tmp_path / "training.pt"
 
 
+@pytest.mark.slow
 def test_the_next_step_is_torchs(torch, checkpoint):
     network, contents, path = checkpoint
     training = load_torch_training(path)

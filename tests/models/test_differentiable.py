@@ -43,6 +43,7 @@ def soft():
 NOISE = draw_noise(NoiseSpec(8), 0, scene_identity("", 0)[None], 4, 1)[:, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weighting", [None, Soft(learned=True)])
 def test_it_is_predict_and_padding_and_a_batch_change_nothing(weighting):
     model = model_of(weighting)
@@ -67,6 +68,7 @@ def test_predict_in_a_trace_names_the_function_for_it(soft):
         jax.jit(lambda observed: predict(soft, observed))(OBSERVED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [False, True], ids=["own", "given"])
 def test_gradients(soft, given):
     """Gradients by all parameters (or by a given alpha), positions and noise."""

@@ -48,6 +48,7 @@ def run(*command):
     assert not end.value.code
 
 
+@pytest.mark.slow
 def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
     config, rows = FORECASTERS["attention"].Config(), []
     args = {"config": config, "recipe": RECIPE, "read": ReadOptions(allow=("seen",))}
@@ -90,6 +91,7 @@ def test_it_learns_and_a_killed_run_ends_with_the_same_bits(windows, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_commands_know_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run("train", "--family", "attention", *TRAIN, "--steps", "4", "--out", "run")

@@ -72,6 +72,7 @@ def people():
     return rng.uniform(0, 5, (3, 1, 2)) + rng.normal(0.3, 0.1, (3, 8, 2)).cumsum(1)
 
 
+@pytest.mark.slow
 def test_whole_histories_are_forecast_as_by_a_network_without_the_layers(model, people):
     layers = model.params["params"]
     trunk = {name: layers[name] for name in layers if not name.startswith("short_")}
@@ -86,6 +87,7 @@ def test_whole_histories_are_forecast_as_by_a_network_without_the_layers(model, 
     assert np.abs(mixed[:, 0] - expected[:, 0]).max() > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 2, 5, 11])
 def test_every_path_takes_every_length(model, people, steps):
     before = people[:, :1] - np.array([0.9, 0.6, 0.3])[:, None]
@@ -103,6 +105,7 @@ def test_every_path_takes_every_length(model, people, steps):
         )
 
 
+@pytest.mark.slow
 def test_somebody_seen_once_may_go_anywhere(model, people):
     observed = np.full((2, 8, 2), NAN)
     observed[0] = people[0]

@@ -76,6 +76,7 @@ def windows_of(recording: str, shift: np.ndarray | float = 0.0) -> Windows:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [name if name in QUICK else exhaustive(name) for name in CONFIGS],

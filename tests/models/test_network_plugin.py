@@ -29,6 +29,7 @@ def run(*command):
     assert not end.value.code
 
 
+@pytest.mark.slow
 def test_a_pooling_and_a_cell_are_trained_saved_loaded_and_evaluated(
     tmp_path, monkeypatch, capsys
 ):

@@ -76,6 +76,7 @@ def noise_of(model, samples=2):
     return jnp.asarray(np.ones((samples, dim)), jnp.float32) if dim else None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONFIGS)
 def test_initialisation_forecast_and_gradients(name):
     config, observed = CONFIGS[name], jnp.asarray(WALKS)
@@ -90,6 +91,7 @@ def test_initialisation_forecast_and_gradients(name):
     assert gradients[1].shape == observed.shape
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SGAN", "NeuroSyM, soft", "anchors", "anchor table"])
 @pytest.mark.parametrize("schedule", ["cosine", "constant"])
 def test_a_training_step(name, schedule):
@@ -120,6 +122,7 @@ def test_prediction_on_the_host(name):
     assert forecast.shape == (3, 3, 3, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["no pooling", "NeuroSyM", "anchors"])
 def test_positions_of_half_the_bits_are_forecast_in_float32(name):
     config = CONFIGS[name]

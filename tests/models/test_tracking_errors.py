@@ -207,6 +207,7 @@ def test_a_straight_track_goes_on_at_any_speed(recommended):
             assert (np.sqrt(np.maximum(aside, 0)) < 0.06 * way + 0.15).all()
 
 
+@pytest.mark.slow
 def test_the_distribution_of_a_runner_is_that_of_a_walker_enlarged(recommended):
     draws = {}
     for speed in (3.0, 9.0):
@@ -299,6 +300,7 @@ def test_published_networks_take_positions_as_they_are(model, recwarn):
     assert not recwarn.list
 
 
+@pytest.mark.slow
 def test_repair_by_name_is_the_forecast_of_the_repaired_tracks(model):
     walks = np.stack([WALK[:4], 0.1 + 0.5 * WALK[:4]])
     jumps = walks.copy()

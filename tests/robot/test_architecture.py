@@ -70,7 +70,6 @@ main()
 """
 
 
-@pytest.mark.slow
 def test_the_core_works_without_this_package(tmp_path):
     (tmp_path / "walk.txt").write_text("0 1 0 0\n10 1 0.5 0\n20 1 1.1 0\n")
     for words, expected in (

@@ -67,6 +67,7 @@ def taught(model):
     return predictor, forecasts
 
 
+@pytest.mark.slow
 def test_it_learns_where_people_turn(model, taught):
     predictor, forecasts = taught
     people, alone, used = predictor.place.scored
@@ -97,6 +98,7 @@ def test_it_learns_where_people_turn(model, taught):
     assert np.mean(errors[True]) < 0.7 * np.mean(errors[False])
 
 
+@pytest.mark.slow
 def test_draws_are_the_models_own_before_anything_was_learned(model):
     place, other = predictor_at(nj.Place(model), model), predictor_at(None, model)
     for frame in corner(3)[:12]:
@@ -105,6 +107,7 @@ def test_draws_are_the_models_own_before_anything_was_learned(model):
         assert_allclose(first.draws, second.draws, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_forecast_waits_for_nothing_that_is_learned(model):
     """Learning comes after it, at the latest before the next one, and to the same bits."""
     at_once, later = (predictor_at(nj.Place(model), model) for _ in range(2))
@@ -120,6 +123,7 @@ def test_a_forecast_waits_for_nothing_that_is_learned(model):
         assert_array_equal(later.place.contents()[name], array, err_msg=name)
 
 
+@pytest.mark.slow
 def test_what_was_learned_elsewhere_harms_nobody(model, taught, tmp_path):
     """People turn to the other side now: the bound holds, and then it is learned anew."""
     taught[0].place.save(tmp_path / "left.npz")
@@ -168,6 +172,7 @@ def test_the_page_shows_what_it_taught(taught):
     assert share.max() <= 1
 
 
+@pytest.mark.slow
 def test_the_page_shows_nothing_of_a_memory_that_was_dropped(model):
     place = nj.Place(model)
     predictor = predictor_at(place, model)
@@ -205,6 +210,7 @@ def test_a_clock_set_back_begins_another_stream(model):
     assert predictor.place.seconds == pytest.approx(60 * PERIOD)
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_amid_a_stream(model):
     predictor = predictor_at(nj.Place(model, moments=500), model, compile="start")
     frames = corner(8)

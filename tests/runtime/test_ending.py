@@ -104,7 +104,6 @@ def start(tmp_path):
         yield run
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("action", "number"),
     [
@@ -133,7 +132,6 @@ def test_a_signal_ends_a_command_within_two_seconds(start, tmp_path, action, num
         assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
 def test_what_is_ignored_stays_ignored(start):
     """As under nohup."""
     process = start("sleep", lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))

@@ -66,6 +66,7 @@ def test_a_state_is_absent_at_both_steps_of_a_gap_and_no_other_changes(
     assert rows[~absent].max() < len(all_states(calculus))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("straight_through", [False, True])
 def test_soft_symbols_have_no_probability_and_gradients_of_zero(
     walks, straight_through

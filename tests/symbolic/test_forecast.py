@@ -49,6 +49,7 @@ def test_probabilities_are_smoothed_shares_of_the_samples(crowd, calculus):
     np.testing.assert_allclose(shares, expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_pairs_origin_and_compilation_change_nothing(crowd):
     samples, observed = crowd
     all_shares = symbolic_forecast(samples, observed)

@@ -60,6 +60,7 @@ def test_weights_of_straight_walks_do_not_hang_on_the_period(text):
     assert (wrong != alphas[0.1]).any()
 
 
+@pytest.mark.slow
 def test_a_soft_and_a_learned_threshold_are_speeds_too():
     for weighting in (Soft(), Soft(learned=True), Quantised(learned=True)):
         parameters = initial_parameters(weighting)
@@ -73,6 +74,7 @@ def test_a_soft_and_a_learned_threshold_are_speeds_too():
     assert table["log_speed"] == pytest.approx(math.log(0.125))
 
 
+@pytest.mark.slow
 def test_a_model_weights_by_its_own_period():
     """A forecast with alpha at the model's period is that of the model, of other alpha is not."""
     forecasts = {}
@@ -93,6 +95,7 @@ def test_a_model_weights_by_its_own_period():
     assert np.abs(forecasts[0.1] - forecasts[0.4]).max() > 1e-4
 
 
+@pytest.mark.slow
 def test_events_of_a_resampled_recording_have_the_same_times():
     """Half the period, the same seconds: later by less than the two steps that a state may need."""
     draw = np.random.default_rng(3)
@@ -134,6 +137,7 @@ def test_scores_of_symbols_are_by_the_scenes_period():
         assert float(right) == pytest.approx(-math.log((1 + 1 / 81) / 2), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_function_gets_the_period_if_it_asks_for_it():
     @register_weighting("pace")
     def pace(positions, valid, period):

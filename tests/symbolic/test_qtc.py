@@ -128,6 +128,7 @@ def test_qsrlibs_argument_distance_and_moving_or_stationary():
         assert texts == case["expected"].split(), case
 
 
+@pytest.mark.slow
 def test_argument_distance_has_rows_texts_a_diagram_and_inclusive_thresholds():
     k, l = np.zeros((5, 2)), np.array([[0, 0], [1, 0], [1.5, 0], [2, 0], [2.5, 0]])
     distances = (1.0, 2.0)

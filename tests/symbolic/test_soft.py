@@ -47,6 +47,7 @@ def chains():
                 yield np.array(k), np.array(l), convention, factor
 
 
+@pytest.mark.slow
 def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures():
     temperature = 1e-6
     compared = ties = 0
@@ -83,6 +84,7 @@ def test_probabilities_fade_over_a_temperature_and_ties_are_half_and_half():
     np.testing.assert_allclose(stands[:, 1], np.tanh(0.05 / 0.01 / 2))
 
 
+@pytest.mark.slow
 def test_straight_through_is_hard_with_soft_gradients():
     k, l = random_pairs(200)
     options = {"temperature": 0.05, "factor": 0.1, "convention": "as_published"}
@@ -111,6 +113,7 @@ def test_paths_have_any_leading_axes(convention):
     np.testing.assert_array_equal(probabilities, flat.reshape(3, 5, 3, 4, 3))
 
 
+@pytest.mark.slow
 def test_expected_weights_are_sums_over_all_states():
     draw = np.random.default_rng(0).dirichlet([0.5] * 3, (50, 4))
     states = np.indices((3,) * 4).reshape(4, 81)

@@ -172,6 +172,7 @@ def test_learned_parameters_have_gradients(text):
         )
 
 
+@pytest.mark.slow
 def test_a_function_as_a_weighting():
     @register_weighting("nearness", reach=2.0)
     def nearness(positions, valid, reach):

@@ -126,6 +126,7 @@ def test_points_are_scored_by_the_energy_score_of_each_person():
     assert float(loss(3.0) - loss(0.0)) == pytest.approx(float(expected), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_positions_at_single_steps_are_scored_by_themselves():
     """By the metric, at the last step and every third before it, each as a future of one step."""
     rng = np.random.default_rng(0)
@@ -160,6 +161,7 @@ def test_batches_depend_on_seed_and_step_and_crop_what_is_large(run):
     np.testing.assert_array_equal(never.batch(0)[1], np.arange(8))
 
 
+@pytest.mark.slow
 def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
     scenes = AnchorStream(
         run.training, dataclasses.replace(RECIPE, batch_people=720)
@@ -180,6 +182,7 @@ def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
     assert 0.35 < clean.mean() < 0.65
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("network", "kind"),
     [

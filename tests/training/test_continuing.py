@@ -61,6 +61,7 @@ def steps_of(folder):
 # Beginning from a model.
 
 
+@pytest.mark.slow
 def test_no_steps_give_the_same_forecasts_to_the_bit(tmp_path):
     """Of what is recommended, whose origin is kept: what it learned, and licences."""
     model, walks = nj.load_model("recommended"), random_walks([5, 5, 6], seed=3)
@@ -86,6 +87,7 @@ def test_no_steps_give_the_same_forecasts_to_the_bit(tmp_path):
     assert steps_of(tmp_path) == [0]
 
 
+@pytest.mark.slow
 def test_a_model_that_began_from_another_has_seen_what_both_learned(
     table, done, tmp_path
 ):
@@ -163,6 +165,7 @@ def test_more_steps_give_the_bits_of_one_run(table, done, tmp_path, final, capsy
     assert "schedule" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_schedule_that_ended_goes_on_and_says_so(table, tmp_path, capsys):
     """yolov3 626 and composer 1384: the learning rate after resumption is another, or 0."""
     cosine = with_recipe(table, schedule="cosine", warmup_steps=0)

@@ -38,6 +38,7 @@ def anneal(step):
     return jnp.log(0.1) - step * jnp.log(2.0) / 25
 
 
+@pytest.mark.slow
 def test_all_three_are_used_and_recorded(tmp_path):
     model = nj.train(
         TRAINING, VALIDATION, tmp_path, config=SOFT, recipe=SHORT, quiet=True,
@@ -61,6 +62,7 @@ def test_all_three_are_used_and_recorded(tmp_path):
     assert 40 < rows[-1]["g_loss"] < 60
 
 
+@pytest.mark.slow
 def test_a_family_without_rounds_of_its_own_takes_a_loss(tmp_path):
     config = AnchorTableConfig(obs_len=4, pred_len=3, samples=3)
     recipe = nj.AnchorRecipe(
@@ -90,6 +92,7 @@ def test_what_is_none_is_refused(options, message):
         make_custom(**arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("recipe", "options", "message"),
     [
@@ -129,6 +132,7 @@ class MineConfig(nj.GeneratorConfig):
     """A configuration of its own."""
 
 
+@pytest.mark.slow
 def test_a_subclass_is_trained_by_its_own_loss(tmp_path):
     calls = []
 

@@ -106,6 +106,7 @@ SMALL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_tensorboard_has_the_rows(files, tmp_path):
     pytest.importorskip("tensorboardX", reason="tensorboardX is not installed")

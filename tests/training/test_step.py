@@ -313,6 +313,7 @@ def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
     assert equal == [False, False, True]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weight", [0.0, exhaustive(1.0)])
 def test_without_the_variety_loss_the_true_future_changes_no_gradient(
     run, groups, weight
@@ -345,6 +346,7 @@ def generator_params(layers=2):
     return {"params": {"pooling": {"mlp": mlp}, "decoder": decoder}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("gentle", [True, False])
 def test_only_gradients_that_raise_a_dead_unit_leak(run, gentle, sign):

@@ -138,7 +138,6 @@ FAMILIES = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("family", "every"), FAMILIES)
 def test_every_stop_of_a_training_resumes_to_the_same_bits(
     runs, tmp_path, family, every, capsys

@@ -92,6 +92,7 @@ def augmented(groups, **recipe):
     )
 
 
+@pytest.mark.slow
 def test_scenes_are_turned_and_mirrored(batch):
     mirrored = []
     for before, after in augmented(batch(20), rotate=1.0):
@@ -129,6 +130,7 @@ def test_a_share_of_the_scenes_is_turned_and_all_are_scaled(batch):
         np.testing.assert_allclose(after.observed, factor * before.observed, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_observed_positions_err_by_as_much_as_their_scene_does(batch):
     deviations = []
     for before, after in augmented(batch(20), jitter=0.1):
@@ -145,6 +147,7 @@ def test_observed_positions_err_by_as_much_as_their_scene_does(batch):
     assert max(deviations) < 0.13
 
 
+@pytest.mark.slow
 def test_a_share_of_the_scenes_is_one_persons(batch):
     groups, reduced = batch(20), []
     for before, after in augmented(groups, single_agent_share=0.5):

@@ -173,6 +173,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_significant_difference_is_bold(folder):
     compare_sweep(folder, ["ones"], out=folder / "ablation.md")
     text = (folder / "ablation.md").read_text()

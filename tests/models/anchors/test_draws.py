@@ -64,6 +64,7 @@ def names(draws, points):
     return distance.argmin(1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [exhaustive(1), exhaustive(20), 60, 70])
 def test_every_point_of_somebody_alone_is_drawn_equally_often(points, count):
     scene = scene_of([[9.0 * i, 0] for i in range(5)])
@@ -115,6 +116,7 @@ def test_scenes_are_as_probable_as_the_pairs_say():
     assert np.abs(expected - 1 / 27).max() > 0.05
 
 
+@pytest.mark.slow
 def test_what_two_people_do_is_that_of_sums_over_loops(points):
     """The overlap of their nearest moment, between two steps, too; and how far they part."""
     near = jnp.array([[1, 3], [0, 4], [3, 1], [2, 4], [0, 1]])
@@ -159,6 +161,7 @@ def test_two_who_walk_together_stay_together(steps, together):
     )
 
 
+@pytest.mark.slow
 def test_many_companions_hold_a_person_as_one_does():
     """In a stream of people the sum of their pulls would forbid everybody to turn."""
     spread = []
@@ -202,6 +205,7 @@ def model():
     )
 
 
+@pytest.mark.slow
 def test_the_distribution_is_in_the_callers_frame_and_of_the_seed(model):
     observed = np.array([500.0, -80.0]) + np.random.default_rng(0).normal(
         0, 0.3, (3, 8, 2)
@@ -245,6 +249,7 @@ def test_the_distribution_of_a_mirrored_scene_is_the_mirrored_one(model):
     assert np.abs(points[0] - points[1] * mirror.astype(np.float32)).max() > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
 def test_one_bad_position_moves_nobody_elses_distribution():
     model = load_model("anchors_zara1_8")
@@ -290,6 +295,7 @@ def test_a_table_draws_an_index_for_each_person():
     assert (chosen[:, 0] == chosen[:, 1]).mean() < 0.2
 
 
+@pytest.mark.slow
 def test_independent_draws_are_no_more_even_than_chance():
     observed = np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(1)
     table = load_model("anchor_table_zara1_8")
@@ -314,6 +320,7 @@ def independent(model, observed, frame):
     return to_world(draws, scene)
 
 
+@pytest.mark.slow
 def test_metrics_of_the_distribution_are_of_draws(model):
     rng = np.random.default_rng(1)
     paths = rng.normal(size=(7, 1, 2)) * 2 + np.cumsum(

@@ -40,6 +40,7 @@ def windows():
     return Windows(paths, np.arange(7), np.array([0, 2, 4, 7]), identity, 8)
 
 
+@pytest.mark.slow
 def test_every_way_gives_the_same_samples_and_probabilities(model, windows):
     observed = np.split(windows.position[:, :8], windows.bounds[1:-1])
     futures, likely = forecast_windows(model, windows, make_batches(windows), 5, 0)
@@ -90,6 +91,7 @@ def test_the_spread_serves_the_probable_samples_first():
     np.testing.assert_array_equal(chosen, [0, 3, 2])
 
 
+@pytest.mark.slow
 def test_probabilities_count_in_scores(model, windows):
     """Each sample as often as its probability says gives the score of equally probable samples."""
     rng = np.random.default_rng(2)
@@ -119,6 +121,7 @@ def test_probabilities_count_in_scores(model, windows):
     assert means[5][1] < means[1][1]
 
 
+@pytest.mark.slow
 def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):
     seen = windows.position[:3, :8]
 
@@ -148,6 +151,7 @@ def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spacing", [0.2, 3.0])
 def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, spacing):
     model = load_model("anchors_general_8")

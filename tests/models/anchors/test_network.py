@@ -66,6 +66,7 @@ def test_neighbours_that_are_listed_are_those_of_all_pairs(network, people):
     np.testing.assert_allclose(listed.points[:, :5], complete.points[:, :5], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_untrained_samples_scatter_about_constant_velocity_and_are_almost_straight():
     walk = jnp.array([[0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 3.1]])[..., None] * jnp.array(
         [1.0, 0.0]
@@ -112,6 +113,7 @@ def test_forecasts_move_with_the_scene_and_those_of_walkers_turn_with_it(
     np.testing.assert_allclose(same, log_probability, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_neighbours_are_seen_within_the_radius_only(network, people):
     apply, _ = network
     alone = np.asarray(apply(people[:2], np.array([True, False]))[0])[:, 0]
@@ -156,6 +158,7 @@ def test_features_of_a_pair_by_hand():
     np.testing.assert_allclose(crowd, (1 - metres**2 / 400) ** 2, rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("geometry", "symbols"), [(0, 0), (0, 1), (1, 0)])
 def test_what_the_attention_sees(people, geometry, symbols):
     """With symbols alone a neighbour's speed is unseen; with neither, the neighbour."""

@@ -58,6 +58,7 @@ def test_nothing_is_recalled_of_an_empty_memory():
     assert not np.any(found.weight)
 
 
+@pytest.mark.slow
 def test_what_people_did_from_here_is_found_among_thousands():
     rng = np.random.default_rng(0)
     memory = empty_memory(10_000, STEPS)

@@ -32,6 +32,7 @@ def drawn():
     return jnp.asarray(offsets), recall, rng.normal(0, 1, (3, 5, 2)).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shares", [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.2, 0.3]])
 def test_energy_is_that_of_the_points_with_their_probabilities(drawn, shares):
     offsets, recall, truth = drawn
@@ -76,6 +77,7 @@ def test_of_many_ways_the_most_probable_are_drawn():
     assert_allclose(memory.share[:, 0], weight[number] / 2, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_errors_are_added_to_what_the_network_expects():
     """Somebody 10 m ahead on average, of whom others were forecast 2 m short here."""
     points = jnp.array([8.0, 12.0])[:, None, None, None] * jnp.ones((2, 1, 3, 2))

@@ -111,6 +111,7 @@ def test_a_place_without_a_memory_changes_nothing(model):
     ).all()
 
 
+@pytest.mark.slow
 def test_anchors_take_their_share_and_without_memory_none():
     model = nj.load_model("anchors_general_12")
     place = nj.Place(model)
@@ -231,6 +232,7 @@ def mirrored(people):
     return tracks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half_life", [60.0, np.inf])
 def test_a_place_that_flips_at_noon_recovers(morning, half_life):
     morning.half_life = half_life
@@ -255,6 +257,7 @@ def test_who_was_there_one_half_life_ago_counts_for_half(model):
     assert fading == pytest.approx(lasting / 2, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [90, 180, -90])
 def test_a_camera_that_was_turned_costs_nothing(morning, degrees):
     """What people did elsewhere is not recalled, and is learned anew."""
@@ -266,6 +269,7 @@ def test_a_camera_that_was_turned_costs_nothing(morning, degrees):
     assert morning.drops == 0
 
 
+@pytest.mark.slow
 def test_a_place_that_stays_never_drops_its_memory(morning):
     """Nor does one where the memory brings nothing: people who walk straight, anywhere."""
     rng = np.random.default_rng(0)
@@ -279,6 +283,7 @@ def test_a_place_that_stays_never_drops_its_memory(morning):
     assert morning.drops == 0
 
 
+@pytest.mark.slow
 def test_people_who_go_anywhere_one_at_a_time_are_forecast_better_all_the_same(model):
     """One of them is enough to drop the memory, of a place that stays as it is."""
     rng = np.random.default_rng(9)
@@ -299,6 +304,7 @@ def test_people_who_go_anywhere_one_at_a_time_are_forecast_better_all_the_same(m
     assert place.scored.used < 0.95 * place.scored.network
 
 
+@pytest.mark.slow
 def test_people_of_hotel_never_drop_a_memory(model, shared):
     place = nj.Place(model)
     place.watch_tracks(shared / "data" / "eth_ucy" / "all" / "biwi_hotel.txt")
@@ -345,6 +351,7 @@ def test_a_day_later_everything_can_be_forgotten(model):
         place.forget(older_than=-1)
 
 
+@pytest.mark.slow
 def test_map_coordinates_lose_nothing(model):
     """Five thousand kilometres from the origin a float32 resolves half a metre."""
     far = (5e6, -3e6)

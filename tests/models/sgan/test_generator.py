@@ -214,6 +214,7 @@ def test_discriminator(kind):
     assert_allclose(apply(params, *padded)[:5], scores, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tanh", "sigmoid"])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_tanh_and_sigmoid(name, dtype):

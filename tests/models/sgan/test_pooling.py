@@ -141,6 +141,7 @@ def test_only_valid_agents_count(module):
     assert np.isfinite(apply(params, HIDDEN, POSITIONS, ~ALL)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("valid", [ALL, np.arange(N) == 2], ids=["all", "alone"])
 @pytest.mark.parametrize("module", [DESCRIBED, ROS], ids=["described", "ros"])
 def test_gradients_where_people_coincide(module, valid):

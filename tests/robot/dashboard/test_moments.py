@@ -79,6 +79,7 @@ def test_the_first_events_of_all_kinds_come_before_the_second_of_any(
     assert likely == [named[n] for n in (0, 2, 1, 4, 3)]
 
 
+@pytest.mark.slow
 def test_symbols_and_weights_are_the_models_own():
     path = np.random.default_rng(0).normal(0, 0.2, (5, 8, 2)).cumsum(axis=1)
     config = Soft(learned=True)

@@ -134,6 +134,7 @@ def test_the_stream_is_what_was_shown(dashboard, moments, stream):
     assert len(read_events(dashboard, f"{rows[9]['id'].strip()}x")) == len(rows) + 1
 
 
+@pytest.mark.slow
 def test_slow_and_vanished_readers_delay_nobody(
     dashboard, moments, stream, monkeypatch
 ):

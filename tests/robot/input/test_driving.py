@@ -78,6 +78,7 @@ def test_a_bag_of_the_drive_says_the_same(ending, tmp_path):
         list(read_people(bag.path, TOPIC))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "drive", [Drive(0.0), Drive(0.4), Drive(0.1, back=3.0)], ids=str
 )

@@ -84,6 +84,7 @@ def draws_of(points, observed, lots):
     return np.asarray(drawn(relative, scene.bare(), lots, 20, PERIOD)) + scene.origin
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("people", [2, 9, 24])
 def test_scenes_are_drawn_as_in_jax(people):
     rng = np.random.default_rng(people)
@@ -154,6 +155,7 @@ def test_each_lot_has_a_part_of_its_own():
     assert_array_equal(parts, np.broadcast_to(np.arange(10), parts.shape))
 
 
+@pytest.mark.slow
 def test_forecasts_are_those_of_jax(model, file):
     options = {"samples": 6, "max_people": COUNT, "compile": "needed", "hold": 1.0}
     reports = []
@@ -271,6 +273,7 @@ def tracks(tmp_path):
     return tmp_path / "tracks.csv"
 
 
+@pytest.mark.slow
 def test_commands_need_no_jax(file, tracks):
     folder = tracks.parent
     light = ["--model", file, "--samples", 6]
@@ -299,7 +302,6 @@ def test_commands_need_no_jax(file, tracks):
     assert "--place learns with a model in JAX" in done.stderr
 
 
-@pytest.mark.slow
 def test_a_node_needs_no_jax(file, tmp_path):
     """A process that hears people of another node, and publishes their futures until it is stopped."""
     master, store, heard = Master(), typestore(1), []

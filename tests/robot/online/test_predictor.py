@@ -36,6 +36,7 @@ RATE, PEOPLE, OBS = 10, 12, 4
 MEMORY = Path("/proc/self/statm")
 
 
+@pytest.mark.slow
 def test_frame_by_frame_equals_batches_of_windows(model):
     tracks = simulate("cross-path", 3, 12.0, people=5)
     models = {"sgan": model(), "neurosym": model("as_described", "ped")}
@@ -100,6 +101,7 @@ def test_equals_predict_with_people_coming_and_going(model):
     assert {1, 2, 3} <= sizes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("x", "nearest"), [(2.0, [2, 2, 2, 1, 1]), (-9.0, [1, 1, 1, 1, 2])]
 )
@@ -121,6 +123,7 @@ def test_the_nearest_now_are_forecast_and_those_nearest_to_the_robot(model, x, n
             assert forecast.dropped == {3 - forecast.ids.item(): "crowded"}
 
 
+@pytest.mark.slow
 def test_the_past_is_kept_until_a_long_forecast_is_scored():
     predictor = Predictor(random_model(AnchorTableConfig(4, 60)), compile="needed")
     for n in range(80):
@@ -129,6 +132,7 @@ def test_the_past_is_kept_until_a_long_forecast_is_scored():
     assert_allclose(predictor.window.resampled([1], [past]), [[[past, 0]]], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_recording_waits_for_programs_that_it_needs(model):
     notices: list[str] = []
     predictor = Predictor(
@@ -149,6 +153,7 @@ def test_a_recording_waits_for_programs_that_it_needs(model):
     assert predictor.waited > forecast.latency
 
 
+@pytest.mark.slow
 def test_a_robot_does_not_wait_and_says_who_does(model):
     """Nobody is forecast at first, then fewer, then all; no frame waits."""
     notices: list[str] = []
@@ -193,6 +198,7 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
     assert_allclose(result.samples, expected, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_nobody_is_a_forecast_and_who_has_none_is_said_to_be_there(model):
     predictor = Predictor(
         model(), samples=3, max_people=1, compile="needed", min_seen=0.0
@@ -213,6 +219,7 @@ def test_nobody_is_a_forecast_and_who_has_none_is_said_to_be_there(model):
     assert result.regions.radius.shape == (2, 0, 3)
 
 
+@pytest.mark.slow
 def test_draws_keep_their_noise_from_frame_to_frame():
     """Who goes straight on is drawn as before, moved on: nothing but the way changes."""
     predictor = Predictor(load_models([Path("recommended")]), compile="needed")
@@ -227,6 +234,7 @@ def test_draws_keep_their_noise_from_frame_to_frame():
     assert np.std(ends[0]) > 0.1
 
 
+@pytest.mark.slow
 def test_a_network_is_told_who_was_just_seen():
     """Its layers for incomplete histories forecast a newcomer; whole windows are as before."""
     models = load_models([Path("recommended")])

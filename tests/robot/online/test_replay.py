@@ -80,6 +80,7 @@ def futures_of(samples) -> np.ndarray:
     return futures + samples.position.reshape(-1, 1, 2)
 
 
+@pytest.mark.slow
 def test_the_whole_way_and_back(folder, replayed):
     output = (folder / "said.txt").read_text()
     assert all(
@@ -164,6 +165,7 @@ def test_when_people_leave_every_frame_says_so(tmp_path, capsys):
     assert "81 frames, 49 forecasts" in capsys.readouterr().out.replace("50", "49")
 
 
+@pytest.mark.slow
 def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, capsys):
     """The tracker knows three people by more ids; stitched, they are nearly three again."""
     options = {"out": tmp_path / "mended.bag", "robot_frame": "base_link"}
@@ -213,6 +215,7 @@ class Slow(View):
         self.ends += 1
 
 
+@pytest.mark.slow
 def test_a_slow_view_delays_no_frame_in_real_time_and_has_every_one_otherwise(
     folder, capsys
 ):
@@ -306,6 +309,7 @@ def test_the_rate_is_that_of_the_stamps():
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "status", "options"),
     [

@@ -62,6 +62,7 @@ def random_frames(seed: int, length: int):
         yield now if np.isfinite(step) else step, ids, xy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stitch", [False, True])
 def test_random_streams_never_crash_the_chain(model, stitch):
     predictor = Predictor(model(), samples=2, max_people=8, max_tracks=10)
@@ -104,6 +105,7 @@ def work(node: ForecastNode, *messages: bytes) -> None:
     node.work()
 
 
+@pytest.mark.slow
 def test_mended_people_are_published_with_their_velocities(forecast_node):
     node, back = forecast_node(stitcher=OnlineStitcher(), topic="raw"), []
     node._mended = Outlet(back.append, lambda: True)

@@ -190,6 +190,7 @@ def test_the_master_is_restarted(graph, node):
     talker.end()
 
 
+@pytest.mark.slow
 def test_it_leaves_the_graph_when_told_to(graph, node):
     listener, talker = graph.listener(), graph.talker()
     listener.wait_heard(lambda rows: count(TRUTH_TOPIC, rows))
@@ -203,6 +204,7 @@ def test_it_leaves_the_graph_when_told_to(graph, node):
     )
 
 
+@pytest.mark.slow
 def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path):
     parameters = tmp_path / "forecast.yaml"
     parameters.write_text(

@@ -54,7 +54,6 @@ def end_node(node):
     return words
 
 
-@pytest.mark.slow
 def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     python, environment = ros2
     frames = walkers(8.0)

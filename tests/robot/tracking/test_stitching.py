@@ -46,6 +46,7 @@ def broken(gap: float = 1.0, then: int = 7):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "least"), [(2, 0.97), (8, 0.9)])
 def test_ids_follow_people(count, least):
     scores = []
