@@ -109,13 +109,23 @@ class Columns(Format):
         return self.take(read_table(path, has_header=has_header), options, period)
 
     def take(self, table: Table, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in a table that was read: people at positions in metres, on its clock.
+        """The recordings in a table of any shape that was read.
+
+        Raises:
+            InputError: as `read`.
+        """
+        return self.take_tidy(tidy(table), options, period)
+
+    def take_tidy(
+        self, table: Table, options: ReadOptions, period: float
+    ) -> list[Tracks]:
+        """The recordings in a table with a row for each person and moment: people at positions in
+        metres, on its clock.
 
         Raises:
             InputError: as `read`.
         """
         stated = parse_columns(options.columns)
-        table = tidy(table)
         if stated.get("id") == "none":  # The whole table is one person.
             table = table.with_column("none", pl.Series([["0"]]))
         schema = schema_of(table, stated, options.homography is not None)
@@ -214,7 +224,7 @@ class Layout(Columns):
         """The recordings in a file."""
         table = read_table(path, self.layout)
         self.check(table)
-        return self.take(table, options, period)
+        return self.take_tidy(table, options, period)
 
     def check(self, table: Table) -> None:
         """Refuse what is no such table after all."""

@@ -13,7 +13,7 @@ import sqlite3
 import time
 import zipfile
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -428,15 +428,7 @@ def _table_in_json(path: Path) -> Table:
     Raises:
         InputError: for text that is no JSON, or no table.
     """
-    text = read_text_file(path)
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError):
-        lines = [line for line in text.split("\n") if line.strip()]
-        try:
-            content = [json.loads(line) for line in lines]
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{path}: no JSON ({str(error)[:60]})") from None
+    content = _json_in(path)
     if isinstance(content, dict) and content.get("type") == "FeatureCollection":
         from neurosym_jax.data.readers.geojson import rows_of_features
 
@@ -445,14 +437,21 @@ def _table_in_json(path: Path) -> Table:
     if isinstance(content, dict) and {"images", "annotations"} <= content.keys():
         content = _coco_rows(content)
     objects = content if isinstance(content, list) else _keyed(content)
-    if len(objects) == 1 and isinstance(objects[0], dict):
-        inner = [value for value in objects[0].values() if isinstance(value, list)]
-        if len(inner) == 1 and inner[0] and isinstance(inner[0][0], dict):
-            objects = inner[0]  # An object around a list of people or rows.
-    rows = []
-    for item in objects:
-        rows += _rows(path, item)
-    return _rows_table(path, rows)
+    rows = itertools.chain.from_iterable(_rows(path, item) for item in objects)
+    return _rows_table(path, list(rows))
+
+
+def _json_in(path: Path) -> Any:
+    """The value in a file, or a list of those in its lines."""
+    text = read_text_file(path)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        pass
+    try:
+        return [json.loads(line) for line in text.split("\n") if line.strip()]
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: no JSON ({str(error)[:60]})") from None
 
 
 def _rows_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -470,81 +469,66 @@ def _coco_rows(content: Mapping[str, Any]) -> list[dict[str, Any]]:
         frame = image.get("frame_id", image.get("frame_index", image["id"]))
         frames[image["id"]] = frame
     for category in content.get("categories", []):
-        names[category["id"]] = category["name"]
+        names[category["id"]] = {"label": category["name"]}
     rows = []
     for box in content["annotations"]:
-        left, top, width, height = box["bbox"]
         row = {"frame": frames[box["image_id"]], "id": box.get("track_id", -1)}
-        row |= {"left": left, "top": top, "width": width, "height": height}
-        label = names.get(box.get("category_id"))
-        rows.append(row if label is None else row | {"label": label})
+        row |= zip(("left", "top", "width", "height"), box["bbox"], strict=True)
+        rows.append(row | names.get(box.get("category_id"), {}))
     return rows
 
 
 def _keyed(content: Any) -> list[Any]:
     """The objects of an object by key, with the key as the id or frame that they lack."""
-    if not isinstance(content, dict) or not content:
+    if not isinstance(content, dict):
         return [content]
-    inner = []
-    for value in content.values():
-        inner.append(value[0] if isinstance(value, list) and value else value)
-    if not all(isinstance(value, dict) for value in inner):
-        return [content]
-    names = {frozenset(value) for value in inner}
-    roles = set(map(role_of, inner[0]))
-    if len(names) > 1 or not {"x", "y"} <= roles:
-        return [content]
-    key = ""
-    if "id" not in roles:
-        key = "id"
-    elif not {"time", "frame"} & roles:
-        key = "frame"
     objects = []
     for name, value in content.items():
         for item in value if isinstance(value, list) else [value]:
-            objects.append({key: name, **item} if key else item)
-    return objects
+            objects.append((name, item))
+    if not all(isinstance(item, dict) for _, item in objects):
+        return [content]
+    names = {frozenset(item) for _, item in objects}
+    roles = set(map(role_of, *names)) if len(names) == 1 else set()
+    if not {"x", "y"} <= roles:
+        return [content]
+    if "id" not in roles:
+        return [{"id": name, **item} for name, item in objects]
+    if roles.isdisjoint({"time", "frame"}):
+        return [{"frame": name, **item} for name, item in objects]
+    return [item for _, item in objects]
 
 
-def _rows(path: Path, item: Any) -> list[dict[str, Any]]:
+def _rows(path: Path, item: Any) -> Iterator[dict[str, Any]]:
     """The rows in an object: its lists side by side, with its other fields in each."""
     if not isinstance(item, dict):
         raise InputError(
             f"{path}: JSON of {type(item).__name__} {str(item)[:40]!r}, not of objects"
         )
-    plain = {key: value for key, value in item.items() if not isinstance(value, dict)}
-    if len(plain) < len(item):
-        parts = [(key, item[key]) for key in item if key not in plain]
-        item = _side_by_side(parts, plain)
+    item = _side_by_side(item)
     lists = {key: value for key, value in item.items() if isinstance(value, list)}
-    others = {key: value for key, value in item.items() if key not in lists}
     if not lists:
-        return [others]
-    if len({len(value) for value in lists.values()}) > 1:
+        yield item
+        return
+    if len(set(map(len, lists.values()))) > 1:
         raise InputError(f"{path}: lists of several lengths: {', '.join(lists)[:80]}")
-    rows = []
     for values in zip(*lists.values()):
-        parts = []
+        row = dict(item)
         for key, value in zip(lists, values):
             if isinstance(value, list) and len(value) in (2, 3):
-                names = ("x", "y") if len(value) == 2 else ("t", "x", "y")
-                value = dict(zip(names, value))
-            parts.append((key, value if isinstance(value, dict) else {key: value}))
-        rows.append(others | _side_by_side(parts))
-    return rows
+                value = dict(
+                    zip(("x", "y") if len(value) == 2 else ("t", "x", "y"), value)
+                )
+            row[key] = value
+        yield from _rows(path, row)
 
 
-def _side_by_side(
-    parts: Sequence[tuple[str, dict[str, Any]]],
-    plain: Mapping[str, Any] = MappingProxyType({}),
-) -> dict[str, Any]:
-    """The fields `plain` and those of named parts, as PART.NAME where a name stands twice."""
-    counts = Counter(plain.keys())
-    for _, part in parts:
-        counts.update(part.keys())
-    fields = dict(plain)
-    for key, part in parts:
+def _side_by_side(item: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of an object and of objects in it, as PART.NAME where a name stands twice."""
+    parts = {key: value for key, value in item.items() if isinstance(value, dict)}
+    fields = {key: value for key, value in item.items() if key not in parts}
+    counts = Counter([*fields, *itertools.chain(*parts.values())])
+    for key, part in parts.items():
         for name, value in part.items():
-            full_name = name if counts[name] == 1 else f"{key}.{name}"
-            fields[full_name] = value
+            fields[name if counts[name] == 1 else f"{key}.{name}"] = value
     return fields
