@@ -220,7 +220,7 @@ FLAGS = ("lost", "valid", "state", "confidence")  # rows that are no positions
 ROLES = (*CLOCKS, "id", *POINT, *BOX, *FLAGS, "label", "vx", "vy")
 DEGREES = "deg"  # unit of longitudes and latitudes
 Facts = Mapping[str, tuple[str, str]]  # what is said of `fps` and `unit`, and by whom
-_UNIT = re.compile(r"^(.*?\w)\s*(?:[\[(](.+?)[\])]|[\s_/.-](\w+))$")
+_UNIT = re.compile(r"^(.*?\w)\s*(?:[\[(](.+?)[\])]|[\s_/.-]([^\W_]+))$")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,6 +5,7 @@ walking.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ __all__ = [
     "pace_of",
     "roughness",
     "steps_of",
+    "strides_of",
 ]
 
 REFUSED, DOUBTED = (0.9, 4.5), (1.05, 2.5)
@@ -32,34 +34,37 @@ to 2.06, SGAN's eth 3.23 (`python -m studies.bands`)."""
 WALK = 1.5  # m/s, a usual pace
 FEW, ENOUGH = 10, 100  # steps that say anything of a recording, and that may refuse one
 MANY = 20  # fewest people of whom a share is judged
-FEW_PEOPLE = 100
-"""People of one moment up to whom all distances are computed, without a tree."""
+CROWDED = np.nextafter(0.2, 0)  # metres within which two people stand at one place
+
+
+def strides_of(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
+    """[R - 1] seconds and metres from each row to the next of the same person; NaN to another's."""
+    step = np.diff(tracks.stamp)
+    length = np.linalg.norm(np.diff(tracks.position, axis=0), axis=1)
+    is_other = np.diff(tracks.id) != 0
+    return np.where(is_other, np.nan, step), np.where(is_other, np.nan, length)
 
 
 def steps_of(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
     """Seconds and m/s of every step of every person, in the order of the tracks."""
-    same = np.diff(tracks.id) == 0
-    step = np.diff(tracks.stamp)[same]
-    move = np.diff(tracks.position, axis=0)[same]
-    return step, np.linalg.norm(move, axis=1) / step
+    step, length = strides_of(tracks)
+    same = np.isfinite(step)
+    return step[same], length[same] / step[same]
 
 
 def pace_of(tracks: Tracks) -> tuple[int, float]:
     """Number of steps, and the speed that one in twenty exceeds; NaN where it says nothing."""
-    step = np.diff(tracks.stamp)
-    same = np.diff(tracks.id) == 0
-    usual = 0.0
+    step, _ = strides_of(tracks)
+    same = np.isfinite(step)
+    longest = GAP * PERIOD
     if same.any():
-        usual = float(np.median(step[same]))
-    longest = GAP * max(usual, PERIOD)
-    interval = np.where(same, step, 2 * longest)
-    clock = np.append(0.0, np.cumsum(interval))
+        longest = GAP * max(float(np.median(step[same])), PERIOD)
+    clock = np.append(0.0, np.cumsum(np.where(same, step, 2 * longest)))
     # Strides to the same person's row about 0.4 s later, or of short tracks to the
     # next.
     after = np.searchsorted(clock, clock + PERIOD - 1e-3)
     starts = np.flatnonzero(after < len(clock))
-    stride = clock[after[starts]] - clock[starts]
-    starts = starts[stride <= longest]
+    starts = starts[clock[after[starts]] - clock[starts] <= longest]
     if len(starts) < FEW:
         starts = np.flatnonzero(same)
         after = np.arange(len(clock)) + 1
@@ -68,23 +73,10 @@ def pace_of(tracks: Tracks) -> tuple[int, float]:
     after = after[starts]
     time = tracks.stamp[after] - tracks.stamp[starts]
     move = tracks.position[after] - tracks.position[starts]
-    length = np.linalg.norm(move, axis=1)
-    pace = float(np.quantile(length / time, 0.95))
+    pace = float(np.quantile(np.linalg.norm(move, axis=1) / time, 0.95))
     if pace <= 1 and np.median(time) <= PERIOD / 2:
         pace = np.nan  # In a moment anybody may stand.
     return len(starts), pace
-
-
-def _moments(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of moments, of 0.1 s or the usual step, and each person's first position in one:
-    the points of two trackers, or of each person, may have their own stamps."""
-    steps, _ = steps_of(tracks)
-    length = min(0.1, np.median(np.append(steps, 0.1)))
-    moment = np.rint(tracks.stamp / length)
-    is_later = np.diff(moment) != 0
-    is_other = np.diff(tracks.id) != 0
-    new = np.append(True, is_later | is_other)
-    return moment[new], tracks.position[new]
 
 
 def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -111,36 +103,19 @@ def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndar
 def _every_period(tracks: Tracks) -> Tracks:
     """The tracks with points of a person about 0.4 s apart: between two frames of a video, whole
     pixels stay and leap although nothing is held."""
-    same = np.diff(tracks.id) == 0
-    step = np.diff(tracks.stamp)
-    usual = np.median(step[same]) if same.any() else PERIOD
-    stride = int(max(1, np.rint(PERIOD / max(usual, 1e-3))))
-    if stride == 1:
-        return tracks
-    rows = len(tracks.id)
-    first = np.flatnonzero(np.append(True, ~same))
-    counts = np.diff(np.append(first, rows))
-    place = np.arange(rows) - np.repeat(first, counts)
+    steps, _ = steps_of(tracks)
+    usual = np.median(steps) if len(steps) else PERIOD
+    stride = max(1, np.rint(PERIOD / max(usual, 1e-3)))
+    place = np.arange(len(tracks.id)) - np.searchsorted(tracks.id, tracks.id)
     return tracks.take(place % stride == 0)
 
 
 def _is_crowded(position: np.ndarray) -> bool:
     """Whether any of the people who begin together [N, 2] stand within 0.2 m of another: people on
     one clock do not, those who came one after another through one door do."""
-    return len(position) > 1 and float(_nearest(position).min()) < 0.2
+    from scipy.spatial import KDTree  # It takes a third of a second to import.
 
-
-def _nearest(position: np.ndarray) -> np.ndarray:
-    """[N] metres from each `position` [N, 2] to the nearest other; infinite where there is none."""
-    if len(position) > FEW_PEOPLE:
-        from scipy.spatial import KDTree  # It takes a third of a second to import.
-
-        distance, _ = KDTree(position).query(position, 2)
-        return distance[:, 1]
-    offset = position[:, None] - position[None]
-    distance = np.sqrt(np.square(offset).sum(axis=-1))
-    np.fill_diagonal(distance, np.inf)
-    return distance.min(axis=1)
+    return bool(len(KDTree(position).query_pairs(CROWDED)))
 
 
 class Doubt(NamedTuple):
@@ -156,17 +131,20 @@ def judge(tracks: Tracks) -> Iterator[Doubt]:
     steps, pace = pace_of(tracks)
     enough = steps >= ENOUGH
     thin = _every_period(tracks)
-    length = _strides(thin)
+    _, length = strides_of(thin)
+    _, first, count = np.unique(thin.id, return_index=True, return_counts=True)
+    last = first + count - 1
 
-    yield from _walking(pace, enough)
+    doubts = [_walking(pace)]
     if steps >= FEW:
-        yield from _held(length, enough)
-    yield from _ends(thin, length, enough)
-    yield from _starts(thin, enough)
+        doubts.append(_held(length))
+    if len(first) >= MANY:
+        doubts += [_ends(thin, length, first, last), _starts(thin, first, last)]
     if enough:
-        yield from _line(tracks)
-    yield from _twins(tracks, enough)
-    yield from _leaps(tracks)
+        doubts.append(_line(tracks))
+    doubts += [_twins(tracks), _leaps(tracks)]
+    for doubt in itertools.chain(*doubts):
+        yield doubt._replace(refuses=bool(doubt.refuses and enough))
 
 
 def doubts_of(tracks: Tracks) -> int:
@@ -190,15 +168,7 @@ def doubts_of(tracks: Tracks) -> int:
     return doubts
 
 
-def _strides(tracks: Tracks) -> np.ndarray:
-    """[R - 1] metres to the next row of the same person; NaN to another's."""
-    move = np.diff(tracks.position, axis=0)
-    length = np.linalg.norm(move, axis=1)
-    length[np.diff(tracks.id) != 0] = np.nan
-    return length
-
-
-def _walking(pace: float, enough: bool) -> Iterator[Doubt]:
+def _walking(pace: float) -> Iterator[Doubt]:
     if not (pace < DOUBTED[0] or pace > DOUBTED[1]):
         return
     guard, unit = "fast", "cm, mm or pixels"
@@ -209,10 +179,10 @@ def _walking(pace: float, enough: bool) -> Iterator[Doubt]:
         f"the clock too {guard} ({option('fps')}, {option('time_unit')}; SGAN's eth needs "
         f"{option('eth_stride', 6)}), or are coordinates {unit} ({option('unit')})?"
     )
-    yield Doubt(guard, enough and not REFUSED[0] <= pace <= REFUSED[1], line)
+    yield Doubt(guard, not REFUSED[0] <= pace <= REFUSED[1], line)
 
 
-def _held(length: np.ndarray, enough: bool) -> Iterator[Doubt]:
+def _held(length: np.ndarray) -> Iterator[Doubt]:
     """A position that is held repeats, and the next one makes up for it."""
     usual = np.inf
     if np.any(length > 0):
@@ -226,46 +196,37 @@ def _held(length: np.ndarray, enough: bool) -> Iterator[Doubt]:
             f"{share:.1%} of the points repeat the one before and are followed by a leap: are "
             "positions held until the next is there?"
         )
-        yield Doubt("held", enough and share > 0.1, line)
+        yield Doubt("held", share > 0.1, line)
 
 
-def _ends(tracks: Tracks, length: np.ndarray, enough: bool) -> Iterator[Doubt]:
+def _ends(
+    tracks: Tracks, length: np.ndarray, first: np.ndarray, last: np.ndarray
+) -> Iterator[Doubt]:
     """People who walk, and stay for three steps where their tracks begin or end."""
-    _, first, count = np.unique(tracks.id, return_index=True, return_counts=True)
-    if len(first) < MANY:
-        return
-    last = first + count - 1
     padded = np.pad(length, 3, constant_values=np.nan)
     three = np.arange(3)
     begins = padded[first[:, None] + 3 + three].sum(axis=1) == 0
     ends = padded[last[:, None] + three].sum(axis=1) == 0
     way = tracks.position[last] - tracks.position[first]
-    walks = np.linalg.norm(way, axis=1) > 1
-    share = np.mean(walks & (begins | ends))
+    share = np.mean((np.linalg.norm(way, axis=1) > 1) & (begins | ends))
     if share > 0.2:
         line = f"{share:.0%} of the people walk but stay at an end: are positions held?"
-        yield Doubt("ends", enough and share > 0.5, line)
+        yield Doubt("ends", share > 0.5, line)
 
 
-def _starts(tracks: Tracks, enough: bool) -> Iterator[Doubt]:
+def _starts(tracks: Tracks, first: np.ndarray, last: np.ndarray) -> Iterator[Doubt]:
     """People who begin at one place, or at one moment without leaving at one."""
-    _, first, count = np.unique(tracks.id, return_index=True, return_counts=True)
-    people = len(first)
-    if people < MANY:
-        return
     _, counts = np.unique(tracks.position[first], axis=0, return_counts=True)
-    share = counts.max() / people
+    share = counts.max() / len(first)
     if share > 0.5:
         line = f"{share:.0%} of the people begin at one place: has each an own origin?"
-        yield Doubt("origins", enough, line)
+        yield Doubt("origins", True, line)
 
     together = tracks.stamp[first] == tracks.stamp.min()
-    moments = len(np.unique(tracks.stamp[first + count - 1]))
     share = np.mean(together)
-    if share > 0.9 and moments > people / 4:
+    if share > 0.9 and len(np.unique(tracks.stamp[last])) > len(first) / 4:
         line = f"{share:.0%} of the people begin at one moment: has each an own clock?"
-        crowded = _is_crowded(tracks.position[first[together]])
-        yield Doubt("together", enough and crowded, line)
+        yield Doubt("together", _is_crowded(tracks.position[first[together]]), line)
 
 
 def _line(tracks: Tracks) -> Iterator[Doubt]:
@@ -276,18 +237,22 @@ def _line(tracks: Tracks) -> Iterator[Doubt]:
         yield Doubt("line", False, line)
 
 
-def _twins(tracks: Tracks, enough: bool) -> Iterator[Doubt]:
-    moment, position = _moments(tracks)
-    is_twin = pl.DataFrame([moment, *position.T]).is_duplicated()
+def _twins(tracks: Tracks) -> Iterator[Doubt]:
+    # In moments of 0.1 s or the usual step: two trackers may have their own stamps.
+    steps, _ = steps_of(tracks)
+    length = min(0.1, np.median(np.append(steps, 0.1)))
+    moment = np.rint(tracks.stamp / length)
+    points = pl.DataFrame([tracks.id, moment, *tracks.position.T])
+    points = points.unique(["column_0", "column_1"], keep="first")
+    is_twin = points.drop("column_0").is_duplicated()
     count = is_twin.sum()
     if count:
         line = f"{count} points are another person's, too: is everybody there twice?"
-        yield Doubt("twins", enough and count > 0.1 * len(is_twin), line)
+        yield Doubt("twins", count > 0.1 * len(is_twin), line)
 
 
 def _leaps(tracks: Tracks) -> Iterator[Doubt]:
-    length = _strides(tracks)
-    step = np.where(np.isnan(length), np.nan, np.diff(tracks.stamp))
+    step, length = strides_of(tracks)
     count = np.isfinite(step).sum()
     if count < FEW:
         return

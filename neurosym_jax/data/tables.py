@@ -553,18 +553,6 @@ class Table:
             values = (column.rank("dense") - 1).cast(pl.Float64)
         return values.fill_null(np.nan).to_numpy()
 
-    def reading(self, name: str) -> Reading:
-        """What is known of the recording `name` before its rows are."""
-        left_out = tuple(f"{line} are left out" for line in self.left_out)
-        return Reading(
-            name,
-            printable(str(self.path)),
-            rows=len(self.row),
-            left_out=self.left_out,
-            warnings=left_out + self.warnings,
-            notes=self.notes,
-        )
-
     def tracks(
         self,
         stamp: np.ndarray,
@@ -587,6 +575,8 @@ class Table:
         numbers, if there is one; `columns` has ROLE=COLUMN of all, `unused` the others.
         `people` are the texts of ids.
         """
+        import polars as pl
+
         row = self.row if row is None else row
         person = np.array(people)[id] if people else id
         rate = None
@@ -594,52 +584,44 @@ class Table:
         if clock is not None and stamp[last]:
             rate = round(float(self.whole_numbers(clock)[last] / stamp[last]), 6)
         names, part = parts or ([printable(self.path.stem)], np.zeros(len(row), int))
+        x, y = position.T
+        points = pl.DataFrame({"part": part, "id": id, "stamp": stamp, "x": x, "y": y})
+        is_first = points.select(pl.struct(pl.all()).is_first_distinct()).to_series()
+        step = pl.col("stamp").diff().over("part", "id")
+        points = points.with_row_index().filter(is_first)
+        back = points.filter(step < 0).get_columns()[:2]
         recordings = []
         for number, name in enumerate(names):
-            at = np.flatnonzero(part == number)
             table = self
-            repeats = at[_repeated_rows(stamp[at], id[at], position[at])]
-            if len(repeats):
-                line = f"{len(repeats)} rows that stand twice"
+            at = np.flatnonzero((part == number) & is_first.to_numpy())
+            repeats = np.sum(part == number) - len(at)
+            if repeats:
+                line = f"{repeats} rows that stand twice"
                 table = dataclasses.replace(self, left_out=(*self.left_out, line))
-                at = np.setdiff1d(at, repeats)
-            back = at[_backward_rows(stamp[at], id[at])]
-            if len(back):
-                first = f"row {row[back[0]]}: time runs backward for agent"
-                times = f"({len(back)} times in all)"
+            backward = back[0].filter(back[1] == number)
+            if len(backward):
+                first = f"row {row[backward[0]]}: time runs backward for agent"
+                times = f"({len(backward)} times in all)"
                 table = table.warned(
-                    f"{first} {person[back[0]]} {times}; the rows are sorted"
+                    f"{first} {person[backward[0]]} {times}; the rows are sorted"
                 )
-            reading = dataclasses.replace(
-                table.reading(name),
+            left_out = tuple(f"{line} are left out" for line in table.left_out)
+            reading = Reading(
+                name,
+                printable(str(self.path)),
                 rows=len(at),
+                left_out=table.left_out,
+                warnings=left_out + table.warnings,
+                notes=self.notes,
                 rate=rate,
                 columns=tuple(columns),
                 unused=tuple(unused),
             )
-            points = stamp[at], person[at], position[at]
+            chosen = stamp[at], person[at], position[at]
             others = {key: extras[key][at] for key in extras}
-            tracks = make_tracks(name, *points, others, reading=reading, row=row[at])
+            tracks = make_tracks(name, *chosen, others, reading=reading, row=row[at])
             recordings.append(tracks)
         return recordings
-
-
-def _repeated_rows(
-    stamp: np.ndarray, id: np.ndarray, position: np.ndarray
-) -> np.ndarray:
-    """Indices of rows [R] that repeat another row: all but the first of equal ones."""
-    order = np.lexsort((stamp, id))
-    point = np.column_stack([stamp, id, position])[order]
-    is_same = (point[1:] == point[:-1]).all(axis=1)
-    return order[1:][is_same]
-
-
-def _backward_rows(stamp: np.ndarray, id: np.ndarray) -> np.ndarray:
-    """Indices of rows [R] that are earlier than the row of the same person before them."""
-    order = np.argsort(id, kind="stable")
-    is_earlier = np.diff(stamp[order]) < 0
-    same = np.diff(id[order]) == 0
-    return order[1:][is_earlier & same]
 
 
 def absent(texts: "pl.Series") -> "pl.Series":

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.columns import names_in_comments, role_of
+from neurosym_jax.data.columns import names_in_comments, plain_name, role_of
 from neurosym_jax.data.tables import Table, absent
 
 __all__ = ["axes_of", "tidy"]
@@ -32,13 +32,8 @@ FEW = 0.1
 PEOPLE_SPAN = 0.5
 """Degrees, some 50 km, that no recording of people spans."""
 
-_SECONDS = re.compile(r"(.*?)(?:s|secs?|seconds?)", re.IGNORECASE)
-_PARTS = {
-    9: re.compile(r"(.*?)(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
-    6: re.compile(r"(.*?)(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
-    3: re.compile(r"(.*?)(?:ms|msecs?|millisecs?|milliseconds?)", re.IGNORECASE),
-}
-"""Names of columns of parts of a second, by their number of digits."""
+DIGITS = {"ns": 9, "us": 6, "ms": 3}
+"""Digits of a second by the unit of its rest."""
 
 
 def tidy(table: Table) -> Table:
@@ -83,20 +78,17 @@ def _named_by_comments(table: Table) -> Table:
 
 def _with_points_of_cells(table: Table) -> Table:
     """The table with two columns more for each whose cells are points, as `(x, y)`."""
-    has_x = "x" in {role_of(name) for name in table.names}
+    has_x = "x" in set(map(role_of, table.names))
     columns = {}
-    for at in range(len(table.names)):
-        if not _begins_with_a_point(table, at):
-            continue
+    for at, name in enumerate(table.names):
         texts = table.column(at)
-        others = ~(texts.str.contains(POINT) | absent(texts)).to_numpy()
-        if others.any() and (has_x or others.mean() > FEW):
+        if not texts.head(HEAD).str.contains(POINT).any():
             continue
-        reason = f"{table.names[at]} is not a point"
-        _refuse_cells(table, others, texts, reason)
-        columns[at] = texts
-    for at, texts in columns.items():
-        name = table.names[at]
+        others = ~(texts.str.contains(POINT) | absent(texts)).to_numpy()
+        if others.mean() <= (0 if has_x else FEW):
+            columns[name] = texts
+            _refuse_cells(table, others, texts, f"{name} is not a point")
+    for name, texts in columns.items():
         x, y = (texts.str.extract(POINT, part).fill_null("") for part in (1, 2))
         axes = (f"{name}.x", f"{name}.y")
         if texts.str.starts_with("POINT").any():
@@ -104,8 +96,7 @@ def _with_points_of_cells(table: Table) -> Table:
             axes = axes_of(*(part.fill_null(np.nan).to_numpy() for part in numbers))
         elif len(columns) == 1 and not role_of(axes[0]):
             axes = ("x", "y")
-        for axis, part in zip(axes, (x, y)):
-            table = table.with_column(axis, part)
+        table = table.with_column(axes[0], x).with_column(axes[1], y)
         table = table.noted(f"points are in the cells of {name!r}")
     return table
 
@@ -116,28 +107,19 @@ def _refuse_cells(
     table.refuse(wrong, lambda row: f"{reason}: {texts[row][:60]!r}")
 
 
-def _begins_with_a_point(table: Table, at: int) -> bool:
-    """Whether the first cells of a column that are not empty have a point."""
-    texts = dataclasses.replace(table, fields=table.fields.head(HEAD)).column(at)
-    texts = texts.filter(~absent(texts))
-    return len(texts) > 0 and bool(texts.head(1).str.contains(POINT)[0])
-
-
 def _with_whole_times(table: Table) -> Table:
     """The table with the times of two columns, of whole seconds and of the rest of a second."""
     names = list(table.names)
     if "%time" in names:  # As `rostopic echo -p` writes them.
         names[names.index("%time")] = "time [ns]"
         return dataclasses.replace(table, names=names)
+    places = {}
     for at, name in enumerate(names):
-        seconds = _SECONDS.fullmatch(name)
-        if seconds is None:
-            continue
-        for digits, pattern in _PARTS.items():
-            for other, other_name in enumerate(names):
-                rest = pattern.fullmatch(other_name)
-                if rest and rest[1] == seconds[1]:
-                    return _with_whole_time(table, at, other, digits)
+        places.setdefault(plain_name(f"of_{name}"), at)
+    for (stem, unit), at in places.items():
+        for rest, digits in DIGITS.items():
+            if unit == "s" and (stem, rest) in places:
+                return _with_whole_time(table, at, places[stem, rest], digits)
     return table
 
 
@@ -167,72 +149,52 @@ def _with_whole_time(table: Table, at: int, other: int, digits: int) -> Table:
 def _unfolded(table: Table) -> Table:
     """A row for each person, of a table whose columns x and y differ by an index: `t, x1, y1, x2,
     y2`. Ids may differ so, too; else the index is the id, unless there is a column of ids."""
-    people, others = _people_side_by_side(table)
-    has_ids = "id" in {role_of(table.names[at]) for at in others}
+    people = dict[str, dict[str, int]]()
+    plain_names = dict[str, str]()
+    others = list[int]()
+    for at, name in enumerate(table.names):
+        index, role, plain = _without_index(name)
+        if role:
+            people.setdefault(index, {})[role] = at
+            plain_names.setdefault(role, plain)
+        else:
+            others.append(at)
     roles = {frozenset(places) for places in people.values()}
-    is_wide = len(people) > 1 and roles in (
-        {frozenset("xy")},
-        {frozenset(["x", "y", "id"])},
-    )
-    if has_ids or not is_wide:
+    has_ids = "id" in {role_of(table.names[at]) for at in others}
+    is_wide = roles in ({frozenset("xy")}, {frozenset(["x", "y", "id"])})
+    if has_ids or not is_wide or len(people) < 2:
         return table
     parts = []
     for person, places in people.items():
-        chosen = (*others, places["x"], places["y"])
-        part = dataclasses.replace(table, fields=table.fields.list.gather(list(chosen)))
         ids = pl.Series([[person]])
         if "id" in places:
             ids = table.column(places["id"])
-        parts.append(part.with_column("id", ids).fields)
-    first = next(iter(people.values()))
+        chosen = [*others, places["x"], places["y"]]
+        parts.append(table.fields.list.gather(chosen).list.concat(ids))
     names = [table.names[at] for at in others]
-    names += [_without_index(table.names[first[axis]], axis) for axis in "xy"]
     row = np.tile(table.row, len(people))
     order = np.argsort(row, kind="stable")
     table = dataclasses.replace(
         table,
-        names=[*names, "id"],
+        names=[*names, plain_names["x"], plain_names["y"], "id"],
         fields=pl.concat(parts)[order],
         row=row[order],
     )
     return table.noted(f"columns of {len(people)} people side by side")
 
 
-def _without_index(name: str, role: str) -> str:
-    """The name `x_cm` of a column `x1_cm`, which has that role."""
+def _without_index(name: str) -> tuple[str, str, str]:
+    """The index, the role and the name without index of a column of one of several people, as
+    `x_cm` of `x1_cm`; nothing for others."""
     match = _WIDE.fullmatch(name)
-    assert match
-    before, separator, _, other_separator, after = match.groups()
-    if not (before and after):
-        separator = other_separator = ""
-    joined = before + (other_separator or separator) + after
-    for part in (joined, before, after):
-        if role_of(part) == role:
-            return part
-    return joined
-
-
-def _people_side_by_side(
-    table: Table,
-) -> tuple[dict[str, dict[str, int]], list[int]]:
-    """The columns id, x and y by the index that their names share, and the other columns."""
-    people = dict[str, dict[str, int]]()
-    others = list[int]()
-    for at, name in enumerate(table.names):
-        axis = ""
-        match = _WIDE.fullmatch(name)
-        if match:
-            roles = {role_of(match[1]), role_of(match[5])}
-            if "name" in (match[1], match[5]):  # As `people0.name`.
-                roles.add("id")
-            for role in ("id", "y", "x"):
-                if role in roles:
-                    axis = role
-        if match and axis:
-            people.setdefault(match[3], {})[axis] = at
-        else:
-            others.append(at)
-    return people, others
+    if match:
+        before, separator, index, other_separator, after = match.groups()
+        joined = before + (other_separator or separator) + after
+        for text in (joined, after, before):
+            role = "id" if text == "name" else role_of(text)
+            if role in ("id", "x", "y"):
+                return index, role, text
+    return "", "", name
 
 
 def _with_frames_of_names(table: Table) -> Table:

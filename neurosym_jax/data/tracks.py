@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from neurosym_jax.errors import InputError, option, printable, refuse_masked
 
 __all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Reading", "Tracks", "describe_readings"]
-__all__ += ["common", "make_tracks"]
+__all__ += ["common", "fields_at", "make_tracks"]
 
 # seconds between the steps of the ETH/UCY benchmark and of every shipped model
 PERIOD = 0.4
@@ -85,13 +85,10 @@ class Tracks:
 
     def take(self, rows: np.ndarray | slice) -> Self:
         """Select rows ([R] bool mask, [R'] ascending indices, or a slice) with all their fields."""
-        chosen = {}
-        for name in self._columns:
-            values = getattr(self, name)
-            if values is not None:
-                chosen[name] = values[rows]
         extras = {name: values[rows] for name, values in self.extras.items()}
-        return dataclasses.replace(self, extras=extras, **chosen)
+        return dataclasses.replace(
+            self, extras=extras, **fields_at(self, self._columns, rows)
+        )
 
     def with_ids(self, id: np.ndarray) -> Self:
         """The same points with other ids [R] int64, sorted by them."""
@@ -105,6 +102,16 @@ class Tracks:
         if self.names:
             return np.array(self.names)[self.id[rows]]
         return self.id[rows]
+
+
+def fields_at(data: Any, names: Iterable[str], rows: Any) -> dict[str, np.ndarray]:
+    """The arrays of some names that `data` has, at `rows`."""
+    arrays = {}
+    for name in names:
+        values = getattr(data, name)
+        if values is not None:
+            arrays[name] = values[rows]
+    return arrays
 
 
 def make_tracks(

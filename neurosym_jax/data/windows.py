@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common
+from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common, fields_at
 from neurosym_jax.errors import InputError, option
 from neurosym_jax.scene import (
     Scene,
@@ -90,23 +90,14 @@ class Windows:
 
     def take(self, scenes: np.ndarray | slice) -> Self:
         """Select scenes: [S] bool mask, [S'] indices (any order, repeats allowed), or a slice."""
-        chosen = np.arange(self.scenes)[scenes]
-        rows = self.rows(chosen)
-        stamp = self.stamp
-        if stamp is not None:
-            stamp = stamp[chosen]
-        seen = self.seen
-        if seen is not None:
-            seen = seen[rows]
+        index = np.arange(self.scenes)[scenes]
+        rows = self.rows(index)
         return dataclasses.replace(
             self,
-            position=self.position[rows],
-            agent=self.agent[rows],
-            bounds=_bounds(self.sizes[chosen]),
-            identity=self.identity[chosen],
-            stamp=stamp,
-            seen=seen,
+            bounds=_bounds(self.sizes[index]),
             extras={name: values[rows] for name, values in self.extras.items()},
+            **fields_at(self, ("position", "agent", "seen"), rows),
+            **fields_at(self, ("identity", "stamp"), index),
         )
 
 
@@ -159,20 +150,20 @@ def cut_windows(
 
 def _joined(parts: list[Windows]) -> Windows:
     """The windows of several recordings, one after the other."""
-    readings = itertools.chain.from_iterable(part.reading for part in parts)
+    arrays = {}
+    for name in ("position", "identity", "stamp"):
+        arrays[name] = np.concatenate([getattr(part, name) for part in parts])
     extras = {}
     for name in parts[0].extras:
         extras[name] = np.concatenate([part.extras[name] for part in parts])
-    stamps = [part.stamp for part in parts if part.stamp is not None]
     return Windows(
-        position=np.concatenate([part.position for part in parts]),
+        # Ids of a recording without windows may be of another kind.
         agent=np.concatenate([part.agent for part in parts if part.scenes]),
         bounds=_bounds(np.concatenate([part.sizes for part in parts])),
-        identity=np.concatenate([part.identity for part in parts]),
         obs_len=parts[0].obs_len,
-        reading=tuple(readings),
+        reading=tuple(itertools.chain(*(part.reading for part in parts))),
         extras=extras,
-        stamp=np.concatenate(stamps),
+        **arrays,
     )
 
 
@@ -290,8 +281,7 @@ def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:
         size = max(1, slots // bucket)
         for at in range(0, len(chosen), size):
             part = chosen[at : at + size]
-            index = np.full(size, -1)
-            index[: len(part)] = part
+            index = np.pad(part, (0, size - len(part)), constant_values=-1)
             scene = gather_scenes(windows, part, int(bucket), size)
             batches.append(Batch(scene, index))
     return batches
@@ -319,8 +309,8 @@ def gather_scenes(
     first = _bounds(sizes)[:-1]
     low = np.minimum.reduceat(last, first)
     high = np.maximum.reduceat(last, first)
-    origin = np.zeros((count, 2))
-    origin[: len(chosen)] = (low + high) / 2  # As `make_scene`.
+    empty = ((0, count - len(chosen)), (0, 0))
+    origin = np.pad((low + high) / 2, empty)  # As `make_scene`.
     step = displacements(position[:, : windows.obs_len])
     position = relative_positions(position, origin[scene, None])
 
@@ -330,13 +320,11 @@ def gather_scenes(
         out[scene, slot] = values
         return out
 
-    identity = np.zeros((count, 2), np.uint32)
-    identity[: len(chosen)] = windows.identity[chosen]
     return Scene(
         observed=padded(position[:, : windows.obs_len], model_dtype()),
         displacement=padded(step, model_dtype()),
         valid=padded(np.ones(len(rows), bool)),
-        identity=identity,
+        identity=np.pad(windows.identity[chosen], empty),
         origin=origin,
         future=padded(position[:, windows.obs_len :], model_dtype()),
         period=round(float(windows.period), 6),
@@ -385,10 +373,9 @@ def _encoded(hashes: np.ndarray) -> str:
 
 
 def _decoded(stored: str) -> np.ndarray:
-    text = stored.removeprefix(VERSION)
-    data = np.frombuffer(base64.b64decode(text), np.uint8).reshape(-1, BYTES)
-    words = np.zeros((len(data), 8), np.uint8)
-    words[:, 8 - BYTES :] = data
+    data = base64.b64decode(stored.removeprefix(VERSION))
+    words = np.frombuffer(data, np.uint8).reshape(-1, BYTES)
+    words = np.pad(words, ((0, 0), (8 - BYTES, 0)))
     return words.view(">u8").ravel().astype(np.uint64)
 
 
