@@ -18,7 +18,7 @@ from neurosym_jax.configuration import Checked, from_json, parse_json, to_json
 from neurosym_jax.data.recordings import GENERAL, SCENES, data_folder, find
 from neurosym_jax.data.windows import VERSION, is_fingerprint
 from neurosym_jax.errors import InputError, InputWarning, option, warn_caller
-from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecast import Model, digest_of
 from neurosym_jax.models.forecaster import FORECASTERS
 from neurosym_jax.models.parameters import (
     flat_parameters,
@@ -27,7 +27,7 @@ from neurosym_jax.models.parameters import (
     shapes_of,
 )
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.files import digest_of, new_folder, replaced_folder
+from neurosym_jax.runtime.files import new_folder, replaced_folder
 
 __all__ = [
     "DOWNLOADED",

@@ -3,6 +3,7 @@ of scenes.
 """
 
 import dataclasses
+import hashlib
 import itertools
 import json
 import reprlib
@@ -40,7 +41,6 @@ from neurosym_jax.models.tracking_errors import (
     settle,
     was_repaired,
 )
-from neurosym_jax.runtime.files import digest_of
 from neurosym_jax.runtime.process import COMPILED_UNFUSED
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import (
@@ -60,6 +60,7 @@ __all__ = [
     "SceneForecaster",
     "batch_noise",
     "checked_scene",
+    "digest_of",
     "draw_batch",
     "forecast",
     "forecast_batch",
@@ -155,6 +156,14 @@ class Model:
             f"  config: {type(self.config).__name__}({', '.join(differences(self.config))})\n"
             f"  params: {count:,} numbers"
         )
+
+
+def digest_of(*contents: Any) -> str:
+    """SHA-256 of bytes, or of arrays of one block each, after each other."""
+    sha = hashlib.sha256()
+    for content in contents:
+        sha.update(content)
+    return sha.hexdigest()
 
 
 class SceneForecaster:

@@ -22,7 +22,6 @@ from neurosym_jax.runtime.ending import when_ended
 
 __all__ = [
     "append_text",
-    "digest_of",
     "folder_digest",
     "new_file",
     "new_folder",
@@ -132,14 +131,6 @@ def append_text(path: Path | str, text: str) -> None:
 def write_json(path: Path | str, data: Any) -> None:
     """Replace `path` by `data` in strict JSON: a ValueError for a NaN or an infinity."""
     write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
-
-
-def digest_of(*contents: Any) -> str:
-    """SHA-256 of bytes, or of arrays of one block each, after each other."""
-    sha = hashlib.sha256()
-    for content in contents:
-        sha.update(content)
-    return sha.hexdigest()
 
 
 def folder_digest(folder: Path, without: str = "") -> str:

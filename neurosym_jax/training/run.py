@@ -28,10 +28,10 @@ from neurosym_jax.evaluation.tables import (
     rows_frame,
 )
 from neurosym_jax.models.disk import save_model
-from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecast import Model, digest_of
 from neurosym_jax.models.forecaster import FORECASTERS, Forecaster, forecaster_of
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.files import append_text, digest_of, write_json, write_text
+from neurosym_jax.runtime.files import append_text, write_json, write_text
 from neurosym_jax.runtime.process import COMPILED_QUICKLY, code_version, run_environment
 from neurosym_jax.training.custom import Custom
 from neurosym_jax.training.recipe import Recipe
