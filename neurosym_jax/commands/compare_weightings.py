@@ -16,7 +16,7 @@ from tyro.conf import Positional
 from neurosym_jax.commands import sweep
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.student import half_interval
+from neurosym_jax.evaluation.intervals import half_interval
 from neurosym_jax.training.sweep import ENOUGH, SweepRun, compare_sweep
 
 __all__ = ["SPREAD", "Options", "expected_power", "run"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import stdtr, stdtrit
 
-from neurosym_jax.evaluation.student import half_interval, two_sided_p
+from neurosym_jax.evaluation.intervals import half_interval, two_sided_p
 
 FREEDOMS = (0.2, 0.8, 1.0, 1.5, 2.0, 7.2, 30.0, 111.3, 1000.5, 1e5, math.inf)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from neurosym_jax.evaluation.student import half_interval
+from neurosym_jax.evaluation.intervals import half_interval
 from neurosym_jax.models.place.change import BLOCK, ENOUGH, TWO_SIDED, Change
 from neurosym_jax.models.place.flows import flows_of
 from neurosym_jax.models.place.memory import KERNELS, empty_memory, remember
