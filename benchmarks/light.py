@@ -43,7 +43,7 @@ def machine_rates() -> dict[str, float]:
     import jax.numpy as jnp
     import numpy as np
 
-    from neurosym_jax.models.sgan.pooling import LSTM
+    from neurosym_jax.models.sgan.network import LSTM
 
     draw = np.random.default_rng(0)
     weight = jnp.asarray(draw.normal(size=(WIDTH, 4 * WIDTH)), jnp.float32)

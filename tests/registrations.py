@@ -10,8 +10,7 @@ from neurosym_jax import plugins
 from neurosym_jax.data.tables import FORMATS
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.models.forecaster import FORECASTERS
-from neurosym_jax.models.sgan.network import POOLINGS
-from neurosym_jax.models.sgan.pooling import CELLS
+from neurosym_jax.models.sgan.network import CELLS, POOLINGS
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.weighting import WEIGHTINGS
 

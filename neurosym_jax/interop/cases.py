@@ -17,8 +17,12 @@ from jax import Array
 from neurosym_jax.data.windows import Windows, gather_scenes
 from neurosym_jax.interop.checkpoint import discriminator, generator
 from neurosym_jax.models.forecast import unpacked
-from neurosym_jax.models.sgan.network import Discriminator, Generator, GeneratorConfig
-from neurosym_jax.models.sgan.pooling import NeurosymIjcnn
+from neurosym_jax.models.sgan.network import (
+    Discriminator,
+    Generator,
+    GeneratorConfig,
+    NeurosymIjcnn,
+)
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import CndShipped, make_weighting
 

@@ -22,8 +22,8 @@ from neurosym_jax.models.sgan.network import (
     POOLINGS,
     DiscriminatorConfig,
     GeneratorConfig,
+    Social,
 )
-from neurosym_jax.models.sgan.pooling import Social
 from neurosym_jax.models.sgan.torch_names import (
     params_from_torch,
     params_to_torch,

@@ -34,7 +34,7 @@ from neurosym_jax.interop.cases import (
 from neurosym_jax.interop.checkpoint import released_config
 from neurosym_jax.models import Generator
 from neurosym_jax.models.forecast import Model, refuse_other_length
-from neurosym_jax.models.sgan.pooling import LSTM, LSTMNetwork
+from neurosym_jax.models.sgan.network import LSTM, LSTMNetwork
 from neurosym_jax.models.sgan.torch_names import torch_names
 from neurosym_jax.runtime.foreign import read_arrays, read_json, reading
 from neurosym_jax.scene import checked_positions, model_dtype

@@ -397,7 +397,7 @@ def forecast(
 
     It computes what `predict` does in the same coordinates, but nothing is padded,
     checked, repaired (see `tracking_errors`) or moved to the host. Reverse mode only:
-    the gradient of pooling is written by hand (`models.sgan.pooling`). Symbols with a
+    the gradient of pooling is written by hand (`models.sgan.network`). Symbols with a
     hard threshold have a gradient of zero by positions; the weightings `soft` and
     `quantised` (straight through) have another.
 

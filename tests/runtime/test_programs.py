@@ -50,7 +50,7 @@ print(forecast.tobytes().hex(), *sorted(names))
 PLUGIN = """
 import dataclasses
 from neurosym_jax.models.sgan.network import register_pooling
-from neurosym_jax.models.sgan.pooling import PoolNet
+from neurosym_jax.models.sgan.network import PoolNet
 
 @register_pooling("mine")
 @dataclasses.dataclass(frozen=True)

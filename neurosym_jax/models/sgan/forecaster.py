@@ -9,13 +9,14 @@ from jax import Array
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.forecaster import NoiseSpec, TwoStageForecaster
 from neurosym_jax.models.sgan.network import (
+    LSTM,
+    NO_FORECAST,
     POOLINGS,
     GeneratorConfig,
     decode_scene,
     encode_scene,
     init_generator,
 )
-from neurosym_jax.models.sgan.pooling import LSTM, NO_FORECAST
 from neurosym_jax.models.sgan.training import (
     RECIPES,
     batch_loss,

@@ -22,13 +22,11 @@ from neurosym_jax.models.parameters import (
 )
 from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
 from neurosym_jax.models.sgan.network import (
+    LSTM,
+    AsDescribed,
     Discriminator,
     DiscriminatorConfig,
     GeneratorConfig,
-)
-from neurosym_jax.models.sgan.pooling import (
-    LSTM,
-    AsDescribed,
     NeurosymIjcnn,
     NeurosymRos,
     NoPooling,

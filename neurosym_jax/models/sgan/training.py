@@ -241,7 +241,7 @@ def generator_loss(
 
 
 def with_leak(generator: Any) -> Any:
-    """The variables `generator` for a loss, see `models.pooling.bottleneck_relu`."""
+    """The variables `generator` for a loss, see `bottleneck_relu`."""
     leak = {"pooling": {"leak": jnp.float32(LEAK)}}
     return {**generator, "training": {**leak, "decoder": leak}}
 

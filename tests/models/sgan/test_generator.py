@@ -11,17 +11,15 @@ from neurosym_jax.models.anchors.network import AnchorConfig, AnchorNetwork
 from neurosym_jax.models.sgan import pooling
 from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
 from neurosym_jax.models.sgan.network import (
-    DiscriminatorConfig,
-    GeneratorConfig,
-    pooling_network,
-)
-from neurosym_jax.models.sgan.pooling import (
     LSTM,
     Affine,
+    DiscriminatorConfig,
     Encoder,
+    GeneratorConfig,
     LSTMNetwork,
     Perceptron,
     PoolNetwork,
+    pooling_network,
 )
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting

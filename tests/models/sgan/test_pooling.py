@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
-from neurosym_jax.models.sgan.network import GeneratorConfig
-from neurosym_jax.models.sgan.pooling import (
+from neurosym_jax.models.sgan.network import (
+    GeneratorConfig,
     PoolNetwork,
     _DescribedNetwork,
     _GridNetwork,
