@@ -19,8 +19,8 @@ from neurosym_jax.data.recordings import GENERAL, SCENES, data_folder, find
 from neurosym_jax.data.windows import VERSION, is_fingerprint
 from neurosym_jax.errors import InputError, InputWarning, option, warn_caller
 from neurosym_jax.models.forecast import Model, digest_of
-from neurosym_jax.models.forecaster import FORECASTERS
-from neurosym_jax.models.parameters import (
+from neurosym_jax.models.forecaster import (
+    FORECASTERS,
     flat_parameters,
     nested_parameters,
     refuse_misfit,

@@ -13,8 +13,7 @@ from numpy.testing import assert_array_equal
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.models.disk import load_model, save_model
 from neurosym_jax.models.forecast import Model
-from neurosym_jax.models.forecaster import Lengths
-from neurosym_jax.models.parameters import flat_parameters, refuse_misfit
+from neurosym_jax.models.forecaster import Lengths, flat_parameters, refuse_misfit
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from tests.networks import random_model
 

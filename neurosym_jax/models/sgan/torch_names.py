@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from neurosym_jax.errors import InputError, brief
-from neurosym_jax.models.parameters import (
+from neurosym_jax.models.forecaster import (
     flat_parameters,
     nested_parameters,
     refuse_misfit,
