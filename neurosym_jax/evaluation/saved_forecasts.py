@@ -21,8 +21,7 @@ from neurosym_jax.evaluation.forecasts import last_frames, recording_names
 from neurosym_jax.models.forecast import Model, forecast_windows
 from neurosym_jax.models.histories import fill_history
 from neurosym_jax.runtime.files import new_file, refuse_unwritable
-from neurosym_jax.runtime.memory import refuse_beyond_memory
-from neurosym_jax.runtime.process import cpu_cores
+from neurosym_jax.runtime.process import cpu_cores, refuse_beyond_memory
 from neurosym_jax.scene import scene_identity
 
 __all__ = [

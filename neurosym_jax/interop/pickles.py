@@ -21,7 +21,7 @@ from numpy.lib.stride_tricks import as_strided
 
 from neurosym_jax.errors import InputError, brief
 from neurosym_jax.runtime.foreign import refuse_twins
-from neurosym_jax.runtime.memory import refuse_beyond_memory
+from neurosym_jax.runtime.process import refuse_beyond_memory
 
 __all__ = ["read_torch_file"]
 

@@ -21,8 +21,11 @@ from jax import Array
 from neurosym_jax.configuration import Checked, Rule, Seed, Size, differences, refuse
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import Registry, additions
-from neurosym_jax.runtime.memory import refuse_beyond_memory
-from neurosym_jax.runtime.process import COMPILED_UNFUSED, refuse_forked
+from neurosym_jax.runtime.process import (
+    COMPILED_UNFUSED,
+    refuse_beyond_memory,
+    refuse_forked,
+)
 from neurosym_jax.runtime.programs import kept_json, program
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters

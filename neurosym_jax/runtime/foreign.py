@@ -20,7 +20,7 @@ import numpy as np
 
 from neurosym_jax.configuration import parse_json
 from neurosym_jax.errors import InputError, printable
-from neurosym_jax.runtime.memory import refuse_beyond_memory
+from neurosym_jax.runtime.process import refuse_beyond_memory
 
 __all__ = [
     "read_array",

@@ -28,7 +28,7 @@ from neurosym_jax.evaluation.scores import score_forecaster
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.models.forecaster import Lengths
 from neurosym_jax.plugins import load_plugin
-from neurosym_jax.runtime import memory
+from neurosym_jax.runtime import process
 from neurosym_jax.runtime.files import (
     folder_digest,
     new_folder,
@@ -36,8 +36,8 @@ from neurosym_jax.runtime.files import (
     write_json,
     write_text,
 )
-from neurosym_jax.runtime.memory import available_memory
 from neurosym_jax.runtime.process import (
+    available_memory,
     cache_folder,
     code_version,
     cpu_cores,
@@ -281,7 +281,7 @@ def test_processes_start_for_many_tasks_only(monkeypatch):
 
 LIMITED = """
 import resource, sys
-from neurosym_jax.runtime.memory import available_memory, refuse_beyond_memory
+from neurosym_jax.runtime.process import available_memory, refuse_beyond_memory
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 10**9, size + 10**9))
 print(available_memory())
@@ -314,11 +314,11 @@ def test_the_limit_of_a_container_is_seen(tmp_path, line, folder, names):
     own, place = tmp_path / "own", tmp_path / folder
     own.write_text(f"3:pids:/a\n{line}\n")
     place.mkdir(parents=True, exist_ok=True)
-    assert memory._of_groups(own, tmp_path) == float("inf")
+    assert process._of_groups(own, tmp_path) == float("inf")
     for name, number in zip(names, ("1000", "700")):
         (place / name).write_text(f"{number}\n")
     (place / "memory.stat").write_text("anon 600\ninactive_file 50\n")
-    assert memory._of_groups(own, tmp_path) == 350
+    assert process._of_groups(own, tmp_path) == 350
     for unlimited in ("max", str(2**63 - 4096)):
         (place / names[0]).write_text(unlimited)
-        assert memory._of_groups(own, tmp_path) == float("inf")
+        assert process._of_groups(own, tmp_path) == float("inf")
