@@ -540,7 +540,7 @@ class Advice:
 # it is finished.
 
 
-@dataclasses.dataclass(eq=False)
+@dataclasses.dataclass(frozen=True, eq=False)
 class RunFiles:
     """The files of one run in `folder`; `record` is that of the run."""
 
