@@ -16,8 +16,11 @@ from neurosym_jax.data.tracks import PERIOD
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError, optional_module
 from neurosym_jax.evaluation.compare import Test
-from neurosym_jax.evaluation.forecast_csv import csv_of_forecasts
-from neurosym_jax.evaluation.forecasts import last_frames, recording_names
+from neurosym_jax.evaluation.forecasts import (
+    csv_of_forecasts,
+    last_frames,
+    recording_names,
+)
 from neurosym_jax.models.forecast import Model, forecast_windows
 from neurosym_jax.models.histories import fill_history
 from neurosym_jax.runtime.files import new_file, refuse_unwritable

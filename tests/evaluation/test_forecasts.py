@@ -13,8 +13,11 @@ from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.compare import TestSet as Case
 from neurosym_jax.evaluation.compare import baseline, make_test
-from neurosym_jax.evaluation.forecast_csv import read_csv_forecasts
-from neurosym_jax.evaluation.forecasts import read_forecasts, windows_of
+from neurosym_jax.evaluation.forecasts import (
+    read_csv_forecasts,
+    read_forecasts,
+    windows_of,
+)
 from neurosym_jax.evaluation.saved_forecasts import save_forecasts
 from neurosym_jax.evaluation.scores import DRAWS
 
