@@ -104,7 +104,8 @@ def _best(errors: Array) -> Array:
 
 def marginal_ade(forecast: Array, scene: Scene) -> Array:
     """[N] mean errors over steps, of each agent's own best sample."""
-    return _distances(forecast, scene).mean(axis=-1).min(axis=0)
+    errors = _distances(forecast, scene).mean(axis=-1)
+    return errors.min(axis=0)
 
 
 def marginal_fde(forecast: Array, scene: Scene) -> Array:
@@ -132,7 +133,8 @@ def missed(forecast: Array, scene: Scene) -> Array:
 def horizon(forecast: Array, scene: Scene) -> Array:
     """[N, T] error at each step, in the sample of best joint ADE."""
     distance = _distances(forecast, scene)
-    best = distance.mean(axis=-1).sum(axis=-1).argmin()
+    errors = distance.mean(axis=-1)
+    best = errors.sum(axis=-1).argmin()
     return distance[best]
 
 
@@ -175,10 +177,12 @@ def _energy(offset: Array, probability: Array | None) -> Array:
 def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N] CRPS of each coordinate by itself, mean over steps and both. The same, section 4.2."""
     weight = _numbers(forecast, probability) / len(forecast)
-    spread = jnp.tensordot(weight, _apart(forecast, weight, jnp.abs), 1)
-    spread = spread * _pairs(forecast, probability)
-    error = jnp.tensordot(weight, jnp.abs(forecast - scene.known_future), 1)
-    return (error - spread / 2).mean(axis=(1, 2))
+    apart = _apart(forecast, weight, jnp.abs)
+    spread = jnp.tensordot(weight, apart, 1) * _pairs(forecast, probability)
+    offset = forecast - scene.known_future
+    error = jnp.tensordot(weight, jnp.abs(offset), 1)
+    scores = error - spread / 2
+    return scores.mean(axis=(1, 2))
 
 
 LEAST_LOG_DENSITY = -20.0
@@ -210,7 +214,8 @@ def kde_nll(
     weight = weight[:, None, None]
     effective = 1 / jnp.square(weight).sum()
     offset = forecast - jnp.asarray(scene.known_future)
-    x, y = jnp.moveaxis(offset - (weight[..., None] * offset).sum(0), -1, 0)
+    mean = (weight[..., None] * offset).sum(0)
+    x, y = jnp.moveaxis(offset - mean, -1, 0)
     # Bessel's correction; of draws of which one has all the probability there is none.
     share = weight / jnp.where(effective > 1, 1 - 1 / effective, 1.0)
     xx = (share * x * x).sum(0)
@@ -221,12 +226,13 @@ def kde_nll(
     determinant = jnp.where(is_flat, 1.0, determinant)
     scott = effective ** (-1 / 3)
     x, y = jnp.moveaxis(offset, -1, 0)
-    distance = (yy * x * x - 2 * xy * x * y + xx * y * y) / (determinant * scott)
+    distance = yy * x * x - 2 * xy * x * y + xx * y * y
+    distance = distance / (determinant * scott)
     height = jnp.log(2 * jnp.pi * scott) + 0.5 * jnp.log(determinant)
-    logs = jax.nn.logsumexp(-distance / 2, axis=0, b=weight) - height
-    logs = jnp.where(is_flat, LEAST_LOG_DENSITY, logs)
-    values = -jnp.maximum(logs, LEAST_LOG_DENSITY).mean(axis=-1)
-    return values, jnp.asarray(scene.valid) & (k > 1)
+    logs = jax.nn.logsumexp(-distance / 2, axis=0, b=weight)
+    logs = jnp.where(is_flat, LEAST_LOG_DENSITY, logs - height)
+    logs = jnp.maximum(logs, LEAST_LOG_DENSITY)
+    return -logs.mean(axis=-1), jnp.asarray(scene.valid) & (k > 1)
 
 
 def coverage(
@@ -342,16 +348,20 @@ def _batch_collisions(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
     first, other = _pairs_of_scenes(valid.sum(axis=1))
     # First the boxes around all samples of a pair, then those of each.
     near = _meet(low.min(axis=-1), high.max(axis=-1), first, other)
-    first, other = first[near], other[near]
-    pair, sample = np.nonzero(_meet(low, high, first, other))
+    first = first[near]
+    other = other[near]
+    meets = _meet(low, high, first, other)
+    pair, sample = np.nonzero(meets)
 
     # Numbers of the paths in `flat`, whose last axis is [A * k].
-    ends = np.stack([first[pair], other[pair]]) * samples + sample
     flat = paths.reshape(steps, 2, -1)
-    offset = flat.take(ends[0], axis=2) - flat.take(ends[1], axis=2)
+    one = first[pair] * samples + sample
+    two = other[pair] * samples + sample
+    offset = flat.take(one, axis=2) - flat.take(two, axis=2)
     close = _collide(offset)
     hit = np.zeros(agents * samples, bool)
-    hit[ends[:, close]] = True
+    hit[one[close]] = True
+    hit[two[close]] = True
     hits = np.zeros(forecast.shape[:3], bool)
     hits[:, valid] = hit.reshape(agents, samples).T
     return hits
@@ -381,10 +391,13 @@ def _collide(offset: np.ndarray) -> np.ndarray:
     end = np.square(offset[-1]).sum(axis=0)
     # The offset moves along a segment; its nearest point to zero is at `t` in [0, 1].
     x, y = offset[:-1].swapaxes(0, 1)
-    dx, dy = (offset[1:] - offset[:-1]).swapaxes(0, 1)
+    moves = offset[1:] - offset[:-1]
+    dx, dy = moves.swapaxes(0, 1)
     # The smallest positive number, for an offset that stays.
-    length = np.maximum(dx**2 + dy**2, np.finfo(offset.dtype).tiny)
-    t = np.clip(-(x * dx + y * dy) / length, 0, 1)
+    tiny = np.finfo(offset.dtype).tiny
+    length = np.maximum(dx**2 + dy**2, tiny)
+    t = -(x * dx + y * dy) / length
+    t = np.clip(t, 0, 1)
     square = (x + t * dx) ** 2 + (y + t * dy) ** 2
     nearest = square.min(axis=0, initial=np.inf)
     return np.minimum(end, nearest) < COLLISION_DISTANCE**2
@@ -415,9 +428,11 @@ def neighbour_share(moves: Array, scene: Scene) -> tuple[Array, Array]:
 def neighbour_near(moves: Array, scene: Scene) -> tuple[Array, Array]:
     """[N] bool, `neighbour_share` of the agents whose nearest neighbour is within `NEAR`."""
     last = jnp.asarray(scene.observed)[:, -1]
-    others = jnp.asarray(scene.valid) & ~jnp.eye(len(last), dtype=bool)
+    itself = jnp.eye(len(last), dtype=bool)
+    others = jnp.asarray(scene.valid) & ~itself
     distance = _length(last[:, None] - last)
-    closest = jnp.where(others, distance, jnp.inf).min(axis=1)
+    distance = jnp.where(others, distance, jnp.inf)
+    closest = distance.min(axis=1)
     changed, company = neighbour_share(moves, scene)
     return changed, company & (closest <= NEAR)
 
@@ -486,11 +501,12 @@ def _log_score(
     smoothing = settings.smoothing
     probability = (hits + smoothing / classes) / (len(forecast) + smoothing)
     scores = -jnp.log(probability)
-    square = jnp.square(last[:, None] - last[None]).sum(axis=-1)
+    offset = last[:, None] - last[None]
+    square = jnp.square(offset).sum(axis=-1)
     pairs = (square <= IN_SIGHT**2) & other_pairs(scene.valid)
     count = pairs.sum()
-    scores = scores.reshape(*pairs.shape, -1).mean(axis=-1)
-    scores = jnp.where(pairs, scores, 0)
+    scores = scores.reshape(*pairs.shape, -1)
+    scores = jnp.where(pairs, scores.mean(axis=-1), 0)
     return scores.sum() / jnp.maximum(count, 1), count
 
 

@@ -75,12 +75,14 @@ def simulate_labelled(
     refuse(Count, {"people": people})
     refuse(Positive, {"rate": rate, "duration": duration})
     frames = int(duration * rate + 1e-6) + 1
-    walked = _walk_frames(_key(seed, 0), scenario, people, frames, float(rate))
+    walk_key = _key(seed, 0)
+    walked = _walk_frames(walk_key, scenario, people, frames, float(rate))
     path = np.asarray(walked, np.float64)
     stamp = np.arange(frames) / rate
     faults = faults or TrackerFaults()
     lost, label = _identities(path, faults, rate, seed)
-    noise = jax.random.normal(_key(seed, 2), path.shape, jnp.float32)
+    noise_key = _key(seed, 2)
+    noise = jax.random.normal(noise_key, path.shape, jnp.float32)
     noisy = path + faults.noise * np.asarray(noise, np.float64)
 
     frame, person = np.nonzero(~lost)
@@ -109,19 +111,21 @@ def _all_forward(chance: jax.Array) -> Plan:
     lane = (pair % lanes + 0.5) / lanes - 0.5
     side = (number % 2 - 0.5) * ABREAST
     middle = lane * 4.0 + width / 2 + side
-    x = middle[None] + _between(shared[..., 0], -0.5, 0.5) / lanes
+    shift = _between(shared[..., 0], -0.5, 0.5)
+    x = middle[None] + shift / lanes
 
     margin = _between(shared[..., 1], 0.9, 1.5)
     rank = (pair // lanes).astype(np.float32)
     margin = margin.at[0].add(np.float32(1.8) * rank)
-    is_far = (np.arange(legs) % 2 == 1)[:, None]
+    leg = np.arange(legs)[:, None]
+    is_far = leg % 2 == 1
     y = jnp.where(is_far, length - margin, margin)
 
     goal = jnp.stack([x, y], -1)
     goal = goal + _between(chance[..., 4:6], -0.08, 0.08)
-    pause = _between(shared[..., 2], 0.1, 1.0)
-    pause = pause + _between(chance[..., 3], 0.0, 0.2)
-    return Plan(goal, pause, _pace(chance))
+    shared_pause = _between(shared[..., 2], 0.1, 1.0)
+    own_pause = _between(chance[..., 3], 0.0, 0.2)
+    return Plan(goal, shared_pause + own_pause, _pace(chance))
 
 
 def _cross_path(chance: jax.Array) -> Plan:
@@ -130,13 +134,15 @@ def _cross_path(chance: jax.Array) -> Plan:
     number = np.arange(people)
     angle = np.pi * (number + 0.5) / people
     way = np.stack([np.cos(angle), np.sin(angle)], -1)
-    way /= np.abs(way).max(axis=-1, keepdims=True)
+    longest = np.abs(way).max(axis=-1, keepdims=True)
+    way /= longest
     # Neighbours in angle start from opposite ends, so that two people meet instead of
     # merging.
     turn = np.arange(legs)[:, None] + number
     end = np.where(turn % 2 == 0, -1.0, 1.0)
     middle = np.array(ROOM) / 2
-    station = middle + end[..., None] * way * (middle - [1.0, 1.1])
+    reach = middle - [1.0, 1.1]
+    station = middle + end[..., None] * way * reach
     goal = station + _between(chance[..., 4:6], -0.4, 0.4)
     pause = _between(chance[..., 3], 0.1, 1.2)
     return Plan(goal, pause, _pace(chance))
@@ -175,9 +181,10 @@ def _walk_frames(
     plans = legs * people * 8
     count = plans + steps * 2 * people
     chance = jax.random.uniform(key, (count,), jnp.float32)
-    kicks = chance[plans:].reshape(steps, 2, people) - 0.5
-    kicks = float(np.sqrt(12)) * kicks
-    plan = _PLANS[scenario](chance[:plans].reshape(legs, people, 8))
+    kicks = chance[plans:].reshape(steps, 2, people)
+    kicks = float(np.sqrt(12)) * (kicks - 0.5)
+    plan_chance = chance[:plans].reshape(legs, people, 8)
+    plan = _PLANS[scenario](plan_chance)
     plan = Plan(*(values.astype(jnp.float32) for values in plan))
     abreast = scenario == "all-forward"
     positions = walk(plan, kicks, 1 / (rate * substeps), ROOM, abreast)
@@ -194,21 +201,24 @@ def _identities(
         lost = np.zeros((frames, people), bool)
         return lost, np.tile(person, (frames, 1))
     shape = (frames, people, 3 + people)
-    chance = jax.random.uniform(_key(seed, 1), shape, jnp.float32)
-    chance = np.asarray(chance, np.float64)
+    key = _key(seed, 1)
+    chance = np.asarray(jax.random.uniform(key, shape, jnp.float32), np.float64)
 
     lost = _losses(chance[..., 0], chance[..., 1], faults, rate)
-    renamed = _comes_back(lost) & (chance[..., 2] < faults.id_switch)
-    new_id = people - 1 + np.cumsum(renamed).reshape(renamed.shape)
-    label = np.where(renamed, new_id, person)
+    switches = chance[..., 2] < faults.id_switch
+    renamed = _comes_back(lost) & switches
+    count = np.cumsum(renamed).reshape(renamed.shape)
+    label = np.where(renamed, people - 1 + count, person)
     label = np.maximum.accumulate(label, axis=0)
 
     offset = path[:, :, None] - path[:, None]
     is_near = np.linalg.norm(offset, axis=-1) < SWAP_DISTANCE
     are_seen = ~lost[:, :, None] & ~lost[:, None]
-    swaps = is_near & are_seen & (chance[..., 3:] < faults.id_swap)
-    for at, first, second in np.argwhere(np.triu(swaps, 1)):
-        label[at:, [first, second]] = label[at:, [second, first]]
+    is_swapped = chance[..., 3:] < faults.id_swap
+    swaps = np.triu(is_near & are_seen & is_swapped, 1)
+    for at, first, second in np.argwhere(swaps):
+        swapped = [second, first]
+        label[at:, [first, second]] = label[at:, swapped]
     return lost, label
 
 
@@ -216,7 +226,8 @@ def _losses(
     start: np.ndarray, length: np.ndarray, faults: TrackerFaults, rate: float
 ) -> np.ndarray:
     """[F, P] bool: who is lost, given chances [F, P] of a loss to start, and of its length."""
-    frame = np.arange(len(start))[:, None]
+    frame = np.arange(len(start))
+    frame = frame[:, None]
     # Geometric length by inversion: P(more than n frames) = (1 - 1 / mean) ** n.
     mean = max(faults.dropout_seconds * rate, 1.0)
     tail = np.log1p(-1 / mean) if mean > 1 else -np.inf
@@ -229,5 +240,6 @@ def _comes_back(lost: np.ndarray) -> np.ndarray:
     """[F, P] bool: who is seen again, given who is `lost [F, P]`; nobody comes back at first."""
     was_seen = np.logical_or.accumulate(~lost, axis=0)
     is_back = np.zeros_like(lost)
-    is_back[1:] = lost[:-1] & ~lost[1:] & was_seen[:-1]
+    was_lost = lost[:-1] & was_seen[:-1]
+    is_back[1:] = was_lost & ~lost[1:]
     return is_back

@@ -53,10 +53,11 @@ class SceneStream:
             sizes = np.minimum(sizes, max_agents)
         classes = size_classes(sizes, batch_scenes)
         class_of = np.searchsorted(classes, sizes)
-        members = [np.flatnonzero(class_of == index) for index in range(len(classes))]
-        counts = np.array([len(scenes) for scenes in members])
-        quotas = quota(counts, len(sizes), batch_scenes)
-        self._classes = list(zip(classes.tolist(), members, quotas.tolist()))
+        self._classes = []
+        for index, slots in enumerate(classes.tolist()):
+            members = np.flatnonzero(class_of == index)
+            share = quota(np.array(len(members)), len(sizes), batch_scenes)
+            self._classes.append((slots, members, int(share)))
 
     def steps(self, first: int, count: int) -> Groups:
         """`count` batches from step `first`: a Scene `[count, quota, slots, ...]` of each class."""
@@ -84,11 +85,9 @@ class SceneStream:
             random = np.random.default_rng([self._seed, index, first + row, 1])
             focus[row] = random.random(quota)
         scenes = gather_cropped(self._windows, chosen, slots, focus.ravel())
-
-        def by_step(array: AnyArray) -> AnyArray:
-            return array.reshape(count, quota, *array.shape[1:])
-
-        return jax.tree.map(by_step, scenes)
+        return jax.tree.map(
+            lambda array: array.reshape(count, quota, *array.shape[1:]), scenes
+        )
 
 
 def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
@@ -190,9 +189,10 @@ def _move(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     if not recipe.rotate and not recipe.scale and recipe.stretch == 1:
         return groups
     scenes = _counts(groups)
+    total = sum(count for (count,) in scenes)
     choose, turn, flip, stretch = jax.random.split(key, 4)
-    total = _total(groups)
-    turned = jax.random.uniform(choose, (total,)) < recipe.rotate
+    lot = jax.random.uniform(choose, (total,))
+    turned = lot < recipe.rotate
     factor = _factors(stretch, total, recipe)
     angle = jax.random.uniform(turn, (total,), maxval=2 * jnp.pi)
     angle = jnp.where(turned, angle, 0.0)
@@ -203,17 +203,14 @@ def _move(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     matrix = jnp.stack([cos, -sin * sign, sin, cos * sign], axis=-1)
     matrix = matrix.reshape(total, 2, 2)
 
-    def move(scene: Scene, matrix: Array) -> Scene:
-        def moved(vectors: AnyArray) -> Array:
-            return jnp.einsum("sab,sntb->snta", matrix, vectors)
-
-        return scene.replace(
-            observed=moved(scene.observed),
-            displacement=moved(scene.displacement),
-            future=moved(scene.known_future),
-        )
-
-    return tuple(map(move, groups, split(matrix, scenes)))
+    moved = []
+    for scene, matrices in zip(groups, split(matrix, scenes)):
+        fields = {}
+        for name in ("observed", "displacement", "future"):
+            vectors = getattr(scene, name)
+            fields[name] = jnp.einsum("sab,sntb->snta", matrices, vectors)
+        moved.append(scene.replace(**fields))
+    return tuple(moved)
 
 
 def _factors(key: Array, total: int, recipe: Recipe) -> Array:
@@ -234,8 +231,9 @@ def _jitter(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     scenes = _counts(groups)
     shapes = [scene.observed.shape for scene in groups]
     # One draw for all groups: each draw adds a second of compiling to the step.
-    errors = jax.random.normal(error, (sum(map(math.prod, shapes)),))
-    per_scene = (_total(groups), 1, 1, 1)
+    coordinates = sum(map(math.prod, shapes))
+    errors = jax.random.normal(error, (coordinates,))
+    per_scene = (sum(count for (count,) in scenes), 1, 1, 1)
     clean = recipe.clean_share
     if clean:
         level = jax.random.uniform(size, per_scene, minval=-clean / (1 - clean))
@@ -243,13 +241,13 @@ def _jitter(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     else:
         deviations = jax.random.uniform(size, per_scene, maxval=recipe.jitter)
 
-    def jittered(scene: Scene, errors: Array, deviation: Array) -> Scene:
-        observed = scene.observed + deviation * errors
-        return scene.replace(observed=observed, displacement=moves_of(observed))
-
-    errors_of = split(errors, shapes)
-    deviation_of = split(deviations, scenes)
-    return tuple(map(jittered, groups, errors_of, deviation_of))
+    jittered = []
+    parts = zip(groups, split(errors, shapes), split(deviations, scenes))
+    for scene, scene_errors, deviation in parts:
+        observed = scene.observed + deviation * scene_errors
+        moves = moves_of(observed)
+        jittered.append(scene.replace(observed=observed, displacement=moves))
+    return tuple(jittered)
 
 
 def _single_agents(groups: Groups, key: Array, recipe: Recipe) -> Groups:
@@ -259,27 +257,26 @@ def _single_agents(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     choose, who = jax.random.split(key)
     scenes = _counts(groups)
     shapes = [scene.valid.shape for scene in groups]
-    alone = jax.random.uniform(choose, (_total(groups),)) < recipe.single_agent_share
-    lots = jax.random.uniform(who, (sum(map(math.prod, shapes)),))
+    total = sum(count for (count,) in scenes)
+    alone = jax.random.uniform(choose, (total,)) < recipe.single_agent_share
+    slots = sum(map(math.prod, shapes))
+    lots = jax.random.uniform(who, (slots,))
 
-    def reduce(scene: Scene, alone: Array, lots: Array) -> Scene:
+    reduced = []
+    parts = zip(groups, split(alone, scenes), split(lots, shapes))
+    for scene, is_alone, lot in parts:
         valid = jnp.asarray(scene.valid)
-        lot = jnp.where(valid, lots, -1)
-        first = lot.argmax(axis=1)
-        is_drawn = jnp.arange(valid.shape[1])[None] == first[:, None]
-        return scene.replace(valid=valid & (is_drawn | ~alone[:, None]))
-
-    return tuple(map(reduce, groups, split(alone, scenes), split(lots, shapes)))
+        lot = jnp.where(valid, lot, -1)
+        drawn = lot.argmax(axis=1)
+        is_drawn = jnp.arange(valid.shape[1])[None] == drawn[:, None]
+        kept = is_drawn | ~is_alone[:, None]
+        reduced.append(scene.replace(valid=valid & kept))
+    return tuple(reduced)
 
 
 def _counts(groups: Groups) -> list[tuple[int]]:
     """The number of scenes of each group, as a shape."""
     return [(scene.valid.shape[0],) for scene in groups]
-
-
-def _total(groups: Groups) -> int:
-    """The number of scenes of all groups."""
-    return sum(scene.valid.shape[0] for scene in groups)
 
 
 AUGMENTATIONS = (_move, _jitter, _single_agents)

@@ -1106,21 +1106,15 @@ def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
 
 
 def interact_scene(
-    config: GeneratorConfig,
-    params: Any,
-    hidden: Any,
-    scene: Scene,
-    method: Callable[..., Any] = Generator.interact,
+    config: GeneratorConfig, params: Any, hidden: Any, scene: Scene
 ) -> Any:
-    """The part of `encode_scene` that looks at neighbours, after the encoding `hidden [N, H]`.
-
-    `method` is the generator's `interact`, or its `pool` for the pooled vectors.
-    """
+    """The part of `encode_scene` that looks at neighbours, after the encoding `hidden [N, H]`."""
     weigh = _weighting(config, params)
     alpha = scene.alpha
     if alpha is None and weigh is not None:
         alpha = weigh(jnp.asarray(scene.observed), jnp.asarray(scene.valid))
-    return Generator(config).apply(params, hidden, scene, alpha, method=method)
+    interact = Generator.interact
+    return Generator(config).apply(params, hidden, scene, alpha, method=interact)
 
 
 def decode_scene(

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorNetwork
-from neurosym_jax.models.sgan import pooling
+from neurosym_jax.models.sgan import network
 from neurosym_jax.models.sgan.forecaster import GeneratorForecaster
 from neurosym_jax.models.sgan.network import (
     LSTM,
@@ -217,7 +217,7 @@ def test_discriminator(kind):
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_tanh_and_sigmoid(name, dtype):
     """They and two derivatives, forward and backward, equal the exact functions up to rounding."""
-    x, function = np.linspace(-30, 30, 60_001), getattr(pooling, name)
+    x, function = np.linspace(-30, 30, 60_001), getattr(network, name)
     y = np.tanh(x) if name == "tanh" else sigmoid(x)
     first, second = 1 - y * y, -2 * y * (1 - y * y)
     if name == "sigmoid":
