@@ -21,6 +21,7 @@ Satterthwaite's.
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Callable, Sequence
 
@@ -138,8 +139,10 @@ class Estimate:
 
     def interval(self, column: int) -> Interval:
         """95 % interval of one metric."""
-        half = half_interval(float(self.freedom[column])) * self.variance[column] ** 0.5
-        return float(self.value[column] - half), float(self.value[column] + half)
+        deviation = self.variance[column] ** 0.5
+        half = half_interval(float(self.freedom[column])) * deviation
+        value = self.value[column]
+        return float(value - half), float(value + half)
 
     def p_value(self, column: int) -> float:
         """Two-sided p value of one metric against 0."""
@@ -176,17 +179,15 @@ class ErrorsByScene:
     def blocks(self) -> np.ndarray:
         """[S] the block of each scene, of as many start frames as a window has steps."""
         start = self.identity.astype(np.int64) // np.array([1, self.steps])
-        return np.unique(start, axis=0, return_inverse=True)[1].ravel()
+        _, block = np.unique(start, axis=0, return_inverse=True)
+        return block.ravel()
 
     @functools.cached_property
     def block_sums(self) -> tuple[np.ndarray, np.ndarray]:
         """[blocks, M] totals and counts, see `Score`."""
-        blocks = self.blocks
-        totals, counts = np.zeros((2, blocks.max() + 1, len(self.scores)))
-        for column, (total, count) in enumerate(self.scores.values()):
-            np.add.at(totals[:, column], blocks, total)
-            np.add.at(counts[:, column], blocks, count)
-        return totals, counts
+        totals = [np.bincount(self.blocks, total) for total, _ in self.scores.values()]
+        counts = [np.bincount(self.blocks, count) for _, count in self.scores.values()]
+        return np.stack(totals, axis=1), np.stack(counts, axis=1)
 
     @property
     def mean(self) -> np.ndarray:
@@ -197,9 +198,7 @@ class ErrorsByScene:
     def intervals(self) -> dict[str, Interval]:
         """95 % interval of each metric's mean over other test scenes."""
         estimate = _over_blocks(self.mean, self.jackknife(), self.effective_blocks())
-        return {
-            name: estimate.interval(column) for column, name in enumerate(self.scores)
-        }
+        return dict(zip(self.scores, map(estimate.interval, itertools.count())))
 
     def jackknife(self) -> np.ndarray:
         """[blocks, M] how much the mean falls when a block is left out."""
@@ -300,7 +299,8 @@ def mean_difference(parts: Sequence[Difference]) -> Difference:
     Raises:
         InputError: where there is no such seed.
     """
-    common = sorted(set.intersection(*(set(part.numbers) for part in parts)))
+    numbers = [set(part.numbers) for part in parts]
+    common = sorted(set.intersection(*numbers))
     if not common:
         raise InputError(
             "no training seed was tested on every test set, so there is no mean"
@@ -357,13 +357,15 @@ def against_best(
 
 def student_half(values: Sequence[float]) -> float:
     """Half of Student's 95 % interval of the mean of `values` [n], n > 1."""
-    low, high = _of_sample(np.array([values], float).T).interval(0)
+    estimate = _of_sample(np.array([values], float).T)
+    low, high = estimate.interval(0)
     return (high - low) / 2
 
 
 def student_p(values: Sequence[float]) -> float:
     """Two-sided p value of Student's test that the mean of `values` [n], n > 1, is 0."""
-    return _of_sample(np.array([values], float).T).p_value(0)
+    estimate = _of_sample(np.array([values], float).T)
+    return estimate.p_value(0)
 
 
 def _of_sample(values: np.ndarray) -> Estimate:

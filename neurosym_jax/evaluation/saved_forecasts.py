@@ -94,7 +94,10 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
         return None
     file = Path(reading.file)
     listed = read_scenes(file)
-    if not listed or abs(windows.period - 1 / listed[0].fps) > 0.01 * windows.period:
+    if not listed:
+        return None
+    period = 1 / listed[0].fps
+    if abs(windows.period - period) > 0.01 * windows.period:
         return None
     (tracks,) = Trajnet().read(file, AS_IT_SAYS, PERIOD)
     rate = reading.rate or 1
@@ -110,7 +113,7 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
     scenes = []
     for scene in listed:
         steps = np.arange(scene.start, scene.end + 1, round(windows.period * rate))
-        past, future = steps[:-pred_len].tolist(), steps[-pred_len:]
+        past = steps[:-pred_len].tolist()
         if len(past) < obs_len:
             raise InputError(
                 f"{file}: scene {scene.id} has {len(steps)} steps, not {obs_len} + {pred_len}"
@@ -124,8 +127,9 @@ def _official(test: Test) -> tuple[Points, list[ObservedScene]] | None:
             for step, frame in enumerate(past):
                 path[step] = points.get((frame, person), np.nan)
         observed, _ = fill_history(paths, f"{file}: scene {scene.id}")
-        observed = observed[:, -obs_len:]
-        scenes.append(ObservedScene(scene, np.array(people), observed, future))
+        ids = np.array(people)
+        future = steps[-pred_len:]
+        scenes.append(ObservedScene(scene, ids, observed[:, -obs_len:], future))
     return points, scenes
 
 
@@ -145,7 +149,7 @@ def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
     else:
         last = np.rint(last_frames(windows)).astype(int)
         stride = round(rate * windows.period)
-    step = stride * np.arange(1 - windows.obs_len, steps - windows.obs_len + 1)
+    step = stride * (np.arange(steps) - windows.obs_len + 1)
     fps = round(1 / windows.period, 6)
     shift = 0
     numbers: dict[tuple[str, int], int] = {}
@@ -163,8 +167,8 @@ def _of_windows(test: Test) -> tuple[Points, list[ObservedScene]]:
             for person, path in zip(people.tolist(), windows.position[rows]):
                 for frame, xy in zip(frames.tolist(), path):
                     points[frame, person] = xy
-            start, end = int(frames[0]), int(frames[-1])
-            scene = OfficialScene(int(at), int(people[0]), start, end, fps, [0, []])
+            primary, start, end = int(people[0]), int(frames[0]), int(frames[-1])
+            scene = OfficialScene(int(at), primary, start, end, fps, [0, []])
             observed = windows.position[rows, : windows.obs_len]
             future = frames[windows.obs_len :]
             scenes.append(ObservedScene(scene, people, observed, future))
@@ -370,10 +374,13 @@ def to_xarray(samples: ArrayLike, *, period: float = 0.4, **arrays: ArrayLike) -
         dimensions = DIMENSIONS.get(name, ("agent",))
         variables[name] = (dimensions[: values.ndim], values)
     variables["xy"] = ["x", "y"]
-    variables["time"] = period * np.arange(1, np.shape(samples)[2] + 1)
+    steps = np.shape(samples)[2]
+    variables["time"] = period * np.arange(1, steps + 1)
     if "observed" in arrays:
-        variables["past"] = period * np.arange(1 - np.shape(arrays["observed"])[1], 1)
-    dataset = _xarray().Dataset(variables, attrs={"units": "metres", "period": period})
+        obs_len = np.shape(arrays["observed"])[1]
+        variables["past"] = period * np.arange(1 - obs_len, 1)
+    attributes = {"units": "metres", "period": period}
+    dataset = _xarray().Dataset(variables, attrs=attributes)
     return dataset.set_coords(arrays.keys() - DIMENSIONS.keys())
 
 

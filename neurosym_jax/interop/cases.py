@@ -74,8 +74,8 @@ class Case:
         """Our forecast [A, pred_len, 2] and the vectors [A, ...] before it, by torch's names."""
         noise = placed(self.noise, self.valid)
         scenes = self.scenes.bare()
-        stages = _stages(self.config, self.params, scenes, noise, self.alpha)
-        return {name: np.asarray(values)[self.valid] for name, values in stages.items()}
+        values = _stages(self.config, self.params, scenes, noise, self.alpha)
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[self.valid], values)
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -174,12 +174,11 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     if "d_type" not in row:
         return compared
     config, params = discriminator(row, state_of(arrays, "d_state/"))
-    seen = slice(case.config.obs_len)
-    positions = [arrays["traj"][:, seen], arrays["pred_abs"]]
-    moves = [arrays["traj_rel"][:, seen], arrays["pred_rel"]]
-    positions = np.concatenate(positions, axis=1)
-    moves = np.concatenate(moves, axis=1)
-    fakes = padded(positions, moves, case.bounds, positions.shape[1])
+    tracks = []
+    for seen, forecast in (("traj", "pred_abs"), ("traj_rel", "pred_rel")):
+        observed = arrays[seen][:, : case.config.obs_len]
+        tracks.append(np.concatenate([observed, arrays[forecast]], axis=1))
+    fakes = padded(*tracks, case.bounds, tracks[0].shape[1])
 
     def score(scene: Scene) -> Any:
         inputs = scene.observed, scene.displacement, scene.valid
@@ -192,11 +191,12 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
 
 def forecasts(case: Case) -> Compared:
     """The generator's displacements, and positions in the frame of `traj`."""
-    scenes = case.scenes
     moves = case.stages()["pred_rel"]
-    origin = np.repeat(np.asarray(scenes.origin), np.diff(case.bounds), axis=0)
-    last = np.asarray(scenes.observed)[case.valid][:, -1:]
-    positions = last + np.cumsum(moves, axis=1) + origin[:, None]
+    sizes = np.diff(case.bounds)
+    origin = np.repeat(np.asarray(case.scenes.origin), sizes, axis=0)
+    observed = np.asarray(case.scenes.observed)[case.valid]
+    ahead = np.cumsum(moves, axis=1)
+    positions = observed[:, -1:] + ahead + origin[:, None]
     return {
         "pred_rel": (moves, case.arrays["pred_rel"]),
         "pred_abs": (positions, case.arrays["pred_abs"]),

@@ -42,8 +42,9 @@ def _is(dtype: Any, kind: type) -> bool:
 
 @_translates("integer_pow", "square")
 def _integer_pow(graph, eqn, x):
-    exponent = np.asarray(eqn.params.get("y", 2), eqn.invars[0].aval.dtype)
-    return graph.add("Pow", x, exponent)
+    exponent = eqn.params.get("y", 2)
+    dtype = eqn.invars[0].aval.dtype
+    return graph.add("Pow", x, np.asarray(exponent, dtype))
 
 
 @_translates("rsqrt", "ne")
@@ -113,7 +114,8 @@ def _arg_extreme(graph, eqn, x):
 @_translates("cumsum")
 def _cumsum(graph, eqn, x):
     axis = np.int32(eqn.params["axis"])
-    return graph.add("CumSum", x, axis, reverse=int(eqn.params["reverse"]))
+    is_reverse = int(eqn.params["reverse"])
+    return graph.add("CumSum", x, axis, reverse=is_reverse)
 
 
 @_translates("dot_general")
@@ -141,12 +143,14 @@ def _dot_general(graph, eqn, left, right):
 
 def _is_matrix_product(contracted: Any, batch: Any, ranks: list[int]) -> bool:
     """Whether a general product is a `MatMul`: of matrices, or of equal batches of them."""
-    lead = tuple(range(len(batch[0])))
-    if ranks[1] != len(lead) + 2 or (lead and ranks[0] != ranks[1]):
+    left, right = ranks
+    lead = list(range(len(batch[0])))
+    if right != len(lead) + 2 or (lead and left != right):
         return False
-    leads = tuple(batch[0]) == tuple(batch[1]) == lead
-    last_by_first = (tuple(contracted[0]), tuple(contracted[1]))
-    return leads and last_by_first == ((ranks[0] - 1,), (len(lead),))
+    are_first = list(batch[0]) == list(batch[1]) == lead
+    is_last = list(contracted[0]) == [left - 1]
+    is_next = list(contracted[1]) == [len(lead)]
+    return are_first and is_last and is_next
 
 
 def _einsum(contracted: Any, batch: Any, ranks: list[int]) -> str:
@@ -246,9 +250,10 @@ def _dynamic_slice(graph, eqn, x, *starts):
 @_translates("rev")
 def _rev(graph, eqn, x):
     axes = eqn.params["dimensions"]
-    starts = graph.integers(*[-1] * len(axes))
-    ends = graph.integers(*[-(2**31)] * len(axes))
-    return graph.slice(x, axes, starts, ends, [-1] * len(axes))
+    back = [-1] * len(axes)
+    beyond = [-(2**31)] * len(axes)
+    starts = graph.integers(*back)
+    return graph.slice(x, axes, starts, graph.integers(*beyond), back)
 
 
 @_translates("pad")
@@ -268,8 +273,10 @@ def _pad(graph, eqn, x, padding):
 def _iota(graph, eqn, *_):
     shape = eqn.params["shape"]
     axis = eqn.params["dimension"]
+    start = graph.number(0)
     end = graph.reshape(graph.size(shape[axis]), ())
-    count = graph.add("Range", graph.number(0), end, graph.number(1))
+    step = graph.number(1)
+    count = graph.add("Range", start, end, step)
     count = graph.cast(count, eqn.params["dtype"])
     unit = [1] * len(shape)
     unit[axis] = shape[axis]
@@ -318,7 +325,8 @@ def _gather(graph, eqn, x, indices):
     fill = eqn.params["fill_value"]
     dtype = eqn.outvars[0].aval.dtype
     if fill is None:
-        fill = np.nan if _is(dtype, np.floating) else np.iinfo(np.int32).min
+        smallest = np.iinfo(np.int32).min
+        fill = np.nan if _is(dtype, np.floating) else smallest
     hit = graph.add("Equal", indices, inside)
     hit = graph.cast(hit, np.int32)
     hit = graph.add("ReduceMin", hit, graph.integers(-1), keepdims=0)
@@ -339,7 +347,8 @@ def _window(graph, eqn, x, indices):
         starts.append(start)
         ends.append(start + size)
     strides = [1] * len(axes)
-    return graph.slice(x, axes, graph.integers(*starts), graph.shape(ends), strides)
+    first = graph.integers(*starts)
+    return graph.slice(x, axes, first, graph.shape(ends), strides)
 
 
 def _free_axes(numbers, shape, sizes):
@@ -350,9 +359,11 @@ def _free_axes(numbers, shape, sizes):
     """
     axes = numbers.start_index_map
     batching = numbers.operand_batching_dims
-    free = [axis for axis in range(len(shape)) if axis not in (*axes, *batching)]
+    indexed = {*axes, *batching}
+    free = [axis for axis in range(len(shape)) if axis not in indexed]
     are_elements = set(numbers.collapsed_slice_dims) == set(axes)
-    if not are_elements or any(sizes[axis] != shape[axis] for axis in free):
+    are_whole = all(sizes[axis] == shape[axis] for axis in free)
+    if not are_elements or not are_whole:
         raise InputError(
             "ONNX: windows at indices that depend on the input have no translation"
         )

@@ -47,12 +47,13 @@ def plot_animation(
         title: of all pictures.
     """
     low, high = _limits(moments)
-    extent = high - low
-    height = float(np.clip(WIDTH * extent[1] / extent[0], 0.4 * WIDTH, WIDTH))
+    x, y = high - low
+    height = float(np.clip(WIDTH * y / x, 0.4 * WIDTH, WIDTH))
     figure, ((axes,),) = style.new_figure(WIDTH, height + 0.5)
     figure.set_dpi(DOTS)
-    people = np.unique(np.concatenate([moment.people for moment in moments]))
-    colours = dict(zip(people.tolist(), style.PALETTE * len(people)))
+    ids = np.concatenate([moment.people for moment in moments])
+    people = np.unique(ids).tolist()
+    colours = dict(zip(people, style.PALETTE * len(people)))
 
     def draw(number: int) -> None:
         axes.clear()
@@ -61,13 +62,13 @@ def plot_animation(
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         moment = moments[number]
         for row, person in enumerate(moment.people.tolist()):
+            colour = colours[person]
             past = moment.observed[row]
             futures = moment.futures[:, row]
             before = np.repeat(past[None], len(futures), axis=0)
-            look = {"color": colours[person], "linewidth": 0.7, "alpha": 0.4}
-            draw_paths(axes, futures, before, **look)
+            draw_paths(axes, futures, before, color=colour, linewidth=0.7, alpha=0.4)
             draw_paths(axes, past[None], color=style.INK, linewidth=1.2)
-            axes.plot(*past[-1], "o", color=colours[person], markersize=6)
+            axes.plot(*past[-1], "o", color=colour, markersize=6)
 
     interval = 1000 * period
     return FuncAnimation(figure, draw, frames=len(moments), interval=interval)
@@ -77,8 +78,9 @@ def _limits(moments: Sequence[Moment]) -> tuple[np.ndarray, np.ndarray]:
     """Lower left and upper right corner [2] of all people and most of what they may do."""
     ends = np.concatenate([moment.observed[:, -1] for moment in moments])
     futures = [moment.futures.reshape(-1, 2) for moment in moments]
+    points = np.concatenate(futures)
     outside = (1 - REACH) / 2
-    least, most = np.quantile(np.concatenate(futures), [outside, 1 - outside], axis=0)
+    least, most = np.quantile(points, [outside, 1 - outside], axis=0)
     low = np.minimum(ends.min(axis=0) - MARGIN, least)
     high = np.maximum(ends.max(axis=0) + MARGIN, most)
     return low, high
@@ -121,9 +123,11 @@ class _GifWriter(PillowWriter):
 def _shades() -> np.ndarray:
     """[n, 3] uint8: every colour of our figures and black, in steps to white."""
     steps = np.linspace(0, 1, 14)[:, None]
-    colours = [to_rgb(name) for name in (*style.PALETTE, style.INK, "black")]
-    shades = [steps * colour + (1 - steps) for colour in np.array(colours)]
-    return np.unique((255 * np.concatenate(shades)).round().astype(np.uint8), axis=0)
+    names = (*style.PALETTE, style.INK, "black")
+    colours = np.array([to_rgb(name) for name in names])
+    shades = steps * colours[:, None] + (1 - steps)
+    numbers = (255 * shades).round().astype(np.uint8)
+    return np.unique(numbers.reshape(-1, 3), axis=0)
 
 
 def check_animation(path: Path) -> None:

@@ -38,7 +38,9 @@ def plot_forecasts(
     samples = {
         name: np.asarray(forecast, float) for name, forecast in forecasts.items()
     }
-    arrays = [array for array in (past, future, *samples.values()) if array is not None]
+    arrays = [past, *samples.values()]
+    if future is not None:
+        arrays.append(future)
     points = np.concatenate([array.reshape(-1, 2) for array in arrays])
     low = points.min(axis=0)
     high = points.max(axis=0)
@@ -50,7 +52,8 @@ def plot_forecasts(
     width = style.WIDTH if extent[1] < 0.7 * extent[0] else style.COLUMN
     height = (width - 0.5) * extent[1] / extent[0] + (0.85 if title else 0.55)
     figure, ((axes,),) = style.new_figure(width, height)
-    (left, bottom), (right, top) = (low + high - extent) / 2, (low + high + extent) / 2
+    left, bottom = (low + high - extent) / 2
+    right, top = (low + high + extent) / 2
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.ticklabel_format(useOffset=False, style="plain")
     style.dress(axes, "x [m]", "y [m]", title)

@@ -5,6 +5,7 @@ A model has its own colour and line in every figure. Sizes are a paper's;
 lines are larger beside the rest.
 """
 
+import math
 import textwrap
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
@@ -89,8 +90,9 @@ def model_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """
     looks: dict[str, Any] = {}
     for name in dict.fromkeys(names):
-        own = [look for kind, look in _LOOKS.items() if kind in name.lower()][:1]
-        free = [look for look in (*own, *_OTHERS) if look not in looks.values()]
+        own = [look for kind, look in _LOOKS.items() if kind in name.lower()]
+        candidates = [*own[:1], *_OTHERS]
+        free = [look for look in candidates if look not in looks.values()]
         looks[name] = free[0] if free else _OTHERS[len(looks) % len(_OTHERS)]
     styles = {}
     for name, (colour, line) in looks.items():
@@ -139,11 +141,13 @@ def add_legend(figure: Figure, *panels: Axes) -> Figure:
             handles.setdefault(label, handle)
     # In letters; the line before a text is as wide as eight.
     width = int(figure.get_figwidth() * 72 / SMALL * 2) - 2
-    texts = [_wrapped(label, min(40, width - 8)) for label in handles]
-    longest = max(map(len, "\n".join(texts).split("\n")))
+    text_width = min(40, width - 8)
+    texts = [_wrapped(label, text_width) for label in handles]
+    all_lines = "\n".join(texts).split("\n")
+    longest = max(map(len, all_lines))
     columns = max(1, min(len(texts), width // (longest + 8)))
     lines = max(text.count("\n") + 1 for text in texts)
-    rows = lines * -(-len(texts) // columns)  # rounded up
+    rows = lines * math.ceil(len(texts) / columns)
     inches = (1.4 * rows + 0.6) * SMALL / 72
     figure.set_figheight(figure.get_figheight() + inches)
     with _styled():

@@ -1,6 +1,7 @@
 """What is observed, from above: all tracks of recordings, and the symbols and weights of pairs."""
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -62,8 +63,8 @@ def plot_tracks(
     others = 0 if moment is None else 1
     drawn = recordings[: PANELS - others]
     panels = len(drawn) + others
-    columns = min(4, int(np.ceil(np.sqrt(panels))))
-    rows = -(-panels // columns)  # rounded up
+    columns = min(4, math.ceil(panels**0.5))
+    rows = math.ceil(panels / columns)
     width = style.COLUMN if columns == 1 else style.WIDTH
     figure, grid = style.new_figure(width, rows * width / columns, rows, columns)
     for axes, tracks in zip(grid.ravel(), drawn):
@@ -87,11 +88,11 @@ def _draw_paths_of_people(axes: Axes, tracks: Tracks) -> None:
     """Draw each path in a colour, with a dot at its beginning."""
     begins = np.flatnonzero(np.diff(tracks.id)) + 1
     paths = np.split(tracks.position, begins)
-    colours = list(itertools.islice(itertools.cycle(style.PALETTE), len(paths)))
+    colours = (style.PALETTE * len(paths))[: len(paths)]
     lines = LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7)
     axes.add_collection(lines)
-    x, y = np.array([path[0] for path in paths]).T
-    axes.scatter(x, y, s=3, c=colours, zorder=3)
+    starts = np.array([path[0] for path in paths])
+    axes.scatter(*starts.T, s=3, c=colours, zorder=3)
     axes.autoscale()
 
 
@@ -117,19 +118,22 @@ def _draw_underlay(axes: Axes, pixels: np.ndarray, homography: np.ndarray) -> No
     x = np.linspace(left, right, DOTS)
     y = np.linspace(bottom, top, DOTS)
     x, y = np.meshgrid(x, y)
+    points = [x, y, np.ones_like(x)]
     inverse = np.linalg.inv(homography)
-    column, row, depth = np.einsum("ij,jhw->ihw", inverse, [x, y, np.ones_like(x)])
+    column, row, depth = np.einsum("ij,jhw->ihw", inverse, points)
     height, width = pixels.shape[:2]
     # Points behind the camera have the other sign.
-    seen = depth * (homography[2] @ [width / 2, height / 2, 1]) > 0
+    depth_of_centre = homography[2] @ [width / 2, height / 2, 1]
+    seen = depth * depth_of_centre > 0
     depth[~seen] = 1
     column = np.round(column / depth).astype(int)
     row = np.round(row / depth).astype(int)
     seen &= (column >= 0) & (column < width)
     seen &= (row >= 0) & (row < height)
-    drawn = pixels[np.where(seen, row, 0), np.where(seen, column, 0)]
+    row = np.where(seen, row, 0)
+    column = np.where(seen, column, 0)
     axes.imshow(
-        drawn,
+        pixels[row, column],
         alpha=np.where(seen, 0.6, 0.0),
         extent=(left, right, bottom, top),
         origin="lower",
