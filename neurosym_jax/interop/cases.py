@@ -178,7 +178,8 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     for seen, forecast in (("traj", "pred_abs"), ("traj_rel", "pred_rel")):
         observed = arrays[seen][:, : case.config.obs_len]
         tracks.append(np.concatenate([observed, arrays[forecast]], axis=1))
-    fakes = padded(*tracks, case.bounds, tracks[0].shape[1])
+    positions, moves = tracks
+    fakes = padded(positions, moves, case.bounds, positions.shape[1])
 
     def score(scene: Scene) -> Any:
         inputs = scene.observed, scene.displacement, scene.valid
