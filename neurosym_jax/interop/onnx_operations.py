@@ -55,6 +55,11 @@ def _two_operators(graph, eqn, *values):
     return graph.add(second, inner)
 
 
+@_translates("optimization_barrier")
+def _barrier(graph, eqn, *values):
+    return values if len(values) > 1 else values[0]
+
+
 @_translates("log1p")
 def _log1p(graph, eqn, x):
     total = graph.add("Add", x, np.float32(1))

@@ -86,35 +86,34 @@ def repair_tracks(observed: "AnyArray", period: float) -> Repair:
     steps = xp.diff(observed, axis=1)
     wrong, bridge, bridged = _errors(xp, steps, period)
 
-    mended: list[Any] = []
-    last_mended: Any = 0
-    plausible = xp.zeros_like(wrong[:, 0])
-    for number in range(steps.shape[1]):
-        step = steps[:, number]
-        plausible_step = ~wrong[:, number]
-        for pair in (number - 1, number):
-            if 0 <= pair < bridged.shape[1]:
-                is_bridged = bridged[:, pair]
-                step = xp.where(is_bridged[:, None], bridge[:, pair], step)
-                plausible_step = plausible_step | is_bridged
-        # Earlier steps without a plausible one before them become the first one after
-        # them.
-        is_first = (plausible_step & ~plausible)[:, None]
-        mended = [xp.where(is_first, step, before) for before in mended]
-        if mended:
-            last_mended = mended[-1]
-        mended.append(xp.where(plausible_step[:, None], step, last_mended))
-        plausible = plausible | plausible_step
+    # A bridge replaces the step before it and the one after it.
+    none, nowhere = xp.zeros_like(wrong[:, :1]), xp.zeros_like(steps[:, :1])
+    begins = xp.concatenate([bridged, none], 1)
+    ends = xp.concatenate([none, bridged], 1)
+    step = xp.where(ends[..., None], xp.concatenate([nowhere, bridge], 1), steps)
+    step = xp.where(begins[..., None], xp.concatenate([bridge, nowhere], 1), step)
+    plausible = ~wrong | begins | ends
 
-    jump = steps[:, -1] - mended[-1]
-    offset = xp.where(plausible_step[:, None], 0, jump)
-    points = [observed[:, -1] - offset]
-    for step in reversed(mended):
-        points.append(points[-1] - step)
+    # Each becomes the last plausible step up to it, or else the first one after it.
+    number = np.arange(steps.shape[1], dtype=np.int32)
+    up_to = number <= number[:, None]
+    is_source = plausible[:, None] & up_to[None]
+    source = xp.where(is_source, number[None, None], -1).max(2)
+    first = xp.where(plausible, number[None], number[-1]).min(1)[:, None]
+    source = xp.where(source < 0, first, source)
+    mended = xp.take_along_axis(step, source[..., None], axis=1)
+    lost = ~plausible.any(1)
+    mended = xp.where(lost[:, None, None], 0, mended)
+
+    jump = steps[:, -1] - mended[:, -1]
+    offset = xp.where(plausible[:, -1:], 0, jump)
+    last = (observed[:, -1] - offset)[:, None]
+    way = xp.cumsum(mended[:, ::-1], axis=1)[:, ::-1]
+    points = xp.concatenate([last - way, last], 1)
     # A track without errors keeps its bits.
     has_errors = wrong.any(1)[:, None, None]
-    tracks = xp.where(has_errors, xp.stack(points[::-1], 1), observed)
-    return Repair(tracks, offset, ~plausible)
+    tracks = xp.where(has_errors, points, observed)
+    return Repair(tracks, offset, lost)
 
 
 def _numpy_of(array: Any) -> Any:
@@ -129,7 +128,13 @@ def _numpy_of(array: Any) -> Any:
 def _beyond(vectors: Any, speed: Any, period: float) -> Any:
     """Whether steps `vectors [..., 2]` are faster than `speed`, m/s."""
     limit = speed * period
-    return (vectors * vectors).sum(-1) > limit * limit
+    return _square(vectors) > limit * limit
+
+
+def _square(vectors: Any) -> Any:
+    """[...] square lengths of `vectors [..., 2]`; a CPU's sum over an axis of two is slow."""
+    x, y = vectors[..., 0], vectors[..., 1]
+    return x * x + y * y
 
 
 def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
@@ -140,10 +145,10 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
     """
     # The step that differs least from all others.
     difference = steps[:, :, None] - steps[:, None]
-    difference = xp.sqrt(xp.square(difference).sum(-1) + 1e-6)
-    middle = difference.sum(2).argmin(1)[:, None]
+    difference = xp.sqrt(_square(difference) + 1e-6)
+    middle = difference.sum(1).argmin(1)[:, None]
     typical = xp.take_along_axis(steps, middle[..., None], axis=1)
-    typical_speed = xp.sqrt(xp.square(typical).sum(-1)) / period  # [N, 1]
+    typical_speed = xp.sqrt(_square(typical)) / period  # [N, 1]
     change = xp.clip(CHANGE_SHARE * typical_speed, TOP_CHANGE, FAST_CHANGE)
 
     turn = _beyond(steps[:, 1:] - steps[:, :-1], change, period)
@@ -159,7 +164,7 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
     witnesses = (main | ~unlike).sum(1)
     believed = witnesses >= min(WITNESSES, steps.shape[1] // 2 + 1)
 
-    square = xp.where(main, xp.square(steps).sum(-1), 0)
+    square = xp.where(main, _square(steps), 0)
     reached = xp.sqrt(square.max(1)) / period
     limit = xp.maximum(HEADROOM * reached, TOP_SPEED)
     limit = xp.where(believed, limit, TOP_SPEED)
@@ -221,7 +226,7 @@ def expansion_of(steps: "Array", period: float) -> "Array":
     """
     import jax.numpy as jnp
 
-    fastest = jnp.sqrt(jnp.square(steps).sum(-1).max(1) + 1e-12)
+    fastest = jnp.sqrt(_square(steps).max(1) + 1e-12)
     return jnp.maximum(fastest / (FAST * period), 1)
 
 
@@ -240,34 +245,31 @@ def unknown_motion(count: int, steps: int, period: float) -> np.ndarray:
     return velocity[:, None] * time[:, None]
 
 
-def limit_displacement(
-    forecast: "Array", last: "Array", period: float, expansion: "Array"
-) -> "Array":
-    """Forecast positions pulled smoothly within what an agent can reach.
+def limit_displacement(ahead: "Array", period: float, expansion: "Array") -> "Array":
+    """Displacements from the last position, pulled smoothly within what an agent can reach.
 
     That is `TOP_SPEED`, or a third more than its fastest step. Displacements of up to
     half of that are changed by less than 0.1 %.
 
     Args:
-        forecast: [k, N, T, 2] metres.
-        last: [N, 2] last observed positions, metres.
+        ahead: [2, T, k, N] metres.
         period: of a step, seconds.
         expansion: [N] of the agents, see `expansion_of`.
 
     Returns:
-        [k, N, T, 2] metres.
+        [2, T, k, N] metres.
     """
+    import jax
     import jax.numpy as jnp
 
-    time = period * jnp.arange(1, forecast.shape[2] + 1, dtype=forecast.dtype)
-    start = last[None, :, None]
-    ahead = forecast - start
+    time = period * jnp.arange(1, ahead.shape[1] + 1, dtype=ahead.dtype)
     # Smooth, so that 0 has a gradient.
-    distance = jnp.sqrt(jnp.square(ahead).sum(-1) + 1e-6)
-    reach = TOP_SPEED * expansion[:, None] * time[None] + 0.3
-    share = distance / reach[None]
+    distance = jnp.sqrt(jnp.square(ahead).sum(0) + 1e-6)
+    reach = TOP_SPEED * expansion[None, None] * time[:, None, None] + 0.3
+    share = distance / reach
     # (1 + share^8)^(-1/8), written so that a large share does not overflow.
     low = jnp.minimum(share, 1)
     high = jnp.maximum(share, 1)
-    factor = (high**-8 + low**8) ** (-1 / 8) / high
-    return start + factor[..., None] * ahead
+    power = high**-8 + low**8
+    factor = jax.lax.rsqrt(jnp.sqrt(jnp.sqrt(power))) / high
+    return factor[None] * ahead

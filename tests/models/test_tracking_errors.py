@@ -123,8 +123,8 @@ def test_what_people_do_keeps_its_bits():
 def limited(ahead, expansion):
     """Displacements [k, 2] of one agent in one step, limited."""
     factor = jnp.array([expansion])
-    result = limit_displacement(ahead, jnp.zeros((1, 2)), PERIOD, factor)
-    return result[:, 0, 0]
+    result = limit_displacement(ahead.transpose(3, 2, 0, 1), PERIOD, factor)
+    return result[:, 0, :, 0].T
 
 
 @pytest.mark.parametrize("steps", [1, 2, 3, 7])

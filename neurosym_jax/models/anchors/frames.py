@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.experimental.xla_metadata import set_xla_metadata
 
 from neurosym_jax.scene import turned
 from neurosym_jax.symbolic.qtc import observe
@@ -37,7 +38,27 @@ def heading_of(velocity: Array, slow: float) -> Array:
 
 def length(vector: Array, smooth: float = 1e-3) -> Array:
     """[...] length of `vector [..., 2]`, smooth below `smooth` metres so that 0 has a gradient."""
-    return jnp.sqrt(jnp.square(vector).sum(axis=-1) + smooth**2)
+    return jnp.sqrt(square_length(vector) + smooth**2)
+
+
+def square_length(vector: Array) -> Array:
+    """[...] square length of `vector [..., 2]`; a sum over an axis of two is slow on a CPU."""
+    return jnp.square(vector[..., 0]) + jnp.square(vector[..., 1])
+
+
+def computed_once(values: Any) -> Any:
+    """`values`, arrays, which a CPU computes once, and not again for all that depends on them.
+
+    XLA repeats cheap arithmetic for each element of a larger array that it broadcasts
+    to: that of a person for each sample and step.
+    """
+    with set_xla_metadata(inlineable="false"):
+        return _held(values)
+
+
+@jax.jit
+def _held(values: Any) -> Any:
+    return jax.lax.optimization_barrier(values)
 
 
 def closest_approach(
@@ -49,8 +70,9 @@ def closest_approach(
     time; `slack` is added to the square of the motion, so that a pair at rest has the
     time 0.
     """
-    square = jnp.square(motion).sum(axis=-1) + slack
-    soon = -(bearing * motion).sum(axis=-1) / square
+    square = square_length(motion) + slack
+    product = bearing * motion
+    soon = -(product[..., 0] + product[..., 1]) / square
     soon = jnp.clip(soon, 0, longest)
     offset = bearing + motion * soon[..., None]
     return soon, length(offset, smooth)
@@ -156,7 +178,7 @@ def attend(score: Array, value: Array, gate: Array) -> Array:
     give [N, M]; `gate [N, N]` is 0 for a neighbour that is not attended to.
     """
     weight = gate[..., None] * jnp.exp(jnp.clip(score, -8, 8))
-    share = weight / (1 + weight.sum(1, keepdims=True))
+    share = computed_once(weight / (1 + weight.sum(1, keepdims=True)))
     value = value.reshape(*share.shape, -1)
     sums = (share[..., None] * value).sum(1)
     return sums.reshape(gate.shape[0], -1)

@@ -16,6 +16,7 @@ from jax import Array
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.anchors.config import AnchorForecast
+from neurosym_jax.models.anchors.frames import computed_once
 from neurosym_jax.models.anchors.histories import shorten
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.scene import Scene
@@ -103,12 +104,15 @@ def anchor_loss(
     people = crowd_sum(sizes)
     n = jnp.maximum(people, 1)
 
-    square = jnp.square(samples - future[:, None]).sum(-1)
+    planes = (
+        samples.transpose(0, 4, 3, 1, 2) - future.transpose(0, 3, 2, 1)[..., None, :]
+    )
+    square = jnp.square(planes).sum(1)
     # Smooth at 0, where a sample meets the truth.
     distance = jnp.sqrt(square + 1e-9)
-    distance = jnp.where(valid[:, None, :, None], distance, 0)
-    ade = distance.mean(-1)
-    error = ade + recipe.fde_weight * distance[..., -1]  # [B, k, N]
+    distance = jnp.where(valid[:, None, None], distance, 0)
+    ade = distance.mean(1)
+    error = ade + recipe.fde_weight * distance[:, -1]  # [B, k, N]
     joint = crowd_sum(error.sum(2))  # [crowds, k]
 
     total = recipe.joint_weight * joint.min(1).sum()
@@ -212,6 +216,7 @@ def batch_loss(
     if cut is not None:
         # At last: nobody's tracking errs where nobody was seen.
         scenes = shorten(scenes, cut)
+    scenes = computed_once(scenes)
     bare = scenes.replace(future=None)
     forecast = jax.vmap(apply)(bare, company(scenes.valid, crowd))
     return anchor_loss(forecast, scenes.known_future, scenes.valid, crowd, recipe), {}

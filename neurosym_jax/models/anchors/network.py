@@ -19,6 +19,7 @@ probable points of each person, trained by that person's energy score, from whic
 import functools
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
@@ -29,13 +30,19 @@ from neurosym_jax.models.anchors.config import (
     AnchorForecast,
     AnchorTableConfig,
 )
-from neurosym_jax.models.anchors.frames import SLOW, attend, heading_of, length
+from neurosym_jax.models.anchors.frames import (
+    SLOW,
+    attend,
+    computed_once,
+    heading_of,
+    length,
+)
 from neurosym_jax.models.tracking_errors import (
     Repair,
     expansion_of,
     limit_displacement,
     repair_tracks,
-    settle,
+    unknown_motion,
 )
 from neurosym_jax.scene import turned
 
@@ -55,6 +62,10 @@ BASIS = 5
 """Polynomials of time that a residual is composed of."""
 BENDS = np.where(np.arange(BASIS) == 0, 1, 0.1)[:, None]
 """Initial sizes of their coefficients: anchors are almost straight."""
+PLANES = (3, 2, 0, 1)
+"""`[k, N, T, 2]` with these axes is `[2, T, k, N]`: a CPU computes rows of N, and not of two."""
+WIDE = (None, None, None)
+"""Index by which `[N]` is `[1, 1, 1, N]`."""
 ROUGHNESS = 0.003
 """Differences of a track below this are all alike, metres."""
 
@@ -89,10 +100,9 @@ class AnchorTable(nn.Module):
         heading = heading_of(mean, SLOW * config.period)[:, None]
         residual = turned(moving * scale[None] + still_anchor, heading[None], 1)
         likely = jnp.full(config.samples, -np.log(config.samples), observed.dtype)
-        forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
-        last = observed[:, -1]
-        forecast = limit_displacement(forecast, last, config.period, expansion)
-        forecast = settle(forecast, repair, config.period)
+        planes = _straight_on(velocity, config.pred_len) + residual.transpose(PLANES)
+        ahead = limit_displacement(planes, config.period, expansion)
+        forecast = _settled(ahead, observed, repair, config.period)
         return AnchorForecast(forecast, likely, forecast[:0])
 
 
@@ -120,7 +130,7 @@ class AnchorNetwork(nn.Module):
         config = self.config
         if self.is_initializing() and config.short:
             seen = jnp.ones(observed.shape[:2], bool)
-        repair = _repair(observed, seen, config.period)
+        repair = computed_once(_repair(observed, seen, config.period))
         observed = repair.tracks
         steps = jnp.diff(observed, axis=1)
         # A network that learned from people who walk sees a cyclist's motion scaled
@@ -130,6 +140,8 @@ class AnchorNetwork(nn.Module):
         velocity, roughness = self.velocity(steps, seen)
         speed, heading = length(velocity), heading_of(velocity, SLOW * config.period)
         walking = jnp.square(heading).sum(-1)
+        per_person = velocity, speed, heading, walking, expansion
+        velocity, speed, heading, walking, expansion = computed_once(per_person)
         own = self._own(steps, speed, heading, walking, roughness)
         state = self._units("own", own, seen, with_mask=True)
         if config.interacts:
@@ -137,6 +149,7 @@ class AnchorNetwork(nn.Module):
             pairs, gate, crowd = config.pair_features(
                 observed, velocity, heading, valid, near
             )
+            pairs, gate, crowd = computed_once((pairs, gate, crowd))
             if alpha is not None:
                 gate = gate * jnp.maximum(alpha, 0)
             people = jnp.log1p(crowd + company)[:, None]
@@ -150,14 +163,13 @@ class AnchorNetwork(nn.Module):
         if config.points:
             hidden = nn.relu(_dense(POINT_DIM, "point_hidden")(state))
             points = curves(hidden, config.points, "point_")
-            residual = jnp.concatenate([residual, points])
+            residual = jnp.concatenate([residual, points], 2)
         velocity = velocity * expansion[:, None]
-        residual = residual * expansion[None, :, None, None]
-        forecast = _straight_on(observed, velocity, config.pred_len)[None] + residual
-        last = observed[:, -1]
-        forecast = limit_displacement(forecast, last, config.period, expansion)
-        samples = settle(forecast[: config.samples], repair, config.period)
-        points = settle(forecast[config.samples :], repair, config.period)
+        planes = _straight_on(velocity, config.pred_len) + residual * expansion[WIDE]
+        ahead = limit_displacement(planes, config.period, expansion)
+        k, period = config.samples, config.period
+        samples = _settled(ahead[:, :, :k], observed, repair, period)
+        points = _settled(ahead[:, :, k:], observed, repair, period)
         return AnchorForecast(samples, self._log_probability(state, valid), points)
 
     def _own(
@@ -187,8 +199,14 @@ class AnchorNetwork(nn.Module):
     def _attended(self, pairs: Array, gate: Array) -> Array:
         """[N, units] what each person learns of the others: see `frames.pair_features`."""
         pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
-        message = _dense(MESSAGE_DIM, "message")(pairs)
-        return attend(_dense(HEADS, "score", 0.5)(pairs), message, gate)
+        # Two layers as one: their kernels are small, and pairs many.
+        message = _Layer(MESSAGE_DIM, name="message")(PAIR_DIM)
+        score = _Layer(HEADS, 0.5, name="score")(PAIR_DIM)
+        kernel, bias = jax.tree.map(
+            lambda *parts: jnp.concatenate(parts, -1), message, score
+        )
+        both = pairs @ kernel + bias[None, None]
+        return attend(both[..., MESSAGE_DIM:], both[..., :MESSAGE_DIM], gate)
 
     def _log_probability(self, state: Array, valid: Array) -> Array:
         """[k] of the samples, by the votes of all people, `state [N, units]` of each."""
@@ -228,7 +246,7 @@ class AnchorNetwork(nn.Module):
         heading: Array,
         walking: Array,
     ) -> Array:
-        """[count, N, pred_len, 2] residuals to constant velocity, metres.
+        """[2, pred_len, count, N] residuals to constant velocity, metres.
 
         `prefix` begins the names of the parameters. Of each person: `state [N, units]`,
         `speed [N]` in metres a step, `heading [N, 2]` and its squared length `walking
@@ -241,18 +259,21 @@ class AnchorNetwork(nn.Module):
             -1, *shape
         )
         spread = _dense(count, f"{prefix}spread", 0.01)(state)
-        spread = jnp.exp(jnp.clip(spread, -4, 4))[..., None, None]
-        scale = (speed * config.pred_len + 0.5)[:, None, None, None]
-        residual = turned(
-            scale * (bend + spread * anchor[None]), heading[:, None, None], 1
-        )
+        spread = jnp.exp(jnp.clip(spread, -4, 4)).T[None, None]
+        scale = (speed * config.pred_len + 0.5)[WIDE]
         # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
         horizon = config.pred_len * config.period / 2.4
-        standing = (1 - jnp.sqrt(walking + 1e-6)) * horizon
-        wandering = standing[:, None, None, None] * spread * still_anchor[None]
-        residual = residual + wandering
-        curve = jnp.asarray(_polynomials(config.pred_len, BASIS), residual.dtype)
-        return jnp.einsum("nkbc,tb->kntc", residual, curve)
+        standing = ((1 - jnp.sqrt(walking + 1e-6)) * horizon)[WIDE]
+
+        curve = jnp.asarray(_polynomials(config.pred_len, BASIS), state.dtype)
+        bend = jnp.einsum("tb,nkbc->ctkn", curve, bend)
+        anchor = jnp.einsum("tb,kbc->ctk", curve, anchor)[..., None]
+        still_anchor = jnp.einsum("tb,kbc->ctk", curve, still_anchor)[..., None]
+        residual = scale * (bend + spread * anchor)
+        cos, sin = heading.T[:, None, None, None]
+        across = jnp.flip(residual, 0) * np.float32([[[[-1]]], [[[1]]]])
+        residual = cos * residual + sin * across
+        return residual + standing * spread * still_anchor
 
     def velocity(self, steps: Array, seen: Array | None = None) -> tuple[Array, Array]:
         """Velocity `[N, 2]` in metres a step, and the log differences that it depends on `[N, F]`.
@@ -292,10 +313,33 @@ def _polynomials(steps: int, count: int) -> np.ndarray:
     return np.pad(basis, [(0, 0), (0, count - basis.shape[1])])
 
 
-def _straight_on(observed: Array, velocity: Array, steps: int) -> Array:
-    """`[N, steps, 2]` from the last position at a `velocity [N, 2]` in metres a step."""
-    ahead = jnp.arange(1, steps + 1, dtype=observed.dtype)[:, None]
-    return observed[:, -1:] + velocity[:, None] * ahead[None]
+def _straight_on(velocity: Array, steps: int) -> Array:
+    """`[2, steps, 1, N]` from the last position at a `velocity [N, 2]` in metres a step."""
+    ahead = jnp.arange(1, steps + 1, dtype=velocity.dtype)[:, None, None]
+    return velocity.T[:, None, None] * ahead[None]
+
+
+def _settled(ahead: Array, observed: Array, repair: Repair, period: float) -> Array:
+    """[k, N, T, 2] positions, of displacements `ahead [2, T, k, N]`; see `settle`."""
+    unknown = unknown_motion(ahead.shape[2], ahead.shape[1], period)
+    unknown = jnp.asarray(unknown.transpose(2, 1, 0), ahead.dtype)
+    ahead = jnp.where(repair.lost[WIDE], unknown[..., None], ahead)
+    start = observed[:, -1] + repair.offset
+    return (start.T[:, None, None] + ahead).transpose(2, 3, 1, 0)
+
+
+class _Layer(nn.Module):
+    """Kernel [inputs, features] and bias [features] of an affine layer, see `_dense`."""
+
+    features: int
+    scale: float = 2.0
+
+    @nn.compact
+    def __call__(self, inputs: int) -> tuple[Array, Array]:
+        normal = nn.initializers.variance_scaling(self.scale, "fan_in", "normal")
+        kernel = self.param("kernel", normal, (inputs, self.features))
+        zeros = nn.initializers.zeros
+        return kernel, self.param("bias", zeros, (self.features,))
 
 
 def _dense(features: int, name: str, scale: float = 2.0) -> nn.Dense:
