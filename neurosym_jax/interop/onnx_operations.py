@@ -57,7 +57,7 @@ def _two_operators(graph, eqn, *values):
 
 @_translates("optimization_barrier")
 def _barrier(graph, eqn, *values):
-    return values if len(values) > 1 else values[0]
+    return values
 
 
 @_translates("log1p")

@@ -144,9 +144,11 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
     where `[N, S - 1]` says so.
     """
     # The step that differs least from all others.
-    difference = steps[:, :, None] - steps[:, None]
-    difference = xp.sqrt(_square(difference) + 1e-6)
-    middle = difference.sum(1).argmin(1)[:, None]
+    total: Any = 0
+    for number in range(steps.shape[1]):
+        difference = steps - steps[:, number : number + 1]
+        total = total + xp.sqrt(_square(difference) + 1e-6)
+    middle = total.argmin(1)[:, None]
     typical = xp.take_along_axis(steps, middle[..., None], axis=1)
     typical_speed = xp.sqrt(_square(typical)) / period  # [N, 1]
     change = xp.clip(CHANGE_SHARE * typical_speed, TOP_CHANGE, FAST_CHANGE)

@@ -271,7 +271,8 @@ class AnchorNetwork(nn.Module):
         still_anchor = jnp.einsum("tb,kbc->ctk", curve, still_anchor)[..., None]
         residual = scale * (bend + spread * anchor)
         cos, sin = heading.T[:, None, None, None]
-        across = jnp.flip(residual, 0) * np.float32([[[[-1]]], [[[1]]]])
+        x, y = residual
+        across = jnp.stack([-y, x])
         residual = cos * residual + sin * across
         return residual + standing * spread * still_anchor
 
