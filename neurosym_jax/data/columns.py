@@ -378,9 +378,7 @@ def schema_of(
     _refuse_missing(table, places, columns, in_picture)
     points = [role for role in (*CLOCKS, "id", *POINT, *BOX) if role in places]
     if len({places[role] for role in points}) < len(points):
-        raise InputError(
-            f"{table.path}: {', '.join(points)} must be {len(points)} columns"
-        )
+        raise InputError(f"{', '.join(points)} must be {len(points)} columns")
     units = {}
     for role in ("time", *POINT, "left"):
         if role in places:
@@ -437,7 +435,7 @@ def _refuse_missing(
         return
     if len(table.names) < 3:
         raise InputError(
-            f"{table.path}: only the columns {_shown(table)}: separate columns by commas, "
+            f"only the columns {_shown(table)}: separate columns by commas, "
             "semicolons, tabs or blanks"
         )
 
@@ -457,7 +455,7 @@ def _refuse_missing(
         if boxed:
             answers[_written(table, boxed)] = "where they are of a box in a picture"
     raise Question(
-        f"{table.path}: which column is {', '.join(required)}? There are {_shown(table)}",
+        f"which column is {', '.join(required)}? There are {_shown(table)}",
         answers,
     )
 
@@ -478,13 +476,10 @@ def _place(table: Table, key: str, name: str) -> int:
         return int(name) - 1
     count = names.count(name)
     if count > 1:
-        raise InputError(
-            f"{table.path}: {key}={name}: {count} columns are called so; say a number"
-        )
+        raise InputError(f"{key}={name}: {count} columns are called so; say a number")
     if not count or name.isdecimal():
         raise InputError(
-            f"{table.path}: no column {name[:40]!r}: which column is {key}? There are "
-            f"{_shown(table)}"
+            f"no column {name[:40]!r}: which column is {key}? There are {_shown(table)}"
         )
     return names.index(name)
 
@@ -577,12 +572,12 @@ def positions_of(
         table = table.noted(f"coordinates in {unit} ({witness})")
     elif unit and not math.isclose(metres_in(stated), metres_in(unit)):
         line = f"the file says that coordinates are {unit}, {option('unit', stated)}"
-        table = table.warned(options.allowed(table.path, "scale", line))
+        table = table.warned(options.allowed("scale", line))
     if schema.units.get("x") == DEGREES:
         return _local_metres(table, raw, options)
     if schema.in_picture and not (stated or unit or options.homography):
         raise Unsaid(
-            f"{table.path}: positions are pixels of a picture: say what they are in metres, by "
+            f"positions are pixels of a picture: say what they are in metres, by "
             f"{option('homography', 'FILE')} or metres of a pixel, {option('unit', '0.032')}"
         )
     position = raw
@@ -613,7 +608,7 @@ def _points_of(
     values[values == options.missing] = np.nan
     is_seen: Any = ~np.isnan(values).any(axis=1)
     if not is_seen.any():
-        raise InputError(f"{table.path}: no row has a position")
+        raise InputError("no row has a position")
     table = table.take(is_seen, "without a position")
     column = dict(zip(roles, values[is_seen].T))
     if "x" in column:
@@ -643,7 +638,7 @@ def _refuse_other_points(table: Table, schema: Schema, options: ReadOptions) -> 
         names = [column_name(table, schema.columns[role][0]) for role in sizes]
         size = [f"{role}={name}" for role, name in zip(sizes, names)]
         raise Question(
-            f"{table.path}: {x}, {y}, {' and '.join(names)} are of a box",
+            f"{x}, {y}, {' and '.join(names)} are of a box",
             {
                 (f"left={x}", f"top={y}", *size): "where x, y is its upper left corner",
                 (f"x={x}", f"y={y}", *size): "where it is its middle",
@@ -654,7 +649,7 @@ def _refuse_other_points(table: Table, schema: Schema, options: ReadOptions) -> 
         if spread[1] < FLAT * min(spread[0], spread[2]):
             z = column_name(table, at)
             raise Question(
-                f"{table.path}: {y} hardly varies beside {x} and {z}, as a height does",
+                f"{y} hardly varies beside {x} and {z}, as a height does",
                 {(f"x={x}", f"y={z}"): ""},
             )
 
@@ -669,7 +664,7 @@ def _local_metres(
     )
     if options.unit or options.homography:
         raise InputError(
-            f"{table.path}: longitudes and latitudes have no {option('unit')} or homography"
+            f"longitudes and latitudes have no {option('unit')} or homography"
         )
     east, north = np.median(degrees, axis=0)
     scale = EARTH * np.array([np.cos(np.radians(north)), 1.0])
@@ -704,7 +699,7 @@ def facts_of(table: Table, schema: Schema) -> Facts:
         number = metres_in if key == "unit" else float
         if number(known) != number(value):
             raise InputError(
-                f"{table.path}: {first} says {key} {known}, {witness} {value}: which is right?"
+                f"{first} says {key} {known}, {witness} {value}: which is right?"
             )
     return facts
 
@@ -817,9 +812,7 @@ def stamps_of(
             _refuse_other_frames(table, schema, stamp, part)
         return table, stamp
     if options.time_unit:
-        raise InputError(
-            f"{table.path}: {option('time_unit')} is of no use: it counts frames"
-        )
+        raise InputError(f"{option('time_unit')} is of no use: it counts frames")
     frame = table.whole_numbers(schema.places["frame"])
     stated = _stated_rates(table, options, period)
     rates = stated | _rate_of_file(table, facts, stated)
@@ -830,7 +823,7 @@ def stamps_of(
     for other, value in others:
         if abs(np.log(value / rate)) > np.log1p(AGREE):
             line = f"{source} says {rate:g} frames a second, {other} {value:g}"
-            table = table.warned(options.allowed(table.path, "clock", line))
+            table = table.warned(options.allowed("clock", line))
     if not stated:
         table = table.noted(f"{rate:g} frames a second ({source})")
     # In this order 10 frames at 25 a second are 0.4 s exactly.
@@ -866,8 +859,7 @@ def _rate_of_file(
     if stated:
         return {}
     raise InputError(
-        f"{table.path}: {witness} says {text} frames a second: say {option('fps', 25)}, or "
-        "what it is"
+        f"{witness} says {text} frames a second: say {option('fps', 25)}, or what it is"
     )
 
 
@@ -927,13 +919,13 @@ def _assumed(
     """
     if schema.in_picture and np.any(np.diff(np.unique(frame)) == 1):
         raise Unsaid(
-            f"{table.path}: it has every frame of a video: say how many a second "
+            f"it has every frame of a video: say how many a second "
             f"({option('fps', 30)})"
         )
     step = usual_step(frame, ids)
     if step not in STEPS:
         raise Unsaid(
-            f"{table.path}: its frames are {step:g} apart, at 25 a second {step / 25:.2f} s: "
+            f"its frames are {step:g} apart, at 25 a second {step / 25:.2f} s: "
             f"say how many make a second ({option('fps', 25)})"
         )
     frames = "a frame is" if step == 1 else f"{step:g} frames are"
@@ -963,13 +955,11 @@ def _seconds(
     named = schema.units["time"]
     unit = options.time_unit
     if options.fps_of(path.stem):
-        raise InputError(
-            f"{path}: {option('fps')} counts frames, and {name!r} is a time"
-        )
+        raise InputError(f"{option('fps')} counts frames, and {name!r} is a time")
     if named in _SECONDS:
         if unit and unit != named:
             stated = option("time_unit", unit)
-            raise InputError(f"{path}: the name {name!r} says {named}, {stated}")
+            raise InputError(f"the name {name!r} says {named}, {stated}")
         if not unit and named != "s":
             table = table.noted(f"times in {named} (the name {name!r})")
         unit = named
@@ -981,7 +971,7 @@ def _seconds(
     if not unit and len(counts) > 10 and (counts == np.rint(counts)).all():
         frames = option("columns", (f"frame={column_name(table, place)}",))
         raise Unsaid(
-            f"{path}: all of {name!r} are whole numbers: do they count frames "
+            f"all of {name!r} are whole numbers: do they count frames "
             f"({frames} {option('fps', 25)}), or is that their unit "
             f"({option('time_unit', 's')} or ms)?"
         )
@@ -1031,7 +1021,7 @@ def _days(table: Table, texts: pl.Series) -> np.ndarray:
     spans = {np.ptp(days) for days in readings}
     if len(spans) != 1:
         raise InputError(
-            f"{table.path}: {texts[0][:40]!r}: which is the day, which the month? Write 2024-05-01"
+            f"{texts[0][:40]!r}: which is the day, which the month? Write 2024-05-01"
         )
     return readings[0].astype(float)
 
@@ -1055,7 +1045,7 @@ def _refuse_other_frames(
             frames = table.names[places[0]]
             times = table.names[schema.places["time"]]
             raise Question(
-                f"{table.path}: columns {frames!r} and {times!r} disagree",
+                f"columns {frames!r} and {times!r} disagree",
                 {
                     (f"frame={frames}",): "where that is right",
                     (f"time={times}",): "where that is",

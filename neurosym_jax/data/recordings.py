@@ -140,7 +140,7 @@ def read_any(
         form = columns.Columns() if is_frame(data) else format_of(path, options)
         if is_frame(data) and options.format not in (None, "columns"):
             raise InputError(
-                f"{path}: it is a {form.title}, not {option('format', options.format)}"
+                f"it is a {form.title}, not {option('format', options.format)}"
             )
         refuse_useless(path, form, options)
 
@@ -171,7 +171,7 @@ def _judged(
     )
     lines = (*report.warnings, *_unnamed(path, options))
     for guard, refused, line in judge(tracks):
-        lines += (options.allowed(path, guard, line) if refused else line,)
+        lines += (options.allowed(guard, line) if refused else line,)
     for line in lines:
         warnings.warn(f"{path}: {line}", InputWarning, stacklevel=4)
     file = None if is_frame(data) else report.file

@@ -139,7 +139,7 @@ class ReadOptions:
         """The frames per second that were given for a file's recordings, as `unit_of`; else 0."""
         return float(_value_of(self.fps, recording) or 0)
 
-    def allowed(self, path: Path, guard: str, line: str) -> str:
+    def allowed(self, guard: str, line: str) -> str:
         """The warning of a guard that is waived.
 
         Raises:
@@ -147,7 +147,7 @@ class ReadOptions:
         """
         if guard not in self.allow:
             waive = option("allow", (guard,))
-            raise InputError(f"{path}: {line} (to read it all the same: {waive})")
+            raise InputError(f"{line} (to read it all the same: {waive})")
         return f"allowed {guard}: {line}"
 
 
@@ -450,7 +450,7 @@ class Table:
         """
         if np.any(wrong):
             at = int(np.argmax(wrong))
-            raise InputError(f"{self.path}: row {self.row[at]}: {reason(at)}")
+            raise InputError(f"row {self.row[at]}: {reason(at)}")
 
     def take(self, rows: np.ndarray, others: str = "") -> "Table":
         """The rows of a mask [R]; what the `others` are, which is said with their number."""
@@ -535,7 +535,7 @@ class Table:
         if is_twice.any():
             first, second, *_ = unique.filter(spelling == spelling.filter(is_twice)[0])
             raise InputError(
-                f"{self.path}: the ids {first[:40]!r} and {second[:40]!r} are one number or word: "
+                f"the ids {first[:40]!r} and {second[:40]!r} are one number or word: "
                 "one person or two? Write them alike"
             )
         ids = texts.replace_strict(unique, number, return_dtype=pl.Int64).to_numpy()
@@ -650,7 +650,7 @@ def read_table(
     starts = lines[:200].str.contains(f"^{header}").arg_true()
     if not len(starts):
         without = f", or no header {header!r}" if header else ""
-        raise InputError(f"{path}: the file has no rows{without}")
+        raise InputError(f"the file has no rows{without}")
     notes = ()
     above = starts[0] if header else _lines_above(lines.head(50).to_list())
     if above and not header:
@@ -658,7 +658,7 @@ def read_table(
     lines, row = lines[above:], row[above:]
     mark = separator_of(lines[0])
     if lines[0].count(mark) > MOST:
-        raise InputError(f"{path}: row {row[0]}: has more than {MOST} columns")
+        raise InputError(f"row {row[0]}: has more than {MOST} columns")
     if mark == " ":
         lines = lines.str.replace_all(r"\s+", " ")
     if mark != "," and _are_decimal_commas("\n".join(lines.head(200))):
@@ -672,7 +672,7 @@ def read_table(
         if taken > 1:
             notes += ("units below the header",)
     if not len(lines):
-        raise InputError(f"{path}: the file has no rows")
+        raise InputError("the file has no rows")
     fields = _split(path, lines, mark)
     if len(fields[0]) == len(names) + 1 and lines[0].endswith(mark):
         names = [*names, ""]  # The rows end in a separator.
@@ -699,7 +699,7 @@ def _lines_of(path: Path) -> "tuple[pl.Series, np.ndarray, tuple[str, ...]]":
     comments = tuple(comments.str.strip_chars("# ").to_list())
     lines = lines.filter(is_row)
     if len(lines) and re.match(r"<\?xml|<[^<>,;\t]*>$", lines[0]):
-        raise InputError(f"{path}: XML is not read: write rows of time, id, x and y")
+        raise InputError("XML is not read: write rows of time, id, x and y")
     return lines, 1 + np.flatnonzero(is_row), comments
 
 
@@ -792,5 +792,5 @@ def _split(path: Path, lines: "pl.Series", mark: str) -> "pl.Series":
         if len(quoted) < len(lines):
             raise csv.Error("a field goes on in the next line")
     except csv.Error as error:
-        raise InputError(f"{path}: wrong quotes ({error})") from None
+        raise InputError(f"wrong quotes ({error})") from None
     return pl.Series(quoted, dtype=pl.List(pl.String))

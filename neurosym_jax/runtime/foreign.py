@@ -63,9 +63,9 @@ def reading(path: Path | str, kind: str = "") -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        if str(error).startswith((f"{path}:", f"{name}:")):
-            raise
-        raise type(error)(f"{name}: {error}") from None
+        if not str(error).startswith((f"{path}:", f"{name}:")):
+            error.args = (f"{name}: {error}",)
+        raise
     except OSError as error:
         raise InputError(f"{name}: cannot be read: {_words(error)}") from None
     except Exception as error:

@@ -353,7 +353,7 @@ def _with_ids(table: Table, at: int) -> Table:
         is_nobody |= (numbers == -1).fill_null(False)
     if is_nobody.all():
         raise InputError(
-            f"{table.path}: no row has an id: let a tracker say first which rows are one person"
+            "no row has an id: let a tracker say first which rows are one person"
         )
     return table.take(~is_nobody.to_numpy(), "with no id or -1")
 
@@ -372,7 +372,7 @@ def _seen(table: Table, schema: Schema) -> Table:
         is_seen = _is_seen(table, role, at)
         name = table.names[at][:30]
         if not is_seen.any():
-            raise InputError(f"{table.path}: column {name!r} leaves no row")
+            raise InputError(f"column {name!r} leaves no row")
         if name.isdecimal():
             name = role
         table = table.take(is_seen, f"with {name} {_some(table.column(at), ~is_seen)}")
@@ -411,7 +411,7 @@ def _is_seen(table: Table, role: str, at: int) -> np.ndarray:
         kinds = option("columns", (f"label={column}",))
         no_flag = option("columns", (f"{role}=none",))
         raise Unsaid(
-            f"{table.path}: column {column!r} has {_some(texts, ~(seen | unseen))}: which rows "
+            f"column {column!r} has {_some(texts, ~(seen | unseen))}: which rows "
             f"are positions? {kinds} with {option('keep')} and its words says it, {no_flag} "
             "takes all"
         )
@@ -431,7 +431,7 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
     columns = columns or kinds_beside(table, schema)
     if keep and not columns:
         raise InputError(
-            f"{table.path}: {option('keep')}: no column is a label, class, type or category"
+            f"{option('keep')}: no column is a label, class, type or category"
         )
     in_words = {}
     for name, texts in columns.items():
@@ -448,7 +448,7 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
             if not keep and texts.is_in(others).all():
                 error, left = NoPeople, f"{left} alone"
             raise error(
-                f"{table.path}: column {name!r} has {left}: say with {option('keep')} which are "
+                f"column {name!r} has {left}: say with {option('keep')} which are "
                 "people"
             )
         if not mask.all():
@@ -520,7 +520,7 @@ class Text(Layout):
         other = roughness(ped, frame, position)
         if SMOOTHER * np.sum(other) < np.sum(usual):
             raise Question(
-                f"{table.path}: its tracks are smooth where the first column is the person, not "
+                "its tracks are smooth where the first column is the person, not "
                 "the frame",
                 {("id=1", "frame=2", "x=3", "y=4"): ""},
             )

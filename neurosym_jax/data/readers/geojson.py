@@ -39,7 +39,7 @@ def rows_of_features(
         rows += _rows(path, number, feature)
     points = np.array([(*row.pop("point"), *NOWHERE)[:2] for row in rows], float)
     if not np.isfinite(points).any():
-        raise InputError(f"{path}: has no points")
+        raise InputError("has no points")
     axes, notes = ("x", "y"), []
     # A system that is a link says nothing here, as if there were none.
     system = (content.get("crs") or {}).get("properties", {}).get("name")
@@ -69,7 +69,7 @@ def _rows(path: Path, number: int, feature: Mapping[str, Any]) -> Iterator[dict]
         return
     if geometry["type"] not in LINES:
         raise InputError(
-            f"{path}: feature {number} is a {geometry['type']}: people are points, or "
+            f"feature {number} is a {geometry['type']}: people are points, or "
             "lines with times"
         )
     points = geometry["coordinates"]
@@ -78,7 +78,7 @@ def _rows(path: Path, number: int, feature: Mapping[str, Any]) -> Iterator[dict]
     times = _times(points, properties)
     if times is None:
         raise InputError(
-            f"{path}: feature {number} is a line without times: none of its properties "
+            f"feature {number} is a line without times: none of its properties "
             f"({', '.join(properties)}) is a list of {len(points)}"
         )
     for time, point in zip(times, points):

@@ -159,7 +159,7 @@ def columns_table(path: Path, columns: Mapping[str, np.ndarray]) -> Table:
     shapes = sorted({values.shape for values in columns.values()})
     if len(shapes) != 1 or len(shapes[0]) != 1:
         raise InputError(
-            f"{path}: columns of shapes {brief(shapes)}, not of one length: `make_tracks` takes "
+            f"columns of shapes {brief(shapes)}, not of one length: `make_tracks` takes "
             "arrays of stamps, ids and positions"
         )
     texts = {name: _as_texts(values.tolist()) for name, values in columns.items()}
@@ -185,14 +185,14 @@ def array_columns(path: Path, array: np.ndarray) -> dict[str, np.ndarray]:
         return dict(zip(names, array.T))
     if array.ndim != 3 or array.shape[2] != 2 or array.dtype.kind not in "biuf":
         raise InputError(
-            f"{path}: {list(array.shape)} {array.dtype} is no recording: rows [R, 4] of frame, "
+            f"{list(array.shape)} {array.dtype} is no recording: rows [R, 4] of frame, "
             "id, x, y, or positions [T, N, 2] are; `make_tracks` takes stamps, ids and positions"
         )
     first = _bend_along(array, 0)
     second = _bend_along(array, 1)
     if SMOOTHER * min(first, second) > max(first, second):
         raise InputError(
-            f"{path}: positions {list(array.shape)}: which axis is time? `make_tracks` says it"
+            f"positions {list(array.shape)}: which axis is time? `make_tracks` says it"
         )
     frame, person = np.indices(array.shape[:2]).reshape(2, -1)
     if first >= second:
@@ -219,7 +219,7 @@ def _columns_of_pandas(frame: Any) -> dict[str, pl.Series]:
         frame = frame.reset_index()
     names = [str(name) for name in frame.columns]
     if len(set(names)) < len(names):
-        raise InputError(f"{FRAME}: two columns have one name")
+        raise InputError("two columns have one name")
     columns = {}
     for at, name in enumerate(names):
         column = frame.iloc[:, at]
@@ -262,7 +262,7 @@ def _table(
     for texts in columns.values():
         rows = len(texts)
     if not rows:
-        raise InputError(f"{path}: has no rows")
+        raise InputError("has no rows")
     numbered = [texts.alias(str(at)) for at, texts in enumerate(columns.values())]
     fields = pl.DataFrame(numbered).select(pl.concat_list(pl.all())).to_series()
     return Table(path, list(columns), fields, np.arange(rows), facts=facts)
@@ -279,7 +279,7 @@ def _table_in_storage(path: Path, magic: bytes, name: str) -> Table:
     if kind == "pickle":
         code = "import pandas, sys; pandas.read_pickle(sys.argv[1]).to_csv(sys.argv[1] + '.csv')"
         raise InputError(
-            f"{path}: a pickle may run any code, so it is not read; if you trust it: "
+            f"a pickle may run any code, so it is not read; if you trust it: "
             f'python -c "{code}" {shlex.quote(str(path))}'
         )
     with reading(path, kind):
@@ -328,7 +328,7 @@ def _the_one(path: Path, names: Collection[str], name: str) -> str:
         return only
     answers = {(f"table={other}",): "" for other in list(names)[:8]}
     raise Question(
-        f"{path}: has {len(names)} tables of tracks: {', '.join(names)[:200]}", answers
+        f"has {len(names)} tables of tracks: {', '.join(names)[:200]}", answers
     )
 
 
@@ -339,7 +339,7 @@ def _is_sheet(path: Path) -> bool:
 
 def _in_sheet(path: Path, name: str) -> Content:
     """The first sheet of a workbook, or the one called so."""
-    optional_module("fastexcel", f"{path}: a workbook", "excel")
+    optional_module("fastexcel", "a workbook", "excel")
     return _columns_of_polars(pl.read_excel(path, sheet_name=name or None)), {}
 
 
@@ -381,7 +381,7 @@ def _in_sqlite(path: Path, name: str) -> Content:
             if len(rows) % CHECKED == 0:
                 refuse_dense(path, len(rows) * len(row))
     if not rows:
-        raise InputError(f"{path}: table {chosen} has no rows")
+        raise InputError(f"table {chosen} has no rows")
     columns = zip(heads[chosen], zip(*rows))
     return {key: _as_texts(values) for key, values in columns}, facts
 
@@ -402,7 +402,7 @@ def _limit(base: sqlite3.Connection, path: Path) -> None:
 
 def _in_hdf5(path: Path, name: str) -> Content:
     """The data set called `name`, else `trajectory` or the only one, and its attribute fps."""
-    h5py = optional_module("h5py", f"{path}: HDF5", "hdf5")
+    h5py = optional_module("h5py", "HDF5", "hdf5")
     with h5py.File(path) as file:
         sets = {}
         for key, item in file.items():
@@ -451,7 +451,7 @@ def _json_in(path: Path) -> Any:
     try:
         return [json.loads(line) for line in text.split("\n") if line.strip()]
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: no JSON ({str(error)[:60]})") from None
+        raise InputError(f"no JSON ({str(error)[:60]})") from None
 
 
 def _rows_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -503,7 +503,7 @@ def _rows(path: Path, item: Any) -> Iterator[dict[str, Any]]:
     """The rows in an object: its lists side by side, with its other fields in each."""
     if not isinstance(item, dict):
         raise InputError(
-            f"{path}: JSON of {type(item).__name__} {str(item)[:40]!r}, not of objects"
+            f"JSON of {type(item).__name__} {str(item)[:40]!r}, not of objects"
         )
     item = _side_by_side(item)
     lists = {key: value for key, value in item.items() if isinstance(value, list)}
@@ -511,7 +511,7 @@ def _rows(path: Path, item: Any) -> Iterator[dict[str, Any]]:
         yield item
         return
     if len(set(map(len, lists.values()))) > 1:
-        raise InputError(f"{path}: lists of several lengths: {', '.join(lists)[:80]}")
+        raise InputError(f"lists of several lengths: {', '.join(lists)[:80]}")
     for values in zip(*lists.values()):
         row = dict(item)
         for key, value in zip(lists, values):

@@ -44,7 +44,7 @@ class Tracklets(Format):
         table = read_table(path)
         for name in _TRACKLET:
             if table.names.count(name) != 1:
-                raise InputError(f"{path}: the header has not one {name}")
+                raise InputError(f"the header has not one {name}")
         *places, helmet = (table.names.index(name) for name in _TRACKLET)
         values = table.numbers(*places)
         ids, people = table.ids(helmet, prefix="Helmet_")
@@ -96,7 +96,7 @@ class Qtm(Format):
         places = _helmets(path, table.names)
         if not places or "Time" not in table.names:
             raise InputError(
-                f"{path}: the header names no Time, or no `Helmet_1 X` (or centroids)"
+                "the header names no Time, or no `Helmet_1 X` (or centroids)"
             )
         stamp = table.numbers(table.names.index("Time"))[:, 0]
         columns = []
@@ -108,9 +108,7 @@ class Qtm(Format):
         is_zero = (points == 0).all(axis=-1)
         frame, body = np.nonzero(~is_empty & ~is_zero)
         if not len(frame):
-            raise InputError(
-                f"{path}: none of its {len(places)} helmets is ever visible"
-            )
+            raise InputError(f"none of its {len(places)} helmets is ever visible")
         ids = np.array(list(places))[body]
         position = points[frame, body, :2]
         return table.tracks(stamp[frame], ids, position, row=table.row[frame])
@@ -129,10 +127,10 @@ def _helmets(path: Path, names: Sequence[str]) -> dict[int, int]:
             continue
         helmet = int(match[1])
         if helmet in places:
-            raise InputError(f"{path}: the header names {name} twice")
+            raise InputError(f"the header names {name} twice")
         places[helmet] = column
         # In 6D exports only X carries the helmet's name.
         axes = [other[-1:] for other in names[column : column + 3]]
         if axes != ["X", "Y", "Z"]:
-            raise InputError(f"{path}: Y and Z do not follow {name}")
+            raise InputError(f"Y and Z do not follow {name}")
     return places
