@@ -10,13 +10,12 @@ import itertools
 
 import numpy as np
 
-from neurosym_jax.data.tracks import GAP, PERIOD, SNAP, Tracks, common
+from neurosym_jax.data.tracks import GAP, PERIOD, SNAP, Tracks
 from neurosym_jax.errors import InputError
 
 __all__ = ["on_grid", "resample"]
 
 DENSE = 100  # largest ratio of grid points to source points; beyond, a mistyped period
-NEAR = 2  # periods around a row in which most rows must share its phase to make it a majority
 SHIFT = 0.05  # of a period: smaller changes of phase are a rounded or jittering clock
 
 
@@ -130,28 +129,20 @@ def phases(
     """
     votes = _voters(stamp, joined)
     moment = stamp[votes]
-    residue, label = _residues(moment, period)
-    major = _is_majority(moment, label, period)
+    label = _phases(moment, period)
     # A pause: no track lasts from before it to after it.
     following = stamp[np.minimum(votes + 1, len(stamp) - 1)]
     end = np.where(joined[votes], following, moment)
     pause = moment[1:] > np.maximum.accumulate(end)[:-1] + SNAP
-
-    rows = np.flatnonzero(major)
-    change = np.abs(np.diff(residue[label[rows]])) / period
-    change = np.minimum(change, 1 - change)
-    jumps = []
-    for at in rows[1:][change > SHIFT]:
-        if _jumps(stamp, joined, float(moment[at]), period):
-            jumps.append(at)
     pauses = np.flatnonzero(pause) + 1
+    jumps = np.searchsorted(moment, _jumps(stamp, joined, period))
     cuts = np.unique(np.array([0, *pauses, *jumps, len(votes)]))
 
     begins, origins = list[float](), list[float]()
     previous = -1
     for low, high in itertools.pairwise(cuts):
         labels = label[low:high]
-        choice = _phase_of(labels, major[low:high], previous)
+        choice = _phase_of(labels, previous)
         if choice == previous:
             continue
         previous = choice
@@ -167,73 +158,46 @@ def phases(
 def _voters(stamp: np.ndarray, joined: np.ndarray) -> np.ndarray:
     """[V] rows that have a neighbour in time, else all, in order of time."""
     has_neighbour = joined | np.append(False, joined[:-1])
-    rows = np.arange(len(stamp))
-    if has_neighbour.any():
-        rows = np.flatnonzero(has_neighbour)
+    rows = np.flatnonzero(has_neighbour | ~has_neighbour.any())
     return rows[np.argsort(stamp[rows], kind="stable")]
 
 
-def _phase_of(labels: np.ndarray, major: np.ndarray, previous: int) -> int:
+def _phase_of(labels: np.ndarray, previous: int) -> int:
     """The number of the phase of a piece whose rows have phases `labels` [V]."""
-    ballot = labels[major]
-    if 2 * len(ballot) > len(labels):
-        return int(common(ballot))
     kinds, first, counts = np.unique(labels, return_index=True, return_counts=True)
+    if 2 * counts.max() > len(labels):
+        return int(kinds[counts.argmax()])
     if previous in kinds:
         return previous
     frequent = counts >= counts.max() / 4
     return int(kinds[frequent][np.argmin(first[frequent])])
 
 
-def _jumps(stamp: np.ndarray, joined: np.ndarray, moment: float, period: float) -> bool:
-    """Whether most of the tracks that go on at a moment change phase there, and not before."""
-    over = np.flatnonzero(joined & (stamp < moment))
-    over = over[stamp[over + 1] >= moment]
-    if not len(over):
-        return False
-    change = _is_shift(stamp[over + 1] - stamp[over], period)
-    earlier = _is_shift(stamp[over] - stamp[over - 1], period)
-    return bool(np.mean(change & ~earlier) > 0.5)
+def _jumps(stamp: np.ndarray, joined: np.ndarray, period: float) -> list[float]:
+    """The moments at which most of the tracks that go on change phase, and not before."""
+    step = np.mod(np.diff(stamp) / period + SHIFT, 1)
+    changes = (step > 2 * SHIFT) & joined[:-1]
+    is_regular = joined[:-1] & ~changes
+    new = changes & np.append(False, is_regular[:-1])
+    jumps = []
+    for moment in np.unique(stamp[1:][new]):
+        over = joined[:-1] & (stamp[:-1] < moment) & (stamp[1:] >= moment)
+        if np.mean(new[over]) > 0.5:
+            jumps.append(moment)
+    return jumps
 
 
-def _is_shift(step: np.ndarray, period: float) -> np.ndarray:
-    """[K] bool: whether steps in seconds [K] are no whole number of periods."""
-    return np.mod(step / period + SHIFT, 1) > 2 * SHIFT
-
-
-def _residues(stamp: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """[K] phases in seconds, each more than `SNAP` from the next, and [R] the number of each
-    stamp's; the last may be the first again."""
+def _phases(stamp: np.ndarray, period: float) -> np.ndarray:
+    """[R] number of each stamp's phase, of those that are more than `SNAP` apart; the last may be
+    the first again."""
     residue = np.mod(stamp, period)
     order = np.argsort(residue, kind="stable")
     new = np.diff(residue[order], prepend=-1.0) > 2 * SNAP
     label = np.empty(len(stamp), np.int64)
     label[order] = np.cumsum(new) - 1
-    kinds = residue[order][new]
-    if kinds[0] + period - residue.max() <= 2 * SNAP:
-        label[label == len(kinds) - 1] = 0
-    return kinds, label
-
-
-def _is_majority(stamp: np.ndarray, label: np.ndarray, period: float) -> np.ndarray:
-    """[R] bool: whether most of the rows within `NEAR` periods have the phase of a row, and one of
-    them at another moment. `stamp` ascends."""
-    tick = np.rint((stamp - stamp[0]) / period * 100).astype(np.int64)
-    # Else of two phases that alternate, each has 5 of 9 rows around one.
-    reach = NEAR * 100 - 1
-    total = _counts_around(tick, reach)
-    # Ticks of one phase, far from those of all others.
-    key = label * (tick[-1] + 4 * reach) + tick
-    same_phase = _counts_around(key, reach)
-    now = _counts_around(key, 1)
-    return (2 * same_phase > total) & (same_phase > now)
-
-
-def _counts_around(values: np.ndarray, reach: int) -> np.ndarray:
-    """[R] how many of `values` [R] lie within `reach` of each."""
-    ordered = np.sort(values)
-    end = np.searchsorted(ordered, values + reach, "right")
-    return end - np.searchsorted(ordered, values - reach)
+    if residue.min() + period - residue.max() <= 2 * SNAP:
+        label[label == label.max()] = 0
+    return label
 
 
 def _grid_points(
