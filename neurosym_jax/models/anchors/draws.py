@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from neurosym_jax.models.anchors.frames import computed_once
 from neurosym_jax.models.anchors.pair_constants import (
     COHESION,
     COMPANY,
@@ -25,8 +26,8 @@ from neurosym_jax.models.anchors.pair_constants import (
 from neurosym_jax.models.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene
 
-__all__ = ["couple", "draw_apart", "draw_samples", "draw_scenes", "nearest"]
-__all__ += ["pair_terms"]
+__all__ = ["couple", "draw_apart", "draw_samples", "draw_scenes", "equal_points"]
+__all__ += ["nearest", "pair_terms"]
 
 
 def draw_samples(
@@ -92,6 +93,26 @@ def draw_scenes(
         table = REPULSION * overlap + COHESION * parting
         chosen = couple(chosen, near, table, coupled, weight, even)
     return _take(points, chosen)
+
+
+def equal_points(points: Array, weight: Array, key: Array, count: int) -> Array:
+    """[count, N, T, 2] equally probable points, of `points [P, N, T, 2]` by their `weight [N, P]`.
+
+    Pairs of people are compared in all of their points, so many are costly. Each of
+    these takes an equal part of the probability, in the order of the points: those of
+    equal weight remain what they are where `count` is their number. Draws that take
+    them are not independent of each other.
+    """
+
+    def draw(agent: Array) -> Array:
+        agent_key = jax.random.fold_in(key, agent)
+        return jax.random.uniform(agent_key, (count,), maxval=1 - 1e-6)
+
+    within = jax.vmap(draw)(jnp.arange(points.shape[1]))
+    place = (jnp.arange(count)[None] + within) / count
+    ends = jnp.cumsum(weight, axis=1)[:, None]
+    chosen = (ends[..., :-1] <= place[..., None] * ends[..., -1:]).sum(axis=2)
+    return _take(points, chosen.T)
 
 
 def couple(
@@ -234,14 +255,12 @@ def _overlaps(points: Array, near: Array) -> Array:
 
     Between two steps, offsets change along a straight line.
     """
-    steps = jnp.transpose(points, (2, 3, 1, 0))  # [T, 2, N, P]
+    own = jnp.transpose(points, (2, 3, 1, 0))  # [T, 2, N, P]
+    own, others = computed_once((own, own[:, :, near]))
     least: Any = jnp.inf
     before = None
-    for step in steps:
-        x, y = (
-            place[:, None, None, :] - place[near][..., None]
-            for place in (step[0], step[1])
-        )
+    for step, other in zip(own, others):
+        x, y = step[:, :, None, None] - other[..., None]
         before_x, before_y = before or (x, y)
         dx = before_x - x
         dy = before_y - y

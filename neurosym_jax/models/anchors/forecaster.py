@@ -17,7 +17,12 @@ from neurosym_jax.models.anchors.config import (
     AnchorForecast,
     AnchorTableConfig,
 )
-from neurosym_jax.models.anchors.draws import draw_apart, draw_samples, draw_scenes
+from neurosym_jax.models.anchors.draws import (
+    draw_apart,
+    draw_samples,
+    draw_scenes,
+    equal_points,
+)
 from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.forecaster import Forecaster, with_weighting
@@ -133,7 +138,10 @@ class AnchorTableForecaster(Forecaster):
             view, part = turn
             points, weight = self._view(params, scene, view), None
             if memory is not None:
+                most = len(points)
                 points, weight = memory.beside(points, view, 2)
+                if even:
+                    points, weight = equal_points(points, weight, part, most), None
             number, period = -(-count // 2), self.config.period
             return draw_scenes(points, scene, part, number, period, weight, even)
 

@@ -19,6 +19,7 @@ from neurosym_jax.models.anchors.draws import (
     couple,
     draw_samples,
     draw_scenes,
+    equal_points,
 )
 from neurosym_jax.models.anchors.forecaster import apply_anchors
 from neurosym_jax.models.disk import load_model
@@ -351,3 +352,17 @@ def test_metrics_of_the_distribution_are_of_draws(model):
         assert scores["joint_ade"].total[number] == pytest.approx(
             joint.total[0], rel=1e-4
         )
+
+
+def test_equal_points_are_as_frequent_as_their_weight_says():
+    points = jnp.arange(6.0)[:, None, None, None] * jnp.ones((6, 2, 3, 2))
+    weight = jnp.array([[0.125] * 4 + [0.5, 0.0], [0.25] * 4 + [0.0, 0.0]])
+    keys = jax.random.split(jax.random.key(0), 500)
+    draw = jax.jit(jax.vmap(lambda key: equal_points(points, weight, key, 4)))
+    chosen = np.asarray(draw(keys))[..., 0, 0].astype(int)
+    # Four points of equal weight remain what they are.
+    assert (chosen[:, :, 1] == np.arange(4)).all()
+    counts = np.bincount(chosen[:, :, 0].ravel(), minlength=6) / chosen[:, :, 0].size
+    np.testing.assert_allclose(counts, weight[0], atol=0.03)
+    # Each takes an equal part: half of four, in every set of points.
+    assert ((chosen[:, :, 0] == 4).sum(1) == 2).all()
