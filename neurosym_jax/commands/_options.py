@@ -130,7 +130,8 @@ def _sections(
 def _key(option: Member) -> str:
     """The field of an option, or of the dataclass that it is in."""
     group, flag, *_ = option
-    return group or flag.split(" ")[0].removeprefix("--").replace("-", "_").lower()
+    name = flag.split(" ")[0].removeprefix("--")
+    return group or name.replace("-", "_").lower()
 
 
 def _is_first(command: Callable[..., Any], option: Member) -> bool:
@@ -323,11 +324,10 @@ def flag_names(words: Sequence[str]) -> list[str]:
 def _with_pairs(words: Sequence[str], place: int, pairs: Sequence[str]) -> list[str]:
     """`words` with those KEY=VALUE `pairs` added to the option at `place` whose key it has not."""
     flag, equals, value = words[place].partition("=")
-    values = words[place + 1 :]
-    count = next(
-        (n for n, word in enumerate(values) if word.startswith("--")), len(values)
-    )
-    own, rest = ([value], values) if equals else (values[:count], values[count:])
+    own, rest = [value], words[place + 1 :]
+    if not equals:
+        own = list(itertools.takewhile(lambda word: not word.startswith("--"), rest))
+        rest = rest[len(own) :]
     keys = {pair.partition("=")[0] for pair in own}
     added = [pair for pair in pairs if pair.partition("=")[0] not in keys]
     return [*words[:place], flag, *added, *own, *rest]

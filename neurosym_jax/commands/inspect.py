@@ -134,7 +134,8 @@ def _draw(
     use_style(style)
     floor = underlay and read_underlay(*underlay)
     if underlay and floor:
-        print(_coverage(recordings, underlay[0], floor[1], floor[0].shape[:2]), end="")
+        pixels, homography = floor
+        print(_coverage(recordings, underlay[0], homography, pixels.shape[:2]), end="")
     scene = None
     if moment:
         past, future = np.split(moment.position, [moment.obs_len], axis=1)

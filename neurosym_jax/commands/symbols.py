@@ -126,7 +126,8 @@ def _example(
     windows = cut_windows(recordings, lengths.obs_len, lengths.pred_len)
     if window is None:
         most = max(CROWD, windows.sizes.min())
-        window = int(np.where(windows.sizes <= most, windows.sizes, 0).argmax())
+        shown = np.where(windows.sizes <= most, windows.sizes, 0)
+        window = int(shown.argmax())
     if not 0 <= window < windows.scenes:
         raise InputError(f"--window must lie in [0, {windows.scenes}), not {window}")
     title = f"{name}, window {window}"
@@ -142,7 +143,8 @@ def _show_forecast(
     rows = forecast_rows(
         futures, observed, example.agent, SymbolSettings(example.period)
     )
-    write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
+    lines = [json.dumps(row, allow_nan=False) + "\n" for row in rows]
+    write_text(path, "".join(lines))
     print(f"{title}\n\n{format_forecast(rows)}\n\n{path}")
 
 

@@ -461,7 +461,8 @@ def evaluate_tests(
 
     Each test set is a task of `run`, see `cluster_map`; default: all here, in threads.
     """
-    step = progress_of(sum(len([*_entries(test, settings)]) for test in tests))
+    total = sum(len([*_entries(test, settings)]) for test in tests)
+    step = progress_of(total)
     results = _results(settings, tests)
     if run is not None:
         tasks = run(functools.partial(_task, settings), tests)
@@ -481,7 +482,8 @@ def _results(settings: Settings, tests: Sequence[Test]) -> Iterator[Result]:
     for test in tests:
         scenes = {batch.scene.observed.shape: batch.scene for batch in test.batches}
         for _, model in test.entries:
-            needed.setdefault(model.forecaster, (model, {}))[1].update(scenes)
+            _, shapes = needed.setdefault(model.forecaster, (model, {}))
+            shapes.update(scenes)
     pool = ThreadPoolExecutor(cpu_cores())
     try:
         programs = {
@@ -510,7 +512,8 @@ def _compile(model: Model, scenes: Iterable[Scene], settings: Settings) -> None:
             0,
             metrics,
         )
-    example = pad_scene(make_scene(np.zeros((1, model.config.obs_len, 2))), EXAMPLE)
+    alone = make_scene(np.zeros((1, model.config.obs_len, 2)))
+    example = pad_scene(alone, EXAMPLE)
     SceneForecaster(forecaster, model.params, samples=settings.samples, seed=0)(example)
 
 
@@ -637,9 +640,11 @@ def _averaged(
         seeds = [run.scores[name] for run in runs]
         if settings.by_scene:
             seeds = [score.of_each_scene() for score in seeds]
-        scores[name] = Score(*(np.mean(parts, axis=0) for parts in zip(*seeds)))
+        totals, counts = zip(*seeds)
+        scores[name] = Score(np.mean(totals, axis=0), np.mean(counts, axis=0))
         means = [score.mean for score in seeds]
-        if len(runs) > 1 and first.total.ndim == 1 and np.isfinite(means).all():
+        has_spread = len(runs) > 1 and first.total.ndim == 1
+        if has_spread and np.isfinite(means).all():
             spread[name] = float(np.std(means, ddof=1))
     seconds = float(np.mean([run.seconds for run in runs]))
     return runs[0]._replace(scores=scores, seconds=seconds), spread
@@ -742,13 +747,12 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
                 )
         parts.append(samples)
         weights.append(probability)
-    probabilities = [probability for probability in weights if probability is not None]
-    return Forecasts(
-        name,
-        np.concatenate(parts, axis=1),
-        np.stack(probabilities, axis=1) if len(probabilities) == len(weights) else None,
-        float(np.median(seconds)),
-    )
+    known = [probability for probability in weights if probability is not None]
+    probabilities = None
+    if len(known) == len(weights):
+        probabilities = np.stack(known, axis=1)
+    together = np.concatenate(parts, axis=1)
+    return Forecasts(name, together, probabilities, float(np.median(seconds)))
 
 
 def _on_host(array: Any) -> Any:
@@ -1047,7 +1051,9 @@ def add_forecasts(
         raise InputError(f"{option('partial', True)}: there are no files of forecasts")
     chosen: list[dict[str, ForecastFile]] = [{} for _ in tests]
     for name, file in files.items():
-        own = set(map(str, [] if file.recordings is None else file.recordings))
+        own = set[str]()
+        if file.recordings is not None:
+            own.update(map(str, file.recordings))
         numbers = []
         foreign = set(own)
         for number, test in enumerate(tests):
@@ -1128,7 +1134,9 @@ def with_tests(results: Sequence[Result]) -> list[Row]:
         members = lines.setdefault((result.test_set, result.period), {})
         members.setdefault(first[number], []).append(number)
     for members in lines.values():
-        runs = [list(map(results.__getitem__, numbers)) for numbers in members.values()]
+        runs = []
+        for numbers in members.values():
+            runs.append([results[number] for number in numbers])
         for metric, p_values in _p_values(runs).items():
             for numbers, p in zip(members.values(), p_values):
                 for number in numbers:

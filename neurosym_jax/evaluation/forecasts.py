@@ -124,9 +124,10 @@ def _checked(path: Path, arrays: dict[str, np.ndarray]) -> ForecastFile:
         )
     samples = arrays["samples"]
     agents = samples.shape[1] if samples.ndim == 4 else 0
-    shapes = {"samples": (*samples.shape[:3], 2), "ids": (agents,), "frames": (agents,)}
-    if "recordings" in arrays:
-        shapes["recordings"] = (agents,)
+    shapes = {"samples": (*samples.shape[:3], 2)}
+    for name in ("ids", "frames", "recordings"):
+        if name in arrays:
+            shapes[name] = (agents,)
     likely = arrays.get("probabilities")
     if likely is not None:
         if likely.ndim == 1:

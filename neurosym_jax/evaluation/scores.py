@@ -1,5 +1,6 @@
 """Forecast batches of scenes and score them."""
 
+import itertools
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -68,8 +69,10 @@ class Score(NamedTuple):
 
     def of_each_scene(self) -> "Score":
         """Return the mean of each scene with weight 1, in place of its sum."""
-        shares = np.where(self.count > 0, self.count, 1)
-        return Score((self.total.T / shares).T, (self.count > 0).astype(float))
+        counts = self.count > 0
+        shares = np.where(counts, self.count, 1)
+        means = (self.total.T / shares).T
+        return Score(means, counts.astype(float))
 
 
 Scores = dict[str, Score]
@@ -120,7 +123,8 @@ def score_forecaster(
     start = time.perf_counter()
     samples = forecaster.count(samples)
     cores = cpu_cores()
-    slots = max(batch.scene.valid.size for batch in batches) * min(cores, len(batches))
+    largest = max(batch.scene.valid.size for batch in batches)
+    slots = largest * min(cores, len(batches))
     selected = chosen(metrics)
     futures = samples
     if any(metric.drawn for _, metric in selected):
@@ -133,7 +137,8 @@ def score_forecaster(
         )
 
     with ThreadPoolExecutor(cores) as pool:
-        parts = list(pool.map(score_one, batches, memories or [None] * len(batches)))
+        recalled = memories or itertools.repeat(None)
+        parts = list(pool.map(score_one, batches, recalled))
     return _evaluation(parts, batches, samples, DRAWS, start)
 
 
@@ -186,7 +191,8 @@ def _evaluation(
 ) -> Evaluation:
     """The scores of all batches, in the order of the windows; `start` is of `time.perf_counter`."""
     index = np.concatenate([batch.index for batch in batches])
-    order = np.argsort(index, kind="stable")[(index < 0).sum() :]
+    order = np.argsort(index, kind="stable")
+    order = order[(index < 0).sum() :]
     scores = {}
     for name in parts[0]:
         totals = np.concatenate([part[name].total for part in parts])
@@ -286,7 +292,9 @@ def score(
         {"forecast": forecast, "future": future, "valid": valid, "observed": observed}
     )
     future = np.asarray(future, np.float64)
-    present = np.ones(len(future), bool) if valid is None else np.asarray(valid)
+    if valid is None:
+        valid = np.ones(len(future), bool)
+    present = np.asarray(valid)
     seen = future[:, :1] if observed is None else np.asarray(observed)
     scene = make_scene(seen[present], future[present])
     samples = np.asarray(forecast)[:, present]
@@ -388,5 +396,5 @@ def _summed(
         return xp.where(weights > 0, values * weights, 0), weights
     weights = xp.where(scenes.valid, weights, 0)
     shares = weights[..., None] if values.ndim == 3 else weights
-    total = xp.where(shares > 0, values * shares, 0).sum(axis=1)
-    return total, weights.sum(axis=1)
+    products = xp.where(shares > 0, values * shares, 0)
+    return products.sum(axis=1), weights.sum(axis=1)

@@ -84,7 +84,8 @@ def csv_text(frame: pl.DataFrame) -> str:
     with a `'` in front they show it. Numbers stay as they are.
     """
     formula = r"^([=+@]|-\p{L})"
-    return frame.with_columns(pl.col(pl.String).str.replace(formula, "'$1")).write_csv()
+    quoted = pl.col(pl.String).str.replace(formula, "'$1")
+    return frame.with_columns(quoted).write_csv()
 
 
 def aligned_table(rows: Sequence[Sequence[str]]) -> str:
@@ -153,20 +154,24 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
         below 5 %.
     """
     lines = _lines(rows)
-    means = pl.DataFrame(_tested(list(_means(lines))), schema=lines.schema)
+    tested = _tested(list(_means(lines)))
+    means = pl.DataFrame(tested, schema=lines.schema)
     lines = pl.concat([lines, means]).drop("means", "trained")
     group = ("dataset", *HORIZON, "metric")
     p = pl.col("p")
     first = pl.col("mean").is_not_null() & p.is_null() & ~pl.col("learned")
-    beyond = (first.sum().over(group) == 1) & (p.max().over(group) < 0.05)
-    return lines.with_columns(best=(first & beyond).fill_null(False))
+    is_alone = first.sum().over(group) == 1
+    are_worse = p.max().over(group) < 0.05
+    best = first & is_alone & are_worse
+    return lines.with_columns(best=best.fill_null(False))
 
 
 def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
     """Names of models on one test set, given (name, checkpoint); of equal ones, with the shortest
     unique end of the checkpoint."""
     paths = list(dict.fromkeys(path for _, path in models if path))
-    short = dict(zip(paths, unique_suffixes([PurePath(path) for path in paths])))
+    suffixes = unique_suffixes(list(map(PurePath, paths)))
+    short = dict(zip(paths, suffixes))
     names = [name for name, _ in models]
     texts = []
     for name, path in models:
@@ -339,13 +344,15 @@ def _mean(sets: pl.DataFrame) -> dict[str, Any]:
     line["learned"] = sets["learned"].any()
     line["latency"] = sets["latency"].max()
     line["forecasts_per_second"] = sets["forecasts_per_second"].min()
-    same_seeds = all(seeds == line["trained"] for seeds in sets["trained"].to_list())
+    trained = sets["trained"].to_list()
+    same_seeds = all(seeds == trained[0] for seeds in trained)
     if trainings > 1 and same_seeds:
         # Trainings of one seed are not independent of each other, so they are averaged
         # first.
         averages = []
         if is_known:
-            averages = np.mean(sets["means"].to_list(), axis=0).tolist()
+            by_set = sets["means"].to_list()
+            averages = np.mean(by_set, axis=0).tolist()
         line = _over_trainings(line | {"means": averages, "trainings": trainings})
         return line | {"means": means}
     line["means"] = means

@@ -269,9 +269,9 @@ def generator(
     if normed:
         raise InputError(f"{normed[0]}: our networks have no batch norm")
     noise = fields["noise_dim"] or 0
-    fields["noise_dim"] = (
-        noise[0] if isinstance(noise, tuple | list) and len(noise) == 1 else noise
-    )
+    if isinstance(noise, tuple | list) and len(noise) == 1:
+        noise = noise[0]
+    fields["noise_dim"] = noise
     fields["pool_every_timestep"] = bool(fields["pool_every_timestep"])
     kinds = {torch_name: name for name, torch_name in TORCH_POOLING.items()}
     history = state.get("pool_net_g.spatial_embedding.weight")
@@ -299,7 +299,9 @@ def discriminator(
     """Configuration and parameters of the discriminator; raises as `generator`."""
     state = without_dropout(state, arguments)
     names = {"encoder_h_dim": "h_dim", "hidden_dim": "pool_hidden_dim"}
-    fields = {names.get(name, name): width for name, width in _widths(state).items()}
+    fields: dict[str, Any] = {}
+    for name, width in _widths(state).items():
+        fields[names.get(name, name)] = width
     fields["kind"] = _required(arguments, ["d_type"])["d_type"]
     config = from_json(
         DiscriminatorConfig, _fields_of(DiscriminatorConfig, fields), "args"

@@ -129,7 +129,8 @@ class _Graph:
         if isinstance(value, str):
             return value
         array = np.asarray(value)
-        return self._constant(array.astype(_kind(array.dtype), order="C"))
+        kind = _kind(array.dtype)
+        return self._constant(array.astype(kind, order="C"))
 
     def integers(self, *values: int) -> str:
         """The constant [len(values)] int64, as operators take axes and shapes."""
@@ -176,7 +177,8 @@ class _Graph:
         """The name of a size [1] int64: a number, a symbol, or a polynomial of symbols."""
         if isinstance(size, int):
             return self.integers(size)
-        return self._polynomial(ast.parse(str(size), mode="eval").body)
+        term = ast.parse(str(size), mode="eval").body
+        return self._polynomial(term)
 
     def _polynomial(self, term: ast.expr) -> str:
         operators = {ast.Add: "Add", ast.Sub: "Sub", ast.Mult: "Mul"}
@@ -196,7 +198,8 @@ class _Graph:
         """The name of a shape [rank] int64."""
         if all(isinstance(size, int) for size in sizes):
             return self.integers(*sizes)
-        return self.add("Concat", *[self.size(size) for size in sizes], axis=0)
+        names = [self.size(size) for size in sizes]
+        return self.add("Concat", *names, axis=0)
 
     def reshape(self, value: Any, sizes: Sequence[Any]) -> str:
         """The value in another shape; one symbol among its sizes is left to ONNX to find."""
@@ -212,7 +215,8 @@ class _Graph:
     ) -> str:
         """Part of a value; `starts` and `ends` are names of [len(axes)] int64."""
         axes_name = self.integers(*axes)
-        return self.add("Slice", value, starts, ends, axes_name, self.integers(*steps))
+        steps_name = self.integers(*steps)
+        return self.add("Slice", value, starts, ends, axes_name, steps_name)
 
     # -- translating
     # -----------------------------------------------------------------------------
@@ -230,7 +234,8 @@ class _Graph:
             return values[atom]
 
         for eqn in jaxpr.eqns:
-            results = self.equation(eqn, [read(atom) for atom in eqn.invars])
+            eqn_inputs = [read(atom) for atom in eqn.invars]
+            results = self.equation(eqn, eqn_inputs)
             values |= dict(zip(eqn.outvars, results))
         return [read(atom) for atom in jaxpr.outvars]
 

@@ -296,9 +296,8 @@ def _compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
     layers = _layers(case)
     compared: Compared = {}
     if "in/encoder.spatial_embedding" in arrays:
-        moves = np.swapaxes(arrays["traj_rel"][:, : case.config.obs_len], 0, 1).reshape(
-            -1, 2
-        )
+        moves = arrays["traj_rel"][:, : case.config.obs_len]
+        moves = moves.swapaxes(0, 1).reshape(-1, 2)
         compared["obs_traj_rel"] = moves, arrays["in/encoder.spatial_embedding"]
     for name in names:
         if name == "decoder.decoder" and f"h0/{name}" in arrays:
@@ -319,12 +318,10 @@ def _layers(case: Case) -> dict[str, Any]:
     network = Generator(case.config).bind({"params": case.params})
     layers = {}
     for name, (path, _) in torch_names(case.config).items():
-        *parts, _ = (
-            re.sub(r"/layer_\d", "", path).replace("lstm", "recurrent").split("/")
-        )
-        layers[re.sub(r"(\.\d)?\.\w+$", "", name)] = functools.reduce(
-            getattr, parts, network
-        )
+        path = re.sub(r"/layer_\d", "", path).replace("lstm", "recurrent")
+        *parts, _ = path.split("/")
+        layer = re.sub(r"(\.\d)?\.\w+$", "", name)
+        layers[layer] = functools.reduce(getattr, parts, network)
     return layers
 
 
@@ -337,7 +334,8 @@ def _alone(arrays: Mapping[str, np.ndarray], name: str, layer: Any) -> np.ndarra
     state = tuple(arrays.get(f"{part}/{name}", zeros)[0] for part in ("h0", "c0"))
     hidden = []
     for step in inputs:
-        state = LSTM().update(layer(step) + state[0] @ layer.recurrent_kernel, state)
+        gates = layer(step) + state[0] @ layer.recurrent_kernel
+        state = LSTM().update(gates, state)
         hidden.append(state[0])
     return np.stack(hidden)
 
@@ -357,7 +355,8 @@ def _compare(
         scale = float(np.abs(reference).max())
         max_abs = math.nan
         if values.shape == reference.shape:
-            max_abs = float(np.abs(values.astype(np.float64) - reference).max())
+            difference = values.astype(np.float64) - reference
+            max_abs = float(np.abs(difference).max())
         # Against an output that is all zeros, any difference is infinitely large, and
         # none is none.
         max_rel = max_abs / scale if scale else (math.inf if max_abs else 0.0)

@@ -113,9 +113,11 @@ def _number_of_numpy(kind, data):
     """The number that numpy stores as bytes."""
     if type(kind) is not ScalarType or type(data) is not bytes:
         raise InputError("a number is made in a way numpy does not")
-    if len(data) != np.dtype(kind.code).itemsize:
+    dtype = np.dtype(kind.code).newbyteorder("<")
+    if len(data) != dtype.itemsize:
         raise InputError(f"a number of {kind.code} has {len(data)} bytes")
-    return np.frombuffer(data, np.dtype(kind.code).newbyteorder("<"))[0].item()
+    (number,) = np.frombuffer(data, dtype)
+    return number.item()
 
 
 def _latin_bytes(text, encoding):
@@ -146,9 +148,10 @@ class _Opcodes(dict[int, Any]):
     """Methods of `OPCODES` by their byte."""
 
     def __missing__(self, byte: int) -> Any:
-        name = next(
-            (code.name for code in pickletools.opcodes if ord(code.code) == byte), byte
-        )
+        name = byte
+        for code in pickletools.opcodes:
+            if ord(code.code) == byte:
+                name = code.name
         raise InputError(
             f"refused: the pickle opcode {name} has no use in a checkpoint"
         )

@@ -137,7 +137,8 @@ def inputs(walks, arguments, seed, network):
     moves = np.diff(positions, axis=1, prepend=positions[:, :1])
     rows = len(walks) if arguments["noise_mix_type"] == "global" else len(positions)
     dim = int(np.sum(arguments.get("noise_dim") or 0))
-    noise = np.random.RandomState(seed).normal(size=(rows, dim))
+    rng = np.random.RandomState(seed)
+    noise = rng.normal(size=(rows, dim))
     return {
         "traj": positions.astype(kind),
         "traj_rel": moves.astype(kind),
@@ -150,7 +151,8 @@ def random_alpha(bounds, steps):
     """Weights [P, steps] of all ordered pairs of each scene, whose row is i * N + j."""
     sizes = bounds[:, 1] - bounds[:, 0]
     pairs = int((sizes**2).sum())
-    alpha = np.random.RandomState(0).uniform(0.1, 1, (pairs, steps))
+    rng = np.random.RandomState(0)
+    alpha = rng.uniform(0.1, 1, (pairs, steps))
     return alpha.astype(np.float32)
 
 
@@ -172,7 +174,8 @@ def alpha_arguments(torch, network, alpha, bounds):
     if pooling is None or pooling.spatial_embedding.in_features == 2:
         return (alpha.T[..., None],)
     pairs = (bounds[:, 1] - bounds[:, 0]) ** 2
-    return ([rows[:, None] for rows in torch.split(alpha, pairs.tolist())],)
+    by_scene = torch.split(alpha, pairs.tolist())
+    return ([rows[:, None] for rows in by_scene],)
 
 
 def forecast(torch, network, scenes):
@@ -201,8 +204,9 @@ def forecast(torch, network, scenes):
             parts["h0"], parts["c0"] = inputs[1]
         for part, array in parts.items():
             if isinstance(array, torch.Tensor):
-                rows = array if recurrent else array.reshape(-1, array.shape[-1])
-                arrays[part + "/" + name] = rows.numpy()
+                if not recurrent:
+                    array = array.reshape(-1, array.shape[-1])
+                arrays[part + "/" + name] = array.numpy()
 
     for name, module in network.named_modules():
         module.register_forward_hook(functools.partial(keep, name))
@@ -238,7 +242,8 @@ def discriminator(torch, module, arguments, states, seed):
     sizes = dict(arguments, h_dim=arguments.get("encoder_h_dim_d", 48))
     names = inspect.signature(network_class).parameters
     torch.manual_seed(seed)
-    network = network_class(**{n: sizes[n] for n in names if n in sizes})
+    known = {name: sizes[name] for name in names if name in sizes}
+    network = network_class(**known)
     if "d_state" in states:
         network.load_state_dict(states["d_state"])
     else:
@@ -340,8 +345,9 @@ class Training:
 
     def cross_entropy(self, scores, label):
         """SGAN's `bce_loss` with one label for all scores."""
-        rest = (1 + (-scores.abs()).exp()).log()
-        return (scores.clamp(min=0) - scores * label + rest).mean()
+        decay = (-scores.abs()).exp()
+        losses = scores.clamp(min=0) - scores * label + (1 + decay).log()
+        return losses.mean()
 
     def step_critic(self, traj, traj_rel, alpha, noise, label_real, label_fake):
         """SGAN's `discriminator_step`; the loss before it."""
@@ -363,7 +369,8 @@ class Training:
         for noise in noises:
             moves, places = self.forecast(traj, traj_rel, alpha, noise)
             squared = (moves[observed:] - future) ** 2
-            errors.append(self.settings["variety_weight"] * squared.sum(dim=(0, 2)))
+            error = squared.sum(dim=(0, 2))
+            errors.append(self.settings["variety_weight"] * error)
         errors = self.torch.stack(errors, dim=1)
         loss = 0.0
         for start, end in self.bounds.tolist():

@@ -340,7 +340,10 @@ def _moved(arrays: Mapping[str, np.ndarray], step: int) -> float:
     for network in ("g_state", "d_state"):
         before = state_of(arrays, f"0/{network}/")
         after = state_of(arrays, f"{step}/{network}/")
-        moves = [np.abs(after[name] - before[name]).max() for name in before]
+        moves = []
+        for name in before:
+            difference = after[name] - before[name]
+            moves.append(np.abs(difference).max())
         largest.append(max(moves))
     return float(min(largest))
 

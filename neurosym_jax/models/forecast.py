@@ -214,7 +214,8 @@ class SceneForecaster:
         `Representatives`.
         """
         futures, probability = started
-        world = to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
+        people = len(scene.valid)
+        world = to_world(np.asarray(futures)[:, :people], scene)
         if probability is None:
             return world, None
         return world, np.asarray(probability, np.float64)
@@ -427,12 +428,16 @@ def forecast(
     forecaster = forecaster_of(config)
     _refuse_shapes(forecaster, params, observed, noise, alpha, valid)
     last = observed[:, -1]
-    present = jnp.ones(last.shape[0], bool) if valid is None else jnp.asarray(valid)
+    if valid is None:
+        valid = jnp.ones(last.shape[0], bool)
+    present = jnp.asarray(valid)
     # For precision only: a network sees differences of positions.
     share = present.astype(observed.dtype)
-    origin = jax.lax.stop_gradient(share @ last / jnp.maximum(share.sum(), 1))
+    centre = share @ last / jnp.maximum(share.sum(), 1)
+    origin = jax.lax.stop_gradient(centre)
     if noise is None:
-        noise = jnp.zeros((forecaster.count(getattr(config, "samples", 1)), 0))
+        samples = forecaster.count(getattr(config, "samples", 1))
+        noise = jnp.zeros((samples, 0))
     scene = Scene(
         observed=observed - origin[None, None],
         displacement=moves_of(observed),
@@ -682,11 +687,13 @@ def _predict_parts(
 ) -> list[np.ndarray]:
     """`predict_scenes` of parts; a scene that is all padding needs no forecast."""
     count = model.forecaster.count(samples)
-    futures = [np.empty((count, 0, model.forecaster.pred_len, 2))] * len(parts)
+    nobody = np.empty((count, 0, model.forecaster.pred_len, 2))
+    futures = [nobody] * len(parts)
     filled = [number for number, part in enumerate(parts) if not part.is_empty]
     if filled:
         named = {parts[number].name: parts[number].people for number in filled}
-        identity = scene_identity(recording, np.asarray([frames[n] for n in filled]))
+        numbers = np.asarray([frames[number] for number in filled])
+        identity = scene_identity(recording, numbers)
         windows = _windows_of(model, named, identity)
         period = model.config.period
         repaired = repair_tracks(windows.position, period) if repair else None
@@ -731,8 +738,10 @@ def _whole_histories(
     parts = []
     for name, observed in named.items():
         scenes[name], seen = whole_history(observed, steps, name)
-        agents = len(np.asarray(scenes[name]))
-        parts.append(np.ones((agents, steps), bool) if seen is None else seen)
+        if seen is None:
+            agents = len(np.asarray(scenes[name]))
+            seen = np.ones((agents, steps), bool)
+        parts.append(seen)
     together = np.concatenate(parts)
     return scenes, None if together.all() else together
 
@@ -771,9 +780,8 @@ def forecast_windows(
         scenes = batch.index[present]
         if probability is not None:
             likely[:, scenes] = probability[:, present]
-        origin = np.repeat(
-            np.asarray(batch.scene.origin)[present], windows.sizes[scenes], axis=0
-        )
+        origins = np.asarray(batch.scene.origin)[present]
+        origin = np.repeat(origins, windows.sizes[scenes], axis=0)
         places[:, windows.rows(scenes)] = futures + origin[:, None]
     return places, None if probability is None else likely
 
@@ -783,7 +791,8 @@ def batch_noise(
 ) -> np.ndarray:
     """Noise of a batch of B scenes, `[k, B, dim]` or `[k, B, N, dim]`."""
     identity = np.asarray(scenes.identity)
-    return draw_noise(forecaster.noise, seed, identity, samples, scenes.valid.shape[1])
+    slots = scenes.valid.shape[1]
+    return draw_noise(forecaster.noise, seed, identity, samples, slots)
 
 
 def forecast_batch(
@@ -820,7 +829,8 @@ def draw_batch(
     """
     refuse(Seed, {"seed": seed})
     key = key_numbers(seed)
-    return np.asarray(_draws(forecaster, params, scenes.bare(), key, count, memory))
+    draws = _draws(forecaster, params, scenes.bare(), key, count, memory)
+    return np.asarray(draws)
 
 
 def _decoded_agents(
@@ -861,16 +871,17 @@ def _filled(rows: np.ndarray) -> np.ndarray:
 
 def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """`futures [k, A, ...]` in their slots `valid [B, N]`: `[k, B, N, ...]`, zero in padding."""
-    places = np.zeros((len(futures), *valid.shape, *futures.shape[2:]), futures.dtype)
+    shape = len(futures), *valid.shape, *futures.shape[2:]
+    places = np.zeros(shape, futures.dtype)
     places[:, valid] = futures
     return places
 
 
 @program((0,), compiler_options=options_of)
 def _forecast(forecaster, params, scenes, noise):
-    return jax.vmap(forecaster.representatives, in_axes=(None, 0, 1), out_axes=1)(
-        params, scenes, noise
-    )
+    axes = (None, 0, 1)
+    forecast = jax.vmap(forecaster.representatives, in_axes=axes, out_axes=1)
+    return forecast(params, scenes, noise)
 
 
 @program((0, 4), compiler_options=options_of)

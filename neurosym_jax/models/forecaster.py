@@ -193,11 +193,11 @@ def scene_noise(
     `key` is the run's, the same for every scene, and is not consumed; `identity` is
     `Scene`'s.
     """
-    slots = jnp.arange(agents, dtype=jnp.uint32) if spec.per_agent else jnp.uint32(0)
     draw = functools.partial(_stream, spec, key, identity, samples=samples)
     if spec.per_agent:
+        slots = jnp.arange(agents, dtype=jnp.uint32)
         return jax.vmap(draw, out_axes=1)(slots)
-    return draw(slots)
+    return draw(jnp.uint32(0))
 
 
 def draw_noise(
@@ -214,8 +214,9 @@ def draw_noise(
     if spec.dim == 0:
         return np.zeros(shape, np.float32)
     per_scene = slots[0] if slots else 1
+    scene = np.repeat(identity, per_scene, axis=0)
     slot = np.tile(np.arange(per_scene, dtype=np.uint32), len(identity))
-    streams = np.column_stack([np.repeat(identity, per_scene, axis=0), slot])
+    streams = np.column_stack([scene, slot])
     key = key_numbers(seed)
     parts = []
     for chunk in np.split(streams, range(CHUNK, len(streams), CHUNK)):
@@ -312,10 +313,11 @@ class Forecaster(abc.ABC):
     def variant(self) -> str:
         """A name for files that tells apart models trained on the same data."""
         lengths = ("obs_len=", "pred_len=", "period=")
-        changes = [
-            text for text in differences(self.config) if not text.startswith(lengths)
-        ]
-        return "_".join([self.model, *(text.replace("=", "_") for text in changes)])
+        parts = [self.model]
+        for change in differences(self.config):
+            if not change.startswith(lengths):
+                parts.append(change.replace("=", "_"))
+        return "_".join(parts)
 
     @property
     def pred_len(self) -> int:

@@ -40,20 +40,19 @@ def plot_horizon_errors(
 def draw_horizon(axes: Axes, errors: Mapping[str, ArrayLike], period: float) -> None:
     """Draw a line [pred_len] and a band for each model against seconds."""
     looks = style.model_looks(errors)
-    curves = {
-        name: np.atleast_2d(np.asarray(curve, float)) for name, curve in errors.items()
-    }
+    curves = {}
+    for name, curve in errors.items():
+        curves[name] = np.atleast_2d(np.asarray(curve, float))
     # Sorted, so that the legend has the order of the lines' ends.
-    for name, (curve, *bounds) in sorted(
-        curves.items(), key=lambda item: -item[1][0, -1]
-    ):
+    for name in sorted(curves, key=lambda name: -curves[name][0, -1]):
+        curve, *bounds = curves[name]
         seconds = period * np.arange(1, len(curve) + 1)
-        look = {"linewidth": 1.6, "marker": "o", "markersize": 2.5, **looks[name]}
-        axes.plot(seconds, curve, label=name, **look)
+        look = looks[name]
+        dots = {"linewidth": 1.6, "marker": "o", "markersize": 2.5}
+        axes.plot(seconds, curve, label=name, **dots, **look)
         if bounds:
-            axes.fill_between(
-                seconds, *bounds, color=looks[name]["color"], alpha=0.2, linewidth=0
-            )
+            shade = {"color": look["color"], "alpha": 0.2, "linewidth": 0}
+            axes.fill_between(seconds, *bounds, **shade)
     axes.set(xlim=(0, None), ylim=(0, None))
 
 
@@ -84,16 +83,12 @@ def plot_training(
             if len(steps) > 100:
                 axes.plot(steps, values, color=colour, linewidth=0.5, alpha=0.3)
                 half = len(steps) // 40
-                values = np.convolve(
-                    values, np.full(2 * half + 1, 1 / (2 * half + 1)), "valid"
-                )
+                width = 2 * half + 1
+                values = np.convolve(values, np.full(width, 1 / width), "valid")
                 steps = steps[half:-half]
-            look = {
-                "linewidth": 1.4,
-                "marker": "o",
-                "markersize": 2.5 if len(steps) <= 40 else 0,
-            }
-            axes.plot(steps, values, color=colour, label=name, **look)
+            size = 2.5 if len(steps) <= 40 else 0
+            dots = {"linewidth": 1.4, "marker": "o", "markersize": size}
+            axes.plot(steps, values, color=colour, label=name, **dots)
     style.dress(upper, "", "loss", title)
     style.dress(lower, "step", "validation error [m]")
     if best is not None:

@@ -350,8 +350,12 @@ def _lines(path: Path) -> list[str]:
 
 def _numbers(path: Path) -> dict[str, int]:
     """Name and number of each line of a file of the kernel."""
-    rows = (line.split() for line in _lines(path))
-    return {row[0]: int(row[1]) for row in rows if len(row) > 1 and row[1].isdigit()}
+    numbers = {}
+    for line in _lines(path):
+        name, number, *_ = [*line.split(), "", ""]
+        if number.isdigit():
+            numbers[name] = int(number)
+    return numbers
 
 
 def _number(path: Path) -> int | None:

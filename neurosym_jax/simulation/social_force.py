@@ -112,7 +112,8 @@ def _step(
     turning = 0.25 + 0.75 * jnp.clip(jnp.cos(error), 0.0, 1.0)
     pace = jnp.where(following.arrived, 0.0, pace * turning)
     aim = heading + heading_wobble * wobble[1]
-    desired = pace[:, None] * jnp.stack([jnp.cos(aim), jnp.sin(aim)], -1)
+    direction = jnp.stack([jnp.cos(aim), jnp.sin(aim)], -1)
+    desired = pace[:, None] * direction
     force = (desired - state.velocity) / RELAXATION + _walls(state.position, room)
     force = _with_others(force, state, heading, abreast)
 
@@ -121,7 +122,8 @@ def _step(
     slower = limit / jnp.maximum(_length(velocity), limit)
     velocity = velocity * slower[:, None]
     position = state.position + dt * velocity
-    inside = jnp.clip(position, MARGIN, np.array([room], np.float32) - MARGIN)
+    corner = np.array([room], np.float32) - MARGIN
+    inside = jnp.clip(position, MARGIN, corner)
     velocity = jnp.where(position == inside, velocity, 0.0)
     following = following._replace(
         position=inside, velocity=velocity, heading=heading, wobble=wobble
@@ -195,7 +197,8 @@ def _repulsion(own, other, heading, own_velocity, velocity) -> jax.Array:
 
     offset = own - other
     push = -jax.grad(potential)(offset)
-    ahead = -(offset @ jnp.stack([jnp.cos(heading), jnp.sin(heading)]))
+    direction = jnp.stack([jnp.cos(heading), jnp.sin(heading)])
+    ahead = -(offset @ direction)
     seen = ahead >= _length(offset) * float(np.cos(HALF_VIEW))
     return jnp.where(seen, 1.0, BEHIND) * push
 

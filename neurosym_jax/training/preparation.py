@@ -181,7 +181,9 @@ class _Recording:
         stamp = self.tracks.stamp
         outside = self.tracks.take((stamp < before) | (stamp > after))
         within = self.tracks.take((stamp > first - half) & (stamp < last + half))
-        left = np.sum(self.begin + self.window < before) + np.sum(self.begin > after)
+        ends_before = self.begin + self.window < before
+        begins_after = self.begin > after
+        left = np.sum(ends_before) + np.sum(begins_after)
         return outside, within, int(left)
 
 
@@ -193,7 +195,8 @@ def _divided(
     for tracks in recordings:
         windows = _windows_if_any([tracks], config, least)
         if windows is not None and windows.stamp is not None:
-            begin = np.sort(windows.stamp - (config.obs_len - 1) * config.period)
+            observed = (config.obs_len - 1) * config.period
+            begin = np.sort(windows.stamp - observed)
             length = (config.obs_len + config.pred_len - 1) * config.period
             used.append(_Recording(tracks, begin, config.period, length))
     if not used:

@@ -272,9 +272,11 @@ def variety_loss(
     total = jnp.zeros(())
     people = jnp.zeros(())
     for scenes, futures in batch_samples(forecaster, params, groups, key, recipe):
-        distance = safe_root(jnp.square(futures - scenes.known_future[None]).sum(-1))
+        offset = futures - scenes.known_future[None]
+        distance = safe_root(jnp.square(offset).sum(-1))
         error = distance.mean(-1) + recipe.fde_weight * distance[..., -1]  # [k, B, N]
-        total += jnp.where(scenes.valid[None], error, 0).sum(-1).min(0).sum()
+        error = jnp.where(scenes.valid[None], error, 0).sum(-1)
+        total += error.min(0).sum()
         people += scenes.valid.sum(dtype=people.dtype)
     return total / people, {}
 

@@ -69,10 +69,11 @@ __all__ = [
 def kaiming_normal(key, shape, dtype=jnp.float32):
     """Initialiser drawing from N(0, 2 / inputs): K. He et al., ICCV 2015."""
     scale = jnp.sqrt(jnp.array(2 / shape[0], dtype))
+    numbers = jax.random.normal(key, shape, dtype)
     # Without barriers the compiler would multiply by products of constants, and the
     # numbers drawn would depend on whether a network's initialisation is compiled as
     # one program.
-    return jax.lax.optimization_barrier(jax.random.normal(key, shape, dtype)) * scale
+    return jax.lax.optimization_barrier(numbers) * scale
 
 
 def uniform_within(bound: float) -> nn.initializers.Initializer:
@@ -390,10 +391,11 @@ class _GridNetwork(nn.Module):
         # Rows of the grid count downwards.
         place = jnp.stack([offset[..., 0], -offset[..., 1]], -1)
         scaled = (place + half) / (2 * half)
-        column, row = jnp.moveaxis(jnp.floor(scaled * self.grid_size), -1, 0)
+        numbers = jnp.floor(scaled * self.grid_size)
+        column, row = jnp.moveaxis(numbers, -1, 0)
         cell = jnp.where(inside, column + self.grid_size * row, -1)
-        cells = jnp.arange(self.grid_size**2, dtype=cell.dtype)[None, None]
-        occupied = (cell[..., None] == cells).astype(hidden.dtype)
+        cells = jnp.arange(self.grid_size**2, dtype=cell.dtype)
+        occupied = (cell[..., None] == cells[None, None]).astype(hidden.dtype)
         sums = jnp.einsum("ijc,jh->ich", occupied, hidden)
         return self.mlp(sums.reshape(valid.shape[0], -1))
 
@@ -513,7 +515,8 @@ def _candidates(
 ) -> Array:
     """[N, B] candidates of one agent; -inf where not valid."""
     hidden = nn.relu(layer(shared, own, neighbours, pair_rows))
-    return jnp.where(valid[:, None], with_bias(hidden @ kernel, bias), -jnp.inf)
+    candidates = with_bias(hidden @ kernel, bias)
+    return jnp.where(valid[:, None], candidates, -jnp.inf)
 
 
 def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
@@ -699,7 +702,8 @@ class _RosNetwork(_DescribedNetwork):
     ) -> Array:
         """See `_DescribedNetwork.pair`."""
         shifted, neighbour_part = neighbour
-        return ((shifted - own) * alpha[:, None]).ravel() @ step_kernel + neighbour_part
+        weighted = (shifted - own) * alpha[:, None]
+        return weighted.ravel() @ step_kernel + neighbour_part
 
 
 class _IjcnnNetwork(_DescribedNetwork):
@@ -714,10 +718,10 @@ class _IjcnnNetwork(_DescribedNetwork):
         if np.shape(alpha_rows) != (hidden.shape[0], self.obs_len):
             raise InputError(f"neurosym_ijcnn {NO_FORECAST}")
         embedded = alpha_rows[..., None] * self.spatial_embedding.bias
-        vectors = self.mlp(
-            jnp.concatenate([embedded.reshape(hidden.shape[0], -1), hidden], axis=-1)
-        )
-        highest = jnp.where(valid[:, None], vectors, 0).max(axis=0)
+        embedded = embedded.reshape(hidden.shape[0], -1)
+        vectors = self.mlp(jnp.concatenate([embedded, hidden], axis=-1))
+        vectors = jnp.where(valid[:, None], vectors, 0)
+        highest = vectors.max(axis=0)
         return jnp.broadcast_to(highest, vectors.shape)
 
 
@@ -891,7 +895,8 @@ class Generator(nn.Module):
         (see `Decoder`).
         """
         hidden = self.observe(jnp.asarray(scene.displacement))
-        return self.decode(self.interact(hidden, scene, alpha), scene, noise, weigh)
+        context = self.interact(hidden, scene, alpha)
+        return self.decode(context, scene, noise, weigh)
 
     def observe(self, displacement: Array) -> Array:
         """Hidden states `[N, encoder_h_dim]` after `displacement [N, obs_len, 2]`, in metres."""
@@ -1001,7 +1006,8 @@ class Decoder(nn.Module):
         # reads.
         state, first = displaced(gates, cell.start(hidden))
         _, others = jax.lax.scan(step, state, length=self.config.pred_len - 1)
-        return jnp.moveaxis(jnp.concatenate([first[None], others]), 0, 1)
+        displacements = jnp.concatenate([first[None], others])
+        return jnp.moveaxis(displacements, 0, 1)
 
     def _pooled_step(self, carry: Any, valid: Any, weigh: Weigh | None):
         state, track, displacement = carry

@@ -256,7 +256,8 @@ def squared_displacement_errors(
     `valid` [N] agents and steps.
     """
     squared = (forecast - truth[None]) ** 2
-    squared = jnp.where(valid[None, :, None, None], squared, 0).sum(axis=(1, 2, 3))
+    squared = jnp.where(valid[None, :, None, None], squared, 0)
+    squared = squared.sum(axis=(1, 2, 3))
     agents = jnp.maximum(valid.sum(dtype=squared.dtype), 1)
     return (squared / (agents * truth.shape[1]))[None]
 
@@ -277,7 +278,8 @@ def distance_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Arr
 def steps_after(last: AnyArray, future: AnyArray) -> Array:
     """Displacements of `future [..., pred_len, 2]` after the position `last [..., 1, 2]`."""
     start = jnp.broadcast_to(last, (*future.shape[:-2], 1, 2))
-    return jnp.diff(jnp.concatenate([start, future], axis=-2), axis=-2)
+    path = jnp.concatenate([start, future], axis=-2)
+    return jnp.diff(path, axis=-2)
 
 
 def safe_norm(vector: AnyArray) -> Array:
@@ -314,12 +316,15 @@ def variety_loss(
     """
     total = jnp.zeros(())
     for scene, future in zip(groups, futures):
-        best = jnp.diagonal(criterion_errors(recipe, scene, future), axis1=1, axis2=2)
+        errors = criterion_errors(recipe, scene, future)
+        best = jnp.diagonal(errors, axis1=1, axis2=2)
         people = scene.valid.sum(axis=1).astype(best.dtype)
         if recipe.criterion == "distance":
-            total += ((best[:, 0] + recipe.fde_weight * best[:, 1]) * people).sum()
+            weighted = best[:, 0] + recipe.fde_weight * best[:, 1]
+            scores = weighted * people
         else:
-            total += jnp.where(people > 0, best[:, 0], 0).sum()
+            scores = jnp.where(people > 0, best[:, 0], 0)
+        total += scores.sum()
     if recipe.criterion == "distance":
         sizes = [scene.valid.sum(axis=1) for scene in groups]
         total /= jnp.concatenate(sizes).sum(dtype=total.dtype)
@@ -333,7 +338,8 @@ def adversarial_loss(scores: Array, label: Array | float, valid: AnyArray) -> Ar
     """
     rest = jnp.log1p(jnp.exp(-jnp.abs(scores)))
     loss = jnp.maximum(scores, 0) - scores * label + rest
-    return jnp.where(valid, loss, 0).sum() / valid.sum(dtype=loss.dtype)
+    loss = jnp.where(valid, loss, 0)
+    return loss.sum() / valid.sum(dtype=loss.dtype)
 
 
 def warn_if_no_gradient(gradient: Any, by: str) -> None:
@@ -394,7 +400,8 @@ def decode_groups(
             noise = jnp.broadcast_to(noise[:, :, None], size)
         slot_noises.append(noise.reshape(len(noise), -1, config.noise_dim))
     scene = jax.tree.map(lambda *parts: merge(parts), *futureless)
-    futures = decode(merge(contexts), scene, jnp.concatenate(slot_noises, axis=1))
+    noise = jnp.concatenate(slot_noises, axis=1)
+    futures = decode(merge(contexts), scene, noise)
     return split(futures, shapes, axis=1)
 
 
@@ -402,7 +409,8 @@ def _over_slots(
     function: Callable[[Array], Any], parts: Sequence[AnyArray]
 ) -> list[Array]:
     """Apply `function`, of all slots together `[A, ...]`, to parts `[scenes, slots, ...]`."""
-    return split(function(merge(parts)), [part.shape[:2] for part in parts])
+    shapes = [part.shape[:2] for part in parts]
+    return split(function(merge(parts)), shapes)
 
 
 def _scores(
@@ -542,11 +550,16 @@ def train_step(
         groups = jax.tree.map(lambda leaf: leaf[batch], batches)
         return draw_batch(config, recipe, groups, keys, samples)
 
-    def label(key: Array, between: tuple[float, float]) -> Array:
-        return jax.random.uniform(key, (), minval=between[0], maxval=between[1])
+    def real_label(key: Array) -> Array:
+        low, high = recipe.label_real
+        return jax.random.uniform(key, (), minval=low, maxval=high)
+
+    def fake_label(key: Array) -> Array:
+        low, high = recipe.label_fake
+        return jax.random.uniform(key, (), minval=low, maxval=high)
 
     for batch, own in enumerate(keys[7:].reshape(earlier, 4)):
-        labels = label(own[2], recipe.label_real), label(own[3], recipe.label_fake)
+        labels = real_label(own[2]), fake_label(own[3])
         first = drawn(batch, own[:2], 1)
         state, *_ = learn_discriminator(config, recipe, state, first, *labels)
     state, metrics, _ = learn(
@@ -555,8 +568,8 @@ def train_step(
         state,
         drawn(-2, keys[:2], 1),
         drawn(-1, keys[3:5], recipe.best_k),
-        real=(label(keys[2], recipe.label_real), label(keys[5], recipe.label_real)),
-        fake=label(keys[6], recipe.label_fake),
+        real=(real_label(keys[2]), real_label(keys[5])),
+        fake=fake_label(keys[6]),
     )
     return state, metrics
 
