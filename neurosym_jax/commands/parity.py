@@ -62,10 +62,8 @@ def run(
             together.
     """
     refuse(Seed, {"--seed": seed})
-    if out is not None and out.suffix != ".json":
-        raise InputError(f"{option('out', str(out))}: must end in .json")
     if out is not None:
-        refuse_unwritable(out)
+        _refuse_out(out)
     module = {
         "torch_module": torch_module,
         "checkpoint": checkpoint,
@@ -89,6 +87,12 @@ def run(
     if out is not None:
         write_json(out, parity.to_json())
     return 0 if parity.ok else 1
+
+
+def _refuse_out(path: Path) -> None:
+    if path.suffix != ".json":
+        raise InputError(f"{option('out', str(path))}: must end in .json")
+    refuse_unwritable(path)
 
 
 def _forecast(

@@ -428,13 +428,10 @@ def forecast(
     forecaster = forecaster_of(config)
     _refuse_shapes(forecaster, params, observed, noise, alpha, valid)
     last = observed[:, -1]
-    if valid is None:
-        valid = jnp.ones(last.shape[0], bool)
-    present = jnp.asarray(valid)
+    present = jnp.ones(last.shape[0], bool) if valid is None else jnp.asarray(valid)
     # For precision only: a network sees differences of positions.
     share = present.astype(observed.dtype)
-    centre = share @ last / jnp.maximum(share.sum(), 1)
-    origin = jax.lax.stop_gradient(centre)
+    origin = jax.lax.stop_gradient(share @ last / jnp.maximum(share.sum(), 1))
     if noise is None:
         samples = forecaster.count(getattr(config, "samples", 1))
         noise = jnp.zeros((samples, 0))
