@@ -62,8 +62,7 @@ def run(
             together.
     """
     refuse(Seed, {"--seed": seed})
-    if out is not None:
-        _refuse_out(out)
+    _refuse_out(out)
     module = {
         "torch_module": torch_module,
         "checkpoint": checkpoint,
@@ -89,7 +88,9 @@ def run(
     return 0 if parity.ok else 1
 
 
-def _refuse_out(path: Path) -> None:
+def _refuse_out(path: Path | None) -> None:
+    if path is None:
+        return
     if path.suffix != ".json":
         raise InputError(f"{option('out', str(path))}: must end in .json")
     refuse_unwritable(path)
