@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from neurosym_jax.data.recordings import Source
 
 __all__ = [
+    "Command",
     "Positional",
     "Reading",
     "current_names",
@@ -56,6 +57,8 @@ __all__ += [
     "with_file",
 ]
 
+Command = Callable[..., Any]
+"""A dataclass of options, or a function of them."""
 PLUGIN = "--plugin FILE.py|MODULE"
 PLUGIN_MEANING = (
     "Your own file or module, imported first. It registers metrics, forecasters, "
@@ -69,7 +72,7 @@ Reading = Annotated[ReadOptions, OmitArgPrefixes]
 """How a command reads recordings: each field is an option of the command."""
 
 
-def help_text(command: Callable[..., Any], prog: str, everything: bool = False) -> str:
+def help_text(command: Command, prog: str, everything: bool = False) -> str:
     """What a command does and its options in groups: a dataclass of them, or a function.
 
     About a screen, in which `command.FIRST` are explained, by default all that are not
@@ -108,9 +111,7 @@ Member = tuple[str, str, str, Any]
 """An option, as `every_option` yields it."""
 
 
-def _sections(
-    command: Callable[..., Any], options: Sequence[Member]
-) -> dict[str, list[Member]]:
+def _sections(command: Command, options: Sequence[Member]) -> dict[str, list[Member]]:
     """Options by the title of their group, positional ones of no group first."""
     groups: Mapping[str, str] = getattr(command, "GROUPS", {})
     members_by_name: dict[str, list[Member]] = {}
@@ -134,7 +135,7 @@ def _key(option: Member) -> str:
     return group or name.replace("-", "_").lower()
 
 
-def _is_first(command: Callable[..., Any], option: Member) -> bool:
+def _is_first(command: Command, option: Member) -> bool:
     """Whether an option is explained on the first screen."""
     first = getattr(command, "FIRST", None)
     if first is None:
@@ -162,13 +163,13 @@ def _entry(option: Member, everything: bool, width: int) -> list[str]:
     return textwrap.wrap(f"  {flag:26}  {says}.", width, subsequent_indent=indent)
 
 
-def description(command: Callable[..., Any]) -> str:
+def description(command: Command) -> str:
     """What a command does, without its options."""
     return (docstring_parser.parse(command.__doc__ or "").description or "").strip()
 
 
 def every_option(
-    command: Callable[..., Any], group: str = "", prefix: str = ""
+    command: Command, group: str = "", prefix: str = ""
 ) -> Iterator[tuple[str, str, str, Any]]:
     """Group, `--name VALUE` (no dashes if positional), meaning and default of each option."""
     hints = get_type_hints(command, include_extras=True)
@@ -245,7 +246,7 @@ def options_text(options: Any) -> str:
     return f"# neurosym-jax {version}\n{yaml.safe_dump(values, sort_keys=False)}"
 
 
-def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str]:
+def with_file(options: Command, arguments: Sequence[str]) -> list[str]:
     """`arguments`, of which the first may name a file of options; those after it override it.
 
     Those of `KEYED` override the same keys, and add others.
@@ -289,7 +290,7 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
     return [*read, *others]
 
 
-def current_names(options: Callable[..., Any], words: Sequence[str]) -> list[str]:
+def current_names(options: Command, words: Sequence[str]) -> list[str]:
     """`words` with every option by its name of today, see `current_name`."""
     renamed = []
     for word in words:
@@ -298,7 +299,7 @@ def current_names(options: Callable[..., Any], words: Sequence[str]) -> list[str
     return renamed
 
 
-def current_name(options: Callable[..., Any], flag: str) -> str:
+def current_name(options: Command, flag: str) -> str:
     """The option that `flag` names, which may be its name in the last release.
 
     `options.RENAMED` has today's names by the old ones.

@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import tyro
 
 from neurosym_jax.commands._options import (
+    Command,
     current_names,
     every_option,
     flag_names,
@@ -38,7 +39,7 @@ IN_ASCII = str.maketrans({"±": "+-", "−": "-"})
 
 
 def run_command(
-    options: Callable[..., Any],
+    options: Command,
     action: Callable[[Any], object] | None = None,
     arguments: Sequence[str] | None = None,
     prog: str | None = None,
@@ -103,7 +104,7 @@ def _end(status: int) -> NoReturn:
 
 
 def _run(
-    options: Callable[..., Any],
+    options: Command,
     action: Callable[[Any], object] | None,
     arguments: Sequence[str] | None,
     prog: str | None,
@@ -135,7 +136,7 @@ def _run(
         return action(value)
 
 
-def _refuse_repeated(options: Callable[..., Any], arguments: Sequence[str]) -> None:
+def _refuse_repeated(options: Command, arguments: Sequence[str]) -> None:
     """Refuse a list of values that stands twice: the parser would drop those of the first.
 
     Of an option with one value the last counts, as everywhere.
@@ -161,7 +162,7 @@ def print_completion(modules: Mapping[str, str], shell: str) -> None:
     """
     if shell not in SHELLS:
         sys.exit(f"error: --completion {shell}: one of {', '.join(SHELLS)}")
-    subcommands: dict[str, Callable[..., Any]] = {}
+    subcommands: dict[str, Command] = {}
     for name, module in modules.items():
         command = importlib.import_module(module)
         subcommands[name] = getattr(command, "Options", command.run)

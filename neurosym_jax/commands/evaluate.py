@@ -43,6 +43,7 @@ __all__ = ["Options", "run"]
 
 Models = Sequence[tuple[str, Model]]
 """Models by the paths that find them, see `models.disk.find_models`."""
+Tests = Sequence[compare.Test]
 
 
 class Protocol(NamedTuple):
@@ -219,7 +220,7 @@ def run(options: Options) -> list[Row]:
     return rows
 
 
-def _readings(tests: Sequence[compare.Test]) -> list[DataReading]:
+def _readings(tests: Tests) -> list[DataReading]:
     """How each recording was read, once."""
     readings = {}
     for test in tests:
@@ -228,7 +229,7 @@ def _readings(tests: Sequence[compare.Test]) -> list[DataReading]:
     return list(readings.values())
 
 
-def _paths(tests: Sequence[compare.Test]) -> list[str]:
+def _paths(tests: Tests) -> list[str]:
     """The models' paths, as given."""
     paths = []
     for test in tests:
@@ -247,9 +248,7 @@ def _load(path: str, options: Options) -> Model:
     return model
 
 
-def _write_report(
-    options: Options, rows: list[Row], tests: Sequence[compare.Test]
-) -> None:
+def _write_report(options: Options, rows: list[Row], tests: Tests) -> None:
     readings = _readings(tests)
     recordings = [reading.file for reading in readings if reading.file]
     models = [*map(find_model, _paths(tests)), *options.forecasts]
@@ -261,9 +260,7 @@ def _write_report(
     compare.write_report(options.json, rows, facts)
 
 
-def _readings_and_models(
-    tests: Sequence[compare.Test], models: Models
-) -> Iterator[str]:
+def _readings_and_models(tests: Tests, models: Models) -> Iterator[str]:
     """What is said of recordings and models, a line each."""
     text = describe_readings(_readings(tests))
     if text:
@@ -281,7 +278,7 @@ def _readings_and_models(
 
 
 def _written(
-    options: Options, tests: Sequence[compare.Test], results: Sequence[compare.Result]
+    options: Options, tests: Tests, results: Sequence[compare.Result]
 ) -> Iterator[str]:
     """Write figures and forecasts as `options` say, and yield a line on each file."""
     if options.figures:
@@ -312,7 +309,7 @@ def prepare_arguments(arguments: Sequence[str]) -> list[str]:
     return words
 
 
-def _refuse_absent_scene(scene: int | None, tests: Sequence[compare.Test]) -> None:
+def _refuse_absent_scene(scene: int | None, tests: Tests) -> None:
     """Refuse a scene to show that a test set does not have.
 
     Raises:
@@ -328,7 +325,7 @@ def _refuse_absent_scene(scene: int | None, tests: Sequence[compare.Test]) -> No
 
 
 def _labels(
-    options: Options, files: Mapping[str, ForecastFile], tests: Sequence[compare.Test]
+    options: Options, files: Mapping[str, ForecastFile], tests: Tests
 ) -> dict[str, str]:
     """Names by path: those of files of forecasts, and the ones that --label says."""
     labels = {str(file.path): name for name, file in files.items()}

@@ -58,7 +58,7 @@ from neurosym_jax.evaluation.scores import (
     score_forecaster,
     score_samples,
 )
-from neurosym_jax.evaluation.tables import first_trainings, rows_frame
+from neurosym_jax.evaluation.tables import Row, first_trainings, rows_frame
 from neurosym_jax.models.disk import (
     find_model,
     load_model,
@@ -396,13 +396,6 @@ def _told(test: Test) -> Test:
 
 EXAMPLE = 8
 """Number of people that a figure can show."""
-
-Row = dict[str, Any]
-"""Plain numbers and texts of a model on a test set, by column.
-
-A metric has its mean under its name, the bounds of the 95 % interval under `NAME_low` and
-`NAME_high` (None for too few blocks), and under `NAME_std` the standard deviation between seeds of
-the noise. `comparison.with_tests` adds `NAME_p`. None where there is none."""
 
 
 @dataclasses.dataclass(frozen=True)

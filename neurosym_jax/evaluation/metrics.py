@@ -62,6 +62,8 @@ __all__ = [
 # A pooling whose units are dead forecasts everybody in company as it does alone: the
 # forecasts of each agent with and without its neighbours, for the same noise, tell.
 
+Weighted = tuple[Array, Array]
+"""Values of a scene and their weights, see `Metric.compute`."""
 MISSED = 2.0
 """Metres from the last position of an agent's best sample to the true one that are a miss."""
 COLLISION_DISTANCE = 0.2
@@ -193,7 +195,7 @@ FLAT = 1e-6
 
 def kde_nll(
     forecast: Array, scene: Scene, probability: Array | None = None
-) -> tuple[Array, Array]:
+) -> Weighted:
     """Negative log density of the truth by a Gaussian kernel density of the draws, mean over steps.
 
     Ivanovic and Pavone, The Trajectron (ICCV 2019), with the bandwidth by Scott's rule
@@ -237,7 +239,7 @@ def kde_nll(
 
 def coverage(
     level: float, forecast: Array, scene: Scene, probability: Array | None
-) -> tuple[Array, Array]:
+) -> Weighted:
     """[N] share of steps at which the truth lies in the region that holds `level` of a forecast.
 
     The region of k samples contains the positions whose mean distance to the samples is
@@ -419,13 +421,13 @@ def excess_collisions(forecast: np.ndarray, scene: Scene) -> np.ndarray:
     return collision_rate(forecast, scene) - truth_collision_rate(forecast, scene)
 
 
-def neighbour_share(moves: Array, scene: Scene) -> tuple[Array, Array]:
+def neighbour_share(moves: Array, scene: Scene) -> Weighted:
     """[N] bool, whether an agent's forecast moves by more than `MOVED`; `moves [k, N, T, 2]`."""
     farthest = _length(moves).max(axis=(0, 2))
     return farthest > MOVED, _in_company(scene)
 
 
-def neighbour_near(moves: Array, scene: Scene) -> tuple[Array, Array]:
+def neighbour_near(moves: Array, scene: Scene) -> Weighted:
     """[N] bool, `neighbour_share` of the agents whose nearest neighbour is within `NEAR`."""
     last = jnp.asarray(scene.observed)[:, -1]
     itself = jnp.eye(len(last), dtype=bool)
@@ -437,7 +439,7 @@ def neighbour_near(moves: Array, scene: Scene) -> tuple[Array, Array]:
     return changed, company & (closest <= NEAR)
 
 
-def neighbour_move(moves: Array, scene: Scene) -> tuple[Array, Array]:
+def neighbour_move(moves: Array, scene: Scene) -> Weighted:
     """[N] mean over samples of the move at the last step."""
     last = _length(moves[:, :, -1])
     return last.mean(axis=0), _in_company(scene)
@@ -463,7 +465,7 @@ IN_SIGHT = 8.0
 """Distance up to which a pair is scored, metres."""
 
 
-def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
+def state_log(forecast: Array, scene: Scene) -> Weighted:
     """[] mean log score of the QTC_C1 state at each step, nats, and [] the number of pairs."""
 
     def states(settings: SymbolSettings, *paths: Array) -> Array:
@@ -473,7 +475,7 @@ def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     return _log_score(states, count, forecast, scene)
 
 
-def event_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
+def event_log(forecast: Array, scene: Scene) -> Weighted:
     """[] mean log score of the events, nats, and [] the number of pairs."""
 
     def happens(settings: SymbolSettings, *paths: Array) -> Array:
@@ -485,7 +487,7 @@ def event_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
 
 def _log_score(
     classes_of: Callable[..., Array], classes: int, forecast: Array, scene: Scene
-) -> tuple[Array, Array]:
+) -> Weighted:
     """The mean score of the scene's pairs, whose paths have the classes `[N, N, ...]`."""
     settings = dataclasses.replace(SETTINGS, period=scene.period)
     last = jnp.asarray(scene.observed)[:, -1]

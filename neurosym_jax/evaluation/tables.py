@@ -21,6 +21,7 @@ from neurosym_jax.evaluation.intervals import (
 from neurosym_jax.evaluation.metrics import Metric, known_metric
 
 __all__ = [
+    "Row",
     "Style",
     "aligned_table",
     "csv_text",
@@ -125,6 +126,12 @@ def _line(cells: Sequence[str]) -> str:
 # Student's of the sets' means. A model that was trained on the people of the test set is
 # compared with none, and its line says so.
 
+Row = dict[str, Any]
+"""Plain numbers and texts of a model on a test set, by column.
+
+A metric has its mean under its name, the bounds of the 95 % interval under `NAME_low` and
+`NAME_high` (None for too few blocks), and under `NAME_std` the standard deviation between seeds of
+the noise. `compare.with_tests` adds `NAME_p`. None where there is none."""
 IDENTITY = ("model", "configuration", "training_data")
 """Columns that are the same for all trainings of a model, see `Model.configuration`."""
 HORIZON = ("obs_len", "pred_len")
@@ -132,7 +139,7 @@ FACTS = ("dataset", *HORIZON, "model", "samples", "seeds", "scenes", "agents", "
 """Columns of a row that a line keeps."""
 
 
-def rows_frame(rows: Sequence[dict[str, Any]]) -> pl.DataFrame:
+def rows_frame(rows: Sequence[Row]) -> pl.DataFrame:
     """The rows of an evaluation as a data frame."""
     return pl.DataFrame(rows, infer_schema_length=None)
 
@@ -304,7 +311,7 @@ def _pattern(paths: Sequence[str | None]) -> str | None:
     return str(PurePath(*shared))
 
 
-def _over_trainings(line: dict[str, Any]) -> dict[str, Any]:
+def _over_trainings(line: Row) -> Row:
     """A line of several trainings with Student's interval of their mean."""
     means = line["means"]
     if not means or None in means:
@@ -315,7 +322,7 @@ def _over_trainings(line: dict[str, Any]) -> dict[str, Any]:
     return line | {"mean": mean, "low": mean - half, "high": mean + half, "std": std}
 
 
-def _means(lines: pl.DataFrame) -> Iterator[dict[str, Any]]:
+def _means(lines: pl.DataFrame) -> Iterator[Row]:
     """Means over test sets, at each horizon, of the models that were tested on all of several."""
     pairs = lines["checkpoint", "dataset"].rows()
     family = [(path or "").replace(dataset, "*") for path, dataset in pairs]
@@ -331,7 +338,7 @@ def _means(lines: pl.DataFrame) -> Iterator[dict[str, Any]]:
                 yield mean
 
 
-def _mean(sets: pl.DataFrame) -> dict[str, Any]:
+def _mean(sets: pl.DataFrame) -> Row:
     """The mean of one metric over test sets, a line each."""
     line = sets.row(0, named=True)
     path = line.pop("family") or None
@@ -366,9 +373,9 @@ def _mean(sets: pl.DataFrame) -> dict[str, Any]:
     return line
 
 
-def _tested(means: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _tested(means: list[Row]) -> list[Row]:
     """Lines of means over test sets, with the p values of their paired tests over the sets."""
-    groups: dict[Any, list[dict[str, Any]]] = {}
+    groups: dict[Any, list[Row]] = {}
     for line in means:
         test = [line[column] for column in ("dataset", *HORIZON, "metric")]
         groups.setdefault(tuple(test), []).append(line)

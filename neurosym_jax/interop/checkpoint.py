@@ -33,6 +33,7 @@ from neurosym_jax.runtime.files import new_file
 from neurosym_jax.symbolic.weighting import initial_parameters
 
 __all__ = [
+    "Contents",
     "discriminator",
     "export_torch_checkpoint",
     "generator",
@@ -43,6 +44,8 @@ __all__ = [
     "torch_contents",
 ]
 
+Contents = Mapping[str, Any]
+"""What a file of torch holds, by name: `args`, `g_state`, ..."""
 WRAPPERS = re.compile(r"^module\.|\b_orig_mod\.")
 """What DataParallel and `torch.compile` put before the names of tensors."""
 
@@ -228,7 +231,7 @@ def torch_contents(model: Model) -> dict[str, Any]:
     }
 
 
-def left_out(contents: Mapping[str, Any], model: Model) -> list[str]:
+def left_out(contents: Contents, model: Model) -> list[str]:
     """Names of what a checkpoint holds and `model`, which was read from it, does not give back."""
     back = torch_contents(model)
     names = [str(part) for part in contents if part not in back]

@@ -31,7 +31,7 @@ from neurosym_jax.interop.cases import (
     make_case,
     read_case,
 )
-from neurosym_jax.interop.checkpoint import released_config
+from neurosym_jax.interop.checkpoint import Contents, released_config
 from neurosym_jax.models import Generator
 from neurosym_jax.models.forecast import Model, refuse_other_length
 from neurosym_jax.models.sgan.network import LSTM, LSTMNetwork
@@ -163,7 +163,7 @@ def _rows_of_case(path: Path, row: Mapping[str, Any], tolerance: float) -> list[
 
 def run_torch(
     module: str,
-    contents: Mapping[str, Any],
+    contents: Contents,
     out: Path,
     *,
     title: str,
@@ -211,7 +211,7 @@ def run_torch(
 def hand_over(
     folder: Path,
     title: str,
-    contents: Mapping[str, Any],
+    contents: Contents,
     training: Mapping[str, Any] | None = None,
 ) -> None:
     """Write arguments and weights of a checkpoint for `torch_side`, as JSON and plain arrays.

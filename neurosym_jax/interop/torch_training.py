@@ -12,7 +12,7 @@ import optax
 
 from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError, brief
-from neurosym_jax.interop.checkpoint import discriminator, generator
+from neurosym_jax.interop.checkpoint import Contents, discriminator, generator
 from neurosym_jax.interop.pickles import read_torch_file
 from neurosym_jax.models.sgan.network import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.sgan.torch_names import params_from_torch, without_dropout
@@ -86,7 +86,7 @@ def load_torch_training(path: str | os.PathLike) -> TorchTraining:
         raise InputError(f"{path}: {error}") from None
 
 
-def recipe_of(contents: Mapping[str, Any], source: str = "args") -> GeneratorRecipe:
+def recipe_of(contents: Contents, source: str = "args") -> GeneratorRecipe:
     """The recipe `sgan` with the arguments of a training, and its optimisers' learning rates.
 
     Raises:
@@ -110,9 +110,7 @@ def recipe_of(contents: Mapping[str, Any], source: str = "args") -> GeneratorRec
     return from_json(GeneratorRecipe, fields, source)
 
 
-def training_from_torch(
-    contents: Mapping[str, Any], source: str = "args"
-) -> TorchTraining:
+def training_from_torch(contents: Contents, source: str = "args") -> TorchTraining:
     """The training in the dictionary that SGAN's training saves.
 
     A network without the state of its optimiser gets a new one.
@@ -139,9 +137,7 @@ def training_from_torch(
     return TorchTraining(config, recipe, state)
 
 
-def adam_entries(
-    contents: Mapping[str, Any], network: str
-) -> dict[int, Mapping[str, Any]]:
+def adam_entries(contents: Contents, network: str) -> dict[int, Mapping[str, Any]]:
     """`step`, `exp_avg` and `exp_avg_sq` by a parameter's place in the network's state dict.
 
     `network` is g or d. Parameters that never had a gradient have no entry.
@@ -152,7 +148,7 @@ def adam_entries(
     return {place: state[name] for place, name in enumerate(names) if name in state}
 
 
-def _adam_group(contents: Mapping[str, Any], network: str) -> Mapping[str, Any]:
+def _adam_group(contents: Contents, network: str) -> Mapping[str, Any]:
     """Options and parameters of the network's optimiser, if the checkpoint has one."""
     groups = contents.get(f"{network}_optim_state", {}).get("param_groups", [{}])
     if len(groups) != 1:
@@ -172,7 +168,7 @@ def _adam_group(contents: Mapping[str, Any], network: str) -> Mapping[str, Any]:
 
 
 def _adam_state(
-    contents: Mapping[str, Any],
+    contents: Contents,
     network: str,
     config: GeneratorConfig | DiscriminatorConfig,
 ) -> dict[str, Any]:

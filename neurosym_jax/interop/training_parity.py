@@ -9,7 +9,6 @@ import functools
 import itertools
 import math
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,14 @@ from jax.flatten_util import ravel_pytree
 
 from neurosym_jax.evaluation.tables import aligned_table
 from neurosym_jax.interop import torch_side
-from neurosym_jax.interop.cases import padded, placed_alpha, state_of, weights_pairs
-from neurosym_jax.interop.checkpoint import generator
+from neurosym_jax.interop.cases import (
+    Arrays,
+    padded,
+    placed_alpha,
+    state_of,
+    weights_pairs,
+)
+from neurosym_jax.interop.checkpoint import Contents, generator
 from neurosym_jax.interop.parity import row_fields, run_torch
 from neurosym_jax.interop.torch_training import (
     adam_entries,
@@ -133,7 +138,7 @@ class TrainingParity:
 
 def compare_training(
     module: str,
-    contents: Mapping[str, Any],
+    contents: Contents,
     steps: int,
     *,
     python: str,
@@ -187,7 +192,7 @@ def compare_training(
 
 
 def _recipe(
-    contents: Mapping[str, Any], steps: int, seed: int
+    contents: Contents, steps: int, seed: int
 ) -> tuple[GeneratorRecipe, tuple[str, ...]]:
     """The recipe of `steps` steps, and what it assumes of the discriminator, in words."""
     recipe = dataclasses.replace(recipe_of(contents), steps=steps)
@@ -199,10 +204,10 @@ def _recipe(
 
 
 def _rows(
-    contents: Mapping[str, Any],
+    contents: Contents,
     recipe: GeneratorRecipe,
-    inputs: Mapping[str, np.ndarray],
-    arrays: Mapping[str, np.ndarray],
+    inputs: Arrays,
+    arrays: Arrays,
     reported: list[int],
 ) -> tuple[TrainingRow, ...]:
     """Train here, and compare the parameters after each of the `reported` steps with torch's."""
@@ -223,7 +228,7 @@ def _rows(
     return tuple(rows)
 
 
-def _moments(contents: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def _moments(contents: Contents) -> dict[str, np.ndarray]:
     """States of the checkpoint's optimisers, by `torch_side`'s names."""
     moments = {}
     for network in "gd":
@@ -270,10 +275,10 @@ def _inputs(
 
 
 def _differences(
-    contents: Mapping[str, Any],
+    contents: Contents,
     recipe: GeneratorRecipe,
-    inputs: Mapping[str, np.ndarray],
-    arrays: Mapping[str, np.ndarray],
+    inputs: Arrays,
+    arrays: Arrays,
     reported: list[int],
 ) -> Differences:
     """Differences of our training from torch's `arrays` of it, in the current type."""
@@ -304,9 +309,7 @@ def _differences(
     return differences
 
 
-def _step_inputs(
-    config: GeneratorConfig, inputs: Mapping[str, np.ndarray], step: int
-) -> dict[str, Any]:
+def _step_inputs(config: GeneratorConfig, inputs: Arrays, step: int) -> dict[str, Any]:
     """Arguments of `learn` for a step."""
     bounds = np.append(0, inputs["bounds"][:, 1])
     real, fake, generator_label = inputs["labels"][step].astype(model_dtype())
@@ -334,7 +337,7 @@ def _step_inputs(
     }
 
 
-def _moved(arrays: Mapping[str, np.ndarray], step: int) -> float:
+def _moved(arrays: Arrays, step: int) -> float:
     """See `TrainingRow.moved`."""
     largest = []
     for network in ("g_state", "d_state"):

@@ -178,6 +178,8 @@ EXTENDED = {"steps", "patience"}
 """What of the recipe may be changed on resumption."""
 OLD_NAMES = {"model": "family"}
 """Options of `neurosym train` by the names that they had in the last release."""
+Record = dict[str, Any]
+"""What a run is, for JSON, see `record_of`."""
 RESULTS = ("forecaster", "config", "training", "scene", "init", "data")
 """What of a record makes the results of a run."""
 
@@ -290,7 +292,7 @@ class Run:
         return jax.random.fold_in(jax.random.key(self.recipe.seed), part)
 
 
-def record_of(run: Run) -> dict[str, Any]:
+def record_of(run: Run) -> Record:
     """What must be equal for a run to be resumed with the same bits; JSON-able."""
     init = None
     if run.init is not None:
@@ -311,9 +313,7 @@ def record_of(run: Run) -> dict[str, Any]:
     }
 
 
-def refuse_other_run(
-    before: dict[str, Any], record: dict[str, Any], done: int, folder: Path
-) -> None:
+def refuse_other_run(before: Record, record: Record, done: int, folder: Path) -> None:
     """Refuse to resume a run that differs in what makes its results; tell what changes bits.
 
     More steps, and another patience, are no other run.
@@ -341,7 +341,7 @@ def refuse_other_run(
         )
 
 
-def _fixed(record: dict[str, Any]) -> dict[str, Any]:
+def _fixed(record: Record) -> Record:
     """What of a record no resumption may change."""
     recipe = {name: x for name, x in record["training"].items() if name not in EXTENDED}
     fixed = {name: record[name] for name in RESULTS} | {"training": recipe}
@@ -546,7 +546,7 @@ class RunFiles:
 
     run: Run
     folder: Path
-    record: dict[str, Any]
+    record: Record
 
     @property
     def finished(self) -> bool:
@@ -630,7 +630,7 @@ class RunFiles:
     def _code(self) -> str | None:
         return code_version()
 
-    def _facts(self, model: Model, best: Row) -> dict[str, Any]:
+    def _facts(self, model: Model, best: Row) -> Record:
         """The content of `run.json`."""
         parts = {"training": self.run.training, "validation": self.run.validation}
         counts, recordings = {}, {}

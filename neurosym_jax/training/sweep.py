@@ -24,6 +24,7 @@ from neurosym_jax.evaluation.intervals import (
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.scores import Score
 from neurosym_jax.evaluation.tables import (
+    Row,
     csv_text,
     format_table,
     markdown_table,
@@ -160,9 +161,7 @@ def _report(runs: Runs, compared: pl.DataFrame, table: str) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _table_of(
-    frame: pl.DataFrame, title: str, cell: Callable[[dict[str, Any]], str]
-) -> str:
+def _table_of(frame: pl.DataFrame, title: str, cell: Callable[[Row], str]) -> str:
     """A Markdown table of differences to one reference: a line each model, a column each metric."""
     metrics = frame["metric"].unique(maintain_order=True)
     lines = []
@@ -173,7 +172,7 @@ def _table_of(
     return markdown_table([title, *labels], lines)
 
 
-def _bounds(row: dict[str, Any]) -> str:
+def _bounds(row: Row) -> str:
     """Half of the interval and its farther end, in % of the error of the reference."""
     low, high = row["low_95"], row["high_95"]
     error = abs(row["error_of_reference"])
@@ -243,7 +242,7 @@ def _reference(against: str | None, models: Sequence[str]) -> str:
     return matches[0]
 
 
-def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]:
+def _compare(runs: Runs, model: str, reference: str) -> Iterator[Row]:
     """The model less the reference on each test set and in the mean, a row for each metric.
 
     Seeds that either of the two has not finished on a test set are left out of it, and
@@ -281,7 +280,7 @@ def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]
             }
 
 
-def _cell(row: dict[str, Any]) -> str:
+def _cell(row: Row) -> str:
     low, high = row["low_95"], row["high_95"]
     text = f"{row['difference']:+.3f}"
     if not np.isfinite(low):
@@ -419,9 +418,7 @@ def _train(run: SweepRun) -> str:
     return f"status {status}: {last}"
 
 
-def _test(
-    labels: Mapping[Path, str], source: Source, out: Path
-) -> list[dict[str, Any]]:
+def _test(labels: Mapping[Path, str], source: Source, out: Path) -> list[Row]:
     """Evaluate the models on their own test splits; rows as evaluate's, with `training_seed`.
 
     `labels` has the folder of each run, and what its model is called beside its title.
