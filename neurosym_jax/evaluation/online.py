@@ -82,22 +82,21 @@ def _recall(place: Place, windows: Windows, number: int) -> Remembered:
     observed = windows.position[rows, : windows.obs_len]
     scene = make_scene(observed)
     slots = int(bucket_of(len(observed)))
-    future, share, is_error = map(np.asarray, place.recalled(observed, scene, slots))
+    recalled = place.recalled(observed, scene, slots)
     people = len(observed)
-    return Remembered(future[:, :people], share[:, :people], is_error[:, :people])
+    return Remembered(*(np.asarray(part)[:, :people] for part in recalled))
 
 
 def _padded(batch: Batch, scenes: Sequence[Remembered]) -> Remembered:
     """The scenes of a batch, with zeros for slots and scenes without anybody."""
-    points, _, steps, _ = scenes[0].future.shape
     count, slots = batch.scene.valid.shape
-    future = np.zeros((count, points, slots, steps, 2), np.float32)
-    share = np.zeros((count, points, slots), np.float32)
-    is_error = np.zeros((count, points, slots), bool)
-    for row, number in enumerate(batch.index.tolist()):
-        if number >= 0:
-            people = scenes[number].future.shape[1]
-            future[row, :, :people] = scenes[number].future
-            share[row, :, :people] = scenes[number].share
-            is_error[row, :, :people] = scenes[number].is_error
-    return Remembered(future, share, is_error)
+    fields = []
+    for parts in zip(*scenes):
+        points, _, *rest = parts[0].shape
+        field = np.zeros((count, points, slots, *rest), parts[0].dtype)
+        for row, number in enumerate(batch.index.tolist()):
+            if number >= 0:
+                people = parts[number].shape[1]
+                field[row, :, :people] = parts[number]
+        fields.append(field)
+    return Remembered(*fields)

@@ -202,23 +202,18 @@ def torch_contents(model: Model) -> dict[str, Any]:
     width = getattr(pooling, "hidden_dim", 512)
     if width != 512:
         raise InputError(f"SGAN's pool_hidden_dim is fixed at 512, not {width}")
-    arguments: dict[str, Any] = {
-        **FIXED,
-        **READ_BY_EVALUATION,
-        **{name: getattr(config, name) for name in (*SAME, "embedding_dim", "mlp_dim")},
-        **{
-            f"{name}_g": getattr(config, name)
-            for name in ("encoder_h_dim", "decoder_h_dim")
-        },
-        **{
-            name: getattr(pooling, name, usual)
-            for name, usual in POOLING_OPTIONS.items()
-        },
-        "dropout": 0.0,
-        "noise_dim": (config.noise_dim,),
-        "pooling_type": TORCH_POOLING.get(POOLINGS.name_of(pooling), "pool_net"),
-        "dataset_name": model.dataset,
-    }
+    arguments: dict[str, Any] = {**FIXED, **READ_BY_EVALUATION}
+    for name in (*SAME, "embedding_dim", "mlp_dim"):
+        arguments[name] = getattr(config, name)
+    for name in ("encoder_h_dim", "decoder_h_dim"):
+        arguments[f"{name}_g"] = getattr(config, name)
+    for name, usual in POOLING_OPTIONS.items():
+        arguments[name] = getattr(pooling, name, usual)
+    kind = POOLINGS.name_of(pooling)
+    arguments["dropout"] = 0.0
+    arguments["noise_dim"] = (config.noise_dim,)
+    arguments["pooling_type"] = TORCH_POOLING.get(kind, "pool_net")
+    arguments["dataset_name"] = model.dataset
     if isinstance(pooling, Social):
         arguments["bottleneck_dim"] = config.encoder_h_dim
     if weighting is not None:

@@ -54,9 +54,9 @@ def plot_forecasts(
     figure, ((axes,),) = style.new_figure(width, height)
     left, bottom = (low + high - extent) / 2
     right, top = (low + high + extent) / 2
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-    axes.ticklabel_format(useOffset=False, style="plain")
-    style.dress(axes, "x [m]", "y [m]", title)
+    style.dress_floor(axes, title)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set(xlim=(left, right), ylim=(bottom, top))
     draw_scene(axes, past, future, samples)
     return style.add_legend(figure, axes)
 

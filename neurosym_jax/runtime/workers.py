@@ -13,7 +13,7 @@ from typing import Any
 
 import jax
 
-from neurosym_jax.errors import InputError, option, optional_module
+from neurosym_jax.errors import InputError, option
 from neurosym_jax.plugins import load_entry_points, load_plugin, loaded
 from neurosym_jax.runtime.ending import SIGNALS, when_ended
 from neurosym_jax.runtime.process import cpu_cores, enable_compilation_cache, tune
@@ -104,9 +104,14 @@ def cluster_map(address: str) -> Iterator[Map]:
     Raises:
         InputError: where Dask is not installed or no scheduler answers.
     """
-    dask = optional_module("distributed", "a cluster", "cluster")
     try:
-        client = dask.Client(address, timeout=10, set_as_default=False)
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            "a cluster needs Dask: pip install 'neurosym-jax[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout=10, set_as_default=False)
     except (OSError, ValueError) as error:
         cluster = option("cluster", address)
         raise InputError(f"{cluster}: no Dask scheduler answers ({error})") from None
