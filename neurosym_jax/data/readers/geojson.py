@@ -6,9 +6,7 @@ degrees of people. Times of a line's points stand in a property that is as long 
 line (also in `coordinateProperties`), or are the fourth number of each point.
 """
 
-import itertools
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,11 +21,12 @@ GLOBE = ("4326", "CRS84", "4979", "4258", "4269")
 """Ends of names of coordinate systems of longitude and latitude: WGS 84, ETRS89, NAD83."""
 NOWHERE = (np.nan, np.nan)
 """The point of a feature without one, which RFC 7946 calls unlocated."""
+CLOCKS = ("coordTimes", "datetimes")
 LINES = ("LineString", "MultiPoint", "MovingPoint")
 
 
 def rows_of_features(
-    path: Path, content: Mapping[str, Any]
+    content: Mapping[str, Any],
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """A row for each point of a collection of features, and notes on how they were read.
 
@@ -36,7 +35,7 @@ def rows_of_features(
     """
     rows = []
     for number, feature in enumerate(content["features"]):
-        rows += _rows(path, number, feature)
+        rows += _rows(number, feature)
     points = np.array([(*row.pop("point"), *NOWHERE)[:2] for row in rows], float)
     if not np.isfinite(points).any():
         raise InputError("has no points")
@@ -52,7 +51,7 @@ def rows_of_features(
     return rows, notes
 
 
-def _rows(path: Path, number: int, feature: Mapping[str, Any]) -> Iterator[dict]:
+def _rows(number: int, feature: Mapping[str, Any]) -> Iterator[dict]:
     """A row for each point of a feature: its `point`, and the feature's properties."""
     geometry = feature.get("geometry") or feature.get("temporalGeometry")
     properties = dict(feature.get("properties") or {})
@@ -87,14 +86,13 @@ def _rows(path: Path, number: int, feature: Mapping[str, Any]) -> Iterator[dict]
 
 def _times(points: list[list[float]], properties: dict[str, Any]) -> list[Any] | None:
     """The times of a line's points, taken out of its properties; None where there are none."""
-    lists = {}
+    lists = []
     for name, value in properties.items():
         if isinstance(value, list) and len(value) == len(points):
-            lists[name] = value
-    clocks = [name for name in lists if role_of(name.removesuffix("s")) == "time"]
-    clocks += [name for name in lists if name in ("coordTimes", "datetimes")]
-    if clocks or len(lists) == 1:
-        return properties.pop(next(itertools.chain(clocks, lists)))
+            is_clock = role_of(name.removesuffix("s")) == "time" or name in CLOCKS
+            lists.append((not is_clock, name))
+    if len(lists) == 1 or (lists and not min(lists)[0]):
+        return properties.pop(min(lists)[1])
     if all(len(point) == 4 for point in points):
         return [point[3] for point in points]
     return None

@@ -82,7 +82,7 @@ class Storage(Columns):
         """The recordings in its table of tracks, or in the one that `table=NAME` says."""
         name = parse_columns(options.columns).get("table", "")
         table = _table_in_storage(path, read_head(path).magic, name)
-        return self.take(table, options, period)
+        return self.take(dataclasses.replace(table, path=path), options, period)
 
 
 class Json(Columns):
@@ -96,7 +96,8 @@ class Json(Columns):
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in its rows."""
-        return self.take(_table_in_json(path), options, period)
+        table = dataclasses.replace(_table_in_json(path), path=path)
+        return self.take(table, options, period)
 
 
 def is_frame(data: object) -> bool:
@@ -130,10 +131,9 @@ def table_of(data: Any) -> Table:
     """
     facts: dict[str, str] = {}
     if isinstance(data, np.ndarray):
-        return columns_table(FRAME, array_columns(FRAME, data))
+        return columns_table(array_columns(data))
     if isinstance(data, dict):
-        columns = {str(name): np.asarray(values) for name, values in data.items()}
-        return columns_table(FRAME, columns)
+        return columns_table(data)
     if _is_pedpy(data):
         facts = {"fps": str(float(data.frame_rate))}
         data = data.data
@@ -146,27 +146,28 @@ def table_of(data: Any) -> Table:
     if hasattr(data, "to_pydict"):
         data = pl.from_arrow(data)
     if hasattr(data, "itertuples"):
-        return _table(FRAME, _columns_of_pandas(data), facts)
-    return _table(FRAME, _columns_of_polars(data), facts)
+        return _table(_columns_of_pandas(data), facts)
+    return _table(_columns_of_polars(data), facts)
 
 
-def columns_table(path: Path, columns: Mapping[str, np.ndarray]) -> Table:
+def columns_table(columns: Mapping[Any, Any]) -> Table:
     """The table of columns [R] by name.
 
     Raises:
         InputError: for columns of several lengths.
     """
-    shapes = sorted({values.shape for values in columns.values()})
+    arrays = {str(name): np.asarray(values) for name, values in columns.items()}
+    shapes = sorted({values.shape for values in arrays.values()})
     if len(shapes) != 1 or len(shapes[0]) != 1:
         raise InputError(
             f"columns of shapes {brief(shapes)}, not of one length: `make_tracks` takes "
             "arrays of stamps, ids and positions"
         )
-    texts = {name: _as_texts(values.tolist()) for name, values in columns.items()}
-    return _table(path, texts)
+    texts = {name: _as_texts(values.tolist()) for name, values in arrays.items()}
+    return _table(texts)
 
 
-def array_columns(path: Path, array: np.ndarray) -> dict[str, np.ndarray]:
+def array_columns(array: np.ndarray) -> dict[str, np.ndarray]:
     """The columns of rows `frame id x y` [R, 4] or others [R, C], of fields, or of positions
     [T, N, 2] or [N, T, 2], NaN where nobody is.
 
@@ -254,7 +255,6 @@ def _texts(column: pl.Series) -> pl.Series:
 
 
 def _table(
-    path: Path,
     columns: Mapping[str, pl.Series],
     facts: Mapping[str, str] = MappingProxyType({}),
 ) -> Table:
@@ -265,7 +265,7 @@ def _table(
         raise InputError("has no rows")
     numbered = [texts.alias(str(at)) for at, texts in enumerate(columns.values())]
     fields = pl.DataFrame(numbered).select(pl.concat_list(pl.all())).to_series()
-    return Table(path, list(columns), fields, np.arange(rows), facts=facts)
+    return Table(FRAME, list(columns), fields, np.arange(rows), facts=facts)
 
 
 def _table_in_storage(path: Path, magic: bytes, name: str) -> Table:
@@ -275,29 +275,23 @@ def _table_in_storage(path: Path, magic: bytes, name: str) -> Table:
         InputError: for a file that cannot be read, or has no table.
         Question: for one with several.
     """
-    kind = _kind_of(magic)
+    kind = ""
+    for start, name_of_kind in MAGIC.items():
+        if magic.startswith(start):
+            kind = name_of_kind
     if kind == "pickle":
         code = "import pandas, sys; pandas.read_pickle(sys.argv[1]).to_csv(sys.argv[1] + '.csv')"
         raise InputError(
-            f"a pickle may run any code, so it is not read; if you trust it: "
+            "a pickle may run any code, so it is not read; if you trust it: "
             f'python -c "{code}" {shlex.quote(str(path))}'
         )
     with reading(path, kind):
         if kind == "npy":
-            return columns_table(path, array_columns(path, read_array(path)))
+            return columns_table(array_columns(read_array(path)))
         if kind == "mat" or (kind == "zip" and not _is_sheet(path)):
             return _table_of_arrays(path, kind, name)
         read = {"sqlite": _in_sqlite, "hdf5": _in_hdf5, "zip": _in_sheet}
-        columns, facts = read.get(kind, _in_columns)(path, name)
-    return _table(path, columns, facts)
-
-
-def _kind_of(magic: bytes) -> str:
-    """The kind of a file by its first bytes, else nothing."""
-    for start, kind in MAGIC.items():
-        if magic.startswith(start):
-            return kind
-    return ""
+        return _table(*read.get(kind, _in_columns)(path, name))
 
 
 def _table_of_arrays(path: Path, kind: str, name: str) -> Table:
@@ -313,13 +307,13 @@ def _table_of_arrays(path: Path, kind: str, name: str) -> Table:
                 arrays[key] = np.squeeze(values)
     if names_tracks(list(arrays)):
         columns = {key: np.ravel(values) for key, values in arrays.items()}
-        return columns_table(path, columns)
+        return columns_table(columns)
     tables = [key for key, values in arrays.items() if values.ndim > 1]
-    chosen = _the_one(path, tables, name)
-    return columns_table(path, array_columns(path, arrays[chosen]))
+    chosen = _the_one(tables, name)
+    return columns_table(array_columns(arrays[chosen]))
 
 
-def _the_one(path: Path, names: Collection[str], name: str) -> str:
+def _the_one(names: Collection[str], name: str) -> str:
     """The table called `name`, or the only one."""
     if name in names:
         return name
@@ -373,7 +367,7 @@ def _in_sqlite(path: Path, name: str) -> Content:
             if len(head) == 2:
                 rows = base.execute(f"select * from {_quoted(table)}")
                 facts |= facts_in(rows.fetchmany(1000))
-        chosen = name if name in heads else _the_one(path, tracks, name)
+        chosen = name if name in heads else _the_one(tracks, name)
         rows = []
         for row in base.execute(f"select * from {_quoted(chosen)}"):
             rows.append(row)
@@ -411,11 +405,11 @@ def _in_hdf5(path: Path, name: str) -> Content:
                 sets[key] = item
         if not name and "trajectory" in sets:
             name = "trajectory"
-        item = sets[_the_one(path, sets, name)]
+        item = sets[_the_one(sets, name)]
         refuse_dense(path, item.size * len(item.dtype.names or " "))
         refuse_dense(path, item.nbytes / 8)
         facts = facts_in([*file.attrs.items(), *item.attrs.items()])
-        columns = array_columns(path, item[()])
+        columns = array_columns(item[()])
     return {key: _as_texts(columns[key].tolist()) for key in columns}, facts
 
 
@@ -432,13 +426,12 @@ def _table_in_json(path: Path) -> Table:
     if isinstance(content, dict) and content.get("type") == "FeatureCollection":
         from neurosym_jax.data.readers.geojson import rows_of_features
 
-        rows, notes = rows_of_features(path, content)
-        return dataclasses.replace(_rows_table(path, rows), notes=tuple(notes))
+        rows, notes = rows_of_features(content)
+        return dataclasses.replace(_rows_table(rows), notes=tuple(notes))
     if isinstance(content, dict) and {"images", "annotations"} <= content.keys():
         content = _coco_rows(content)
     objects = content if isinstance(content, list) else _keyed(content)
-    rows = itertools.chain.from_iterable(_rows(path, item) for item in objects)
-    return _rows_table(path, list(rows))
+    return _rows_table([*itertools.chain(*map(_rows, objects))])
 
 
 def _json_in(path: Path) -> Any:
@@ -454,12 +447,12 @@ def _json_in(path: Path) -> Any:
         raise InputError(f"no JSON ({str(error)[:60]})") from None
 
 
-def _rows_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> Table:
+def _rows_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """The table of rows of values by name, which need not have the same names."""
     columns = {}
     for name in dict.fromkeys(itertools.chain(*rows)):
         columns[name] = _as_texts(row.get(name) for row in rows)
-    return _table(path, columns)
+    return _table(columns)
 
 
 def _coco_rows(content: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -499,7 +492,7 @@ def _keyed(content: Any) -> list[Any]:
     return [item for _, item in objects]
 
 
-def _rows(path: Path, item: Any) -> Iterator[dict[str, Any]]:
+def _rows(item: Any) -> Iterator[dict[str, Any]]:
     """The rows in an object: its lists side by side, with its other fields in each."""
     if not isinstance(item, dict):
         raise InputError(
@@ -520,7 +513,7 @@ def _rows(path: Path, item: Any) -> Iterator[dict[str, Any]]:
                     zip(("x", "y") if len(value) == 2 else ("t", "x", "y"), value)
                 )
             row[key] = value
-        yield from _rows(path, row)
+        yield from _rows(row)
 
 
 def _side_by_side(item: Mapping[str, Any]) -> dict[str, Any]:

@@ -93,7 +93,7 @@ class Qtm(Format):
             InputError: naming file, row and reason.
         """
         table = read_table(path, header=r"Frame[\t,]")
-        places = _helmets(path, table.names)
+        places = _helmets(table.names)
         if not places or "Time" not in table.names:
             raise InputError(
                 "the header names no Time, or no `Helmet_1 X` (or centroids)"
@@ -114,7 +114,7 @@ class Qtm(Format):
         return table.tracks(stamp[frame], ids, position, row=table.row[frame])
 
 
-def _helmets(path: Path, names: Sequence[str]) -> dict[int, int]:
+def _helmets(names: Sequence[str]) -> dict[int, int]:
     """Column X of each helmet, or of its centroid where there are markers too; Y and Z follow.
 
     Raises:
