@@ -61,7 +61,8 @@ def run(
         InputError: for a single file that cannot be read, a folder without files, or a
             figure that cannot be written.
     """
-    source = hashlib.sha256(str(path.resolve()).encode()).hexdigest()
+    place = str(path.resolve())
+    source = hashlib.sha256(place.encode()).hexdigest()
     if figure:
         figure = _figure_of(figure, path, source)
         refuse_unwritable(figure)

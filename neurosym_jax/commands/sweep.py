@@ -118,7 +118,8 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
             config.pred_len,
             f"seed{run_options.seed}",
         ]
-        name = "_".join(map(str, parts)).replace("/", "of").replace(" ", "")
+        name = "_".join(map(str, parts))
+        name = name.replace("/", "of").replace(" ", "")
         folder = options.out / name
         if folder in runs:
             raise InputError(f"{name}: two runs of the sweep have this name")

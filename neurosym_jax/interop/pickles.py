@@ -51,14 +51,14 @@ class Tensor(np.ndarray):
     # `__new__`, because a pickle can make an object without calling `__init__`.
     def __new__(cls, storage, offset, shape, strides, *_requires_grad_and_hooks):
         """Check that the tensor lies in its storage, whose values are read after the pickle."""
-        sizes_fit = all(
-            type(n) is int and 0 <= n < 2**48 for n in (offset, *shape, *strides)
-        )
+        sizes = (offset, *shape, *strides)
+        sizes_fit = all(type(size) is int and 0 <= size < 2**48 for size in sizes)
         stored = isinstance(storage, Tensor) and storage.base is None
         if not stored or not sizes_fit or not len(shape) == len(strides) <= 32:
             raise InputError("a tensor is described in a way torch does not")
         elements = math.prod(shape)
-        last = offset + sum((n - 1) * step for n, step in zip(shape, strides))
+        reach = [(size - 1) * step for size, step in zip(shape, strides)]
+        last = offset + sum(reach)
         # A tensor larger than its storage repeats values (stride 0): weights never do,
         # and a corrupted shape would ask for any amount of memory.
         if elements > storage.size or (elements and last >= storage.size):

@@ -91,8 +91,11 @@ def find_model(
 
 def _model_of_run(path: Path) -> Path:
     """The model in the folder of a training; another path unchanged."""
-    is_run = not os.path.exists(path / "config.json") and os.path.isdir(path / "model")
-    return path / "model" if is_run else path
+    is_model = os.path.exists(path / "config.json")
+    model = path / "model"
+    if not is_model and os.path.isdir(model):
+        return model
+    return path
 
 
 def spoken_name(typed: Path | str, path: Path, model: Model) -> str:
@@ -106,8 +109,9 @@ def spoken_name(typed: Path | str, path: Path, model: Model) -> str:
 def state_of_run(path: str, step: int) -> str:
     """What state a model is that was kept after `step` steps of a training, in words."""
     run = find_model(path).parent
-    ends = (run / "checkpoints").is_dir() and not (run / "run.json").exists()
-    unfinished = ", which is not finished" if ends else ""
+    is_finished = (run / "run.json").exists()
+    goes_on = (run / "checkpoints").is_dir() and not is_finished
+    unfinished = ", which is not finished" if goes_on else ""
     return f"{path}: the state after {step} steps of its training{unfinished}"
 
 
@@ -409,9 +413,9 @@ def _headed(card: str, data: Mapping[str, str]) -> str:
     """The card with the header that the Hugging Face Hub reads; `data` as `Model.data`."""
     if card.startswith("---\n"):
         return card
-    licences = {HUB_LICENCES.get(licence, "unknown") for licence in data.values()} or {
-        "unknown"
-    }
+    licences = {HUB_LICENCES.get(licence, "unknown") for licence in data.values()}
+    if not data:
+        licences = {"unknown"}
     header = {
         "library_name": "neurosym_jax",
         "pipeline_tag": "time-series-forecasting",

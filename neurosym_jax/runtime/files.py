@@ -109,7 +109,8 @@ def remove_half_written(folder: Path, stems: str) -> None:
     pattern = re.compile(rf"\.({stems})\.[0-9a-f]{{8}}(\.\w+)?")
     if not folder.is_dir():
         return
-    for path in [path for path in folder.iterdir() if pattern.fullmatch(path.name)]:
+    paths = [path for path in folder.iterdir() if pattern.fullmatch(path.name)]
+    for path in paths:
         shutil.rmtree(path, ignore_errors=True)
         with contextlib.suppress(OSError):  # It was a folder.
             path.unlink()
@@ -136,9 +137,9 @@ def write_json(path: Path | str, data: Any) -> None:
 def folder_digest(folder: Path, without: str = "") -> str:
     """SHA-256 of the names and bytes of all files below `folder` but the one named `without`."""
     sha = hashlib.sha256()
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+    for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
-        if name != without:
+        if path.is_file() and name != without:
             sha.update(f"{name}\0{path.stat().st_size}\0".encode())
             sha.update(path.read_bytes())
     return sha.hexdigest()

@@ -260,7 +260,8 @@ def _key(name: str, fixed: Any, tree: Any = None, shapes: Any = ()) -> str:
         Unnamed: where a part has no name that tells it from others.
     """
     # A component of a plugin has no name.
-    parts = (name, spelled(fixed), spelled(additions()), str(tree), str(shapes))
+    components = spelled(additions())
+    parts = (name, spelled(fixed), components, str(tree), str(shapes))
     return _digest(parts, _source(), _settings(), _machine())
 
 
@@ -401,7 +402,8 @@ def _deserialized(content: bytes, tree: Any) -> Callable[..., Any]:
     executable, out_tree = _Data(io.BytesIO(content)).load()
     unloaded, arguments, no_kwargs = _Executable(io.BytesIO(executable), backend).load()
     # The arguments as `jax.jit` has them: positional ones, and none by name.
-    in_tree = jax.tree.structure((tuple(jax.tree.unflatten(tree, arguments)), {}))
+    positional = tuple(jax.tree.unflatten(tree, arguments))
+    in_tree = jax.tree.structure((positional, {}))
     information = jax.tree.unflatten(in_tree, arguments)
     return jax.stages.Compiled(
         unloaded.load(), [], information, out_tree, no_kwargs=no_kwargs

@@ -262,7 +262,8 @@ class Run:
             return state
         params = with_schedule(recipe, params, 0)
         average = jax.tree.map(jnp.array, params) if recipe.ema else ()
-        return state._replace(params=jax.tree.map(jnp.array, params), average=average)
+        own_params = jax.tree.map(jnp.array, params)
+        return state._replace(params=own_params, average=average)
 
     def slower(self) -> "Run":
         """The run with smaller steps, after one whose numbers were not finite."""
@@ -463,7 +464,9 @@ def validate(run: Run, params: Any, batches: Sequence[Batch]) -> Row:
         seed=run.recipe.seed,
         metrics=metrics,
     )
-    means = {name.removeprefix("joint_"): result.mean(name) for name in result.scores}
+    means = {}
+    for name in result.scores:
+        means[name.removeprefix("joint_")] = result.mean(name)
     usual = "energy" if forecaster.calibrated else "ade_fde"
     parts = {"ade": ("ade",), "ade_fde": ("ade", "fde"), "energy": ("energy_score",)}
     chosen = parts[run.recipe.select_by or usual]

@@ -298,7 +298,8 @@ def batch_samples(
             jax.random.fold_in(noise_key, number), (samples, *slots, spec.dim)
         )
         forecast = jax.vmap(forecaster.forecast, in_axes=(None, 0, 1), out_axes=1)
-        yield scenes, forecast(params, scenes.replace(future=None), noise)
+        observed = scenes.replace(future=None)
+        yield scenes, forecast(params, observed, noise)
 
 
 # The states of a training run on disk: whole or not at all, verified, the two newest.
@@ -418,7 +419,8 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
 
 def _steps(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.glob("step_*") if path.name[5:].isdecimal())
+    paths = folder.glob("step_*")
+    return sorted(path for path in paths if path.name[5:].isdecimal())
 
 
 def _reason(error: Exception) -> str:

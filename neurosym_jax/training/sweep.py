@@ -199,7 +199,8 @@ def _neighbour_shares(rows: pl.DataFrame, pred_len: int | None) -> str:
 
 def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
     """The errors of what was trained, of one horizon."""
-    trained = rows.with_row_index("at").filter(pl.col("training_seed").is_not_null())
+    is_trained = pl.col("training_seed").is_not_null()
+    trained = rows.with_row_index("at").filter(is_trained)
     horizons = sorted(trained.select("obs_len", "pred_len").unique().rows())
     if pred_len is not None:
         trained = trained.filter(pl.col("pred_len") == pred_len)
@@ -233,7 +234,8 @@ def _reference(against: str | None, models: Sequence[str]) -> str:
     """The model of this title, or whose title ends in `, NAME`; else the first of two."""
     name = models[0] if against is None and len(models) == 2 else against
     matches = [model for model in models if model == name]
-    matches = matches or [model for model in models if model.endswith(f", {name}")]
+    if not matches:
+        matches = [model for model in models if model.endswith(f", {name}")]
     if len(models) < 2 or len(matches) != 1:
         hint = "names the one that others are compared with, by its title or weighting"
         hint = f"{option('against')} {hint}"

@@ -379,7 +379,8 @@ class _GridNetwork(nn.Module):
     neighborhood_size: float
 
     def setup(self):
-        self.mlp = Perceptron((self.grid_size**2 * self.h_dim, self.h_dim))
+        cells = self.grid_size**2
+        self.mlp = Perceptron((cells * self.h_dim, self.h_dim))
 
     def __call__(self, hidden: Array, position: Array, valid: Array) -> Array:
         """`hidden [N, H]`, `position [N, 2]`, `valid [N]` to `[N, H]`."""
@@ -526,7 +527,8 @@ def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
         values = _candidates(layer, shared, neighbours, kernel, bias, valid, *agent)
         highest = values.max(axis=0)
         # `argmax` is several times slower on a CPU than these two reductions.
-        winners = jnp.where(values == highest[None], slots, valid.shape[0] - 1)
+        is_highest = values == highest[None]
+        winners = jnp.where(is_highest, slots, valid.shape[0] - 1)
         return highest, winners.min(axis=0)
 
     highest, winner = jax.lax.map(of_agent, (agents, pairs))
@@ -691,7 +693,8 @@ class _RosNetwork(_DescribedNetwork):
 
     def histories(self, track: Array, step_kernel: Array) -> tuple[Array, Array, Array]:
         """See `_DescribedNetwork.histories`."""
-        own = track.reshape(track.shape[0], -1) @ self.spatial_embedding.kernel
+        steps = track.reshape(track.shape[0], -1)
+        own = steps @ self.spatial_embedding.kernel
         shape = track.shape[0], self.obs_len, -1
         shifted = with_bias(own, self.spatial_embedding.bias)
         return step_kernel, own.reshape(shape), shifted.reshape(shape)
@@ -925,7 +928,8 @@ class Generator(nn.Module):
         self, context: Array, scene: Scene, noise: Array, weigh: Weigh | None = None
     ) -> Array:
         """Forecast displacements `[N, pred_len, 2]` from `context` and one noise, see `Decoder`."""
-        noise = jnp.broadcast_to(noise, (context.shape[0], self.config.noise_dim))
+        shape = context.shape[0], self.config.noise_dim
+        noise = jnp.broadcast_to(noise, shape)
         hidden = jnp.concatenate([context, noise.astype(context.dtype)], axis=-1)
         return self.decoder(
             hidden, scene, jnp.asarray(scene.displacement)[:, -1], weigh
@@ -1019,8 +1023,10 @@ class Decoder(nn.Module):
         position = (track[:, -1] + displacement)[:, None]
         track = jnp.concatenate([track[:, 1:], position], axis=1)
         alpha = None if weigh is None else weigh(track, valid)
-        pooled = pool(self.pooling, self.config.pooling, hidden, track, valid, alpha)
-        hidden = self.mlp(jnp.concatenate([hidden, pooled], axis=-1))
+        pooling = self.config.pooling
+        pooled = pool(self.pooling, pooling, hidden, track, valid, alpha)
+        together = jnp.concatenate([hidden, pooled], axis=-1)
+        hidden = self.mlp(together)
         return ((hidden, *rest), track, displacement), displacement
 
 
@@ -1051,9 +1057,8 @@ def pool(
         )
     inputs = {"hidden": hidden, "position": track[:, -1], "track": track}
     inputs |= {"alpha": alpha, "alpha_rows": alpha}
-    return network(
-        valid=valid, **{name: inputs[name] for name in sorted(pooling.inputs)}
-    )
+    named = {name: inputs[name] for name in sorted(pooling.inputs)}
+    return network(valid=valid, **named)
 
 
 class Discriminator(nn.Module):

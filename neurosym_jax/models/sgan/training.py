@@ -213,7 +213,8 @@ def generator_loss(
     """[] loss of a batch, and its terms []; arguments are those of `generator_gradient`."""
     decode = functools.partial(decode_groups, generator_config)
     contexts = encode_groups(generator_config, generator, groups)
-    trials = decode(*jax.lax.stop_gradient((generator, contexts)), groups, noises)
+    fixed = jax.lax.stop_gradient((generator, contexts))
+    trials = decode(*fixed, groups, noises)
     take = jax.vmap(
         lambda scene_noise, index: scene_noise[index], in_axes=(1, 0), out_axes=1
     )
@@ -344,7 +345,8 @@ def adversarial_loss(scores: Array, label: Array | float, valid: AnyArray) -> Ar
 
 def warn_if_no_gradient(gradient: Any, by: str) -> None:
     """Print a warning if a gradient by weights, called `by`, is 0 in every entry."""
-    if not any(np.any(leaf) for leaf in jax.tree.leaves(gradient)):
+    leaves = jax.tree.leaves(gradient)
+    if not any(np.any(leaf) for leaf in leaves):
         dead = "is 0 in every entry: the network is dead to its neighbours"
         print(f"warning: the gradient by {by} {dead}", file=sys.stderr)
 
