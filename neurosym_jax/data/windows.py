@@ -337,8 +337,9 @@ def gather_scenes(
 #
 # A model keeps hashes of some of its training windows: the rounded moves between eight
 # positions that go some way and are not straight. A copy is found whatever its name, ids,
-# frames, unit or origin are, and where its positions were rounded to millimetres or
-# centimetres: cells are wider, and moves last two steps where windows are long enough.
+# frames, unit or origin are, where its positions were rounded to millimetres or
+# centimetres (cells are wider, and moves last two steps where windows are long enough),
+# and where it was resampled between its steps.
 
 POINTS = (
     8  # positions of a shape, observed and predicted; models of all horizons share it
@@ -346,6 +347,7 @@ POINTS = (
 CELL = 0.05  # metres a step to which moves are rounded
 FINE_CELL = 0.01  # the same in windows of fewer positions
 OFFSET = 0.35555  # of the cells' bounds, so that no move in tenths of millimetres lies on one
+PHASES = (0.0, 0.25, 0.5, 0.75)  # of a step, at which copies are looked for
 KEPT = 512  # hashes that a model keeps: the smallest
 BYTES = 6  # of a hash
 VERSION = "2:"  # in front of a fingerprint: shapes of another kind cannot be compared
@@ -380,13 +382,19 @@ def _decoded(stored: str) -> np.ndarray:
 
 
 def seen_before(stored: str, windows: Windows) -> tuple[int, int]:
-    """How many shapes in `windows` are in a fingerprint, and how many were looked for there."""
+    """How many shapes in `windows` are in a fingerprint, and how many were looked for there.
+
+    A copy may have been resampled between the steps of the original: of several phases
+    the one at which most are found counts.
+    """
     stored_hashes = _decoded(stored)
-    hashes = _hashes(windows)
-    if len(stored_hashes) == KEPT:
-        hashes = hashes[hashes <= stored_hashes.max()]
-    is_stored = np.isin(hashes, stored_hashes)
-    return int(is_stored.sum()), len(hashes)
+    counts = []
+    for phase in PHASES:
+        hashes = _hashes(windows, phase)
+        if len(stored_hashes) == KEPT:
+            hashes = hashes[hashes <= stored_hashes.max()]
+        counts.append((int(np.isin(hashes, stored_hashes).sum()), len(hashes)))
+    return max(counts)
 
 
 def shared_shapes(windows: Windows, others: Windows) -> tuple[int, int]:
@@ -419,17 +427,20 @@ def is_fingerprint(value: object) -> bool:
     return isinstance(value, str) and re.fullmatch(pattern, value) is not None
 
 
-def _hashes(windows: Windows) -> np.ndarray:
+def _hashes(windows: Windows, phase: float = 0.0) -> np.ndarray:
     """[H] uint64 below 2^48, ascending: one for each shape that tells something."""
-    return np.unique(_shapes(windows)[0])
+    return np.unique(_shapes(windows, phase)[0])
 
 
-def _shapes(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
-    """[R] uint64 below 2^48, and [R] their agent windows: of shapes that tell something."""
-    stride = 1
-    if windows.position.shape[1] >= 2 * POINTS:
-        stride = 2
-    points = windows.position[:, : stride * POINTS : stride]
+def _shapes(windows: Windows, phase: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """[R] uint64 below 2^48, and [R] their agent windows: of shapes that tell something, at so many
+    steps after the windows' own."""
+    length = windows.position.shape[1]
+    stride = 2 if length >= 2 * POINTS else 1
+    at = np.arange(0, min(stride * POINTS, length), stride)
+    points = windows.position[:, at]
+    later = windows.position[:, np.minimum(at + 1, length - 1)]
+    points = points + phase * (later - points)
     moves = np.diff(points, axis=1) / stride
     # Few moves in wide cells are alike by chance.
     width = CELL if points.shape[1] == POINTS else FINE_CELL

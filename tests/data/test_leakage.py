@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from neurosym_jax.data import cut_windows, open_source
+from neurosym_jax.data.clock import resample
 from neurosym_jax.data.recordings import read_any
 from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.data.tracks import make_tracks
@@ -67,6 +68,17 @@ def test_a_copy_is_found(benchmark, learned, tmp_path, unit, decimals, share):
     hits, looked = seen_before(fingerprint(learned), cut_windows([copy], 8, 12))
     assert looked > 20
     assert hits > share * looked
+
+
+@pytest.mark.parametrize("later", [0.1, 0.2, 0.3])
+def test_a_copy_between_the_steps_is_found(benchmark, learned, later):
+    """Interpolated between annotations; people who were not learned are not found so either."""
+    seen = fingerprint(learned)
+    for scene in ("zara1", "zara2"):
+        (tracks,) = benchmark.recordings(scene)
+        copy = resample(tracks, 0.4, start=float(tracks.stamp.min()) + later)
+        hits, looked = seen_before(seen, cut_windows([copy], 8, 12))
+        assert hits == 0 if scene == "zara1" else hits > 0.2 * looked
 
 
 def test_short_windows_have_shapes_too(benchmark):
