@@ -69,7 +69,8 @@ def two_sided_p(t: float, freedom: float) -> float:
     if x in (0.0, 1.0):
         return x
     scale = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b)
-    front = math.exp(scale + a * math.log(x) + b * math.log1p(-x))
+    powers = a * math.log(x) + b * math.log1p(-x)
+    front = math.exp(scale + powers)
     # The fraction converges fast on this side; the other side is its complement.
     if x < (a + 1) / (a + b + 2):
         return front * _beta_fraction(a, b, x) / a
@@ -149,7 +150,8 @@ class Estimate:
         if abs(self.value[column]) < ROUNDING:
             return 1.0
         with np.errstate(divide="ignore"):
-            t = np.abs(self.value[column]) / self.variance[column] ** 0.5
+            deviation = self.variance[column] ** 0.5
+            t = np.abs(self.value[column]) / deviation
         return two_sided_p(float(t), float(self.freedom[column]))
 
 
@@ -157,7 +159,10 @@ def _sum(value: np.ndarray, parts: Sequence[Estimate]) -> Estimate:
     """An estimate whose variance is the sum of independent ones."""
     variance = sum(part.variance for part in parts)
     with np.errstate(divide="ignore", invalid="ignore"):
-        shares = [np.square(part.variance / variance) / part.freedom for part in parts]
+        shares = []
+        for part in parts:
+            share = part.variance / variance
+            shares.append(np.square(share) / part.freedom)
         freedom = 1 / np.sum(shares, axis=0)
     # Without variance every freedom is right.
     freedom = np.where(np.isfinite(freedom), freedom, 1)
@@ -185,8 +190,10 @@ class ErrorsByScene:
     @functools.cached_property
     def block_sums(self) -> tuple[np.ndarray, np.ndarray]:
         """[blocks, M] totals and counts, see `Score`."""
-        totals = [np.bincount(self.blocks, total) for total, _ in self.scores.values()]
-        counts = [np.bincount(self.blocks, count) for _, count in self.scores.values()]
+        totals, counts = [], []
+        for total, count in self.scores.values():
+            totals.append(np.bincount(self.blocks, total))
+            counts.append(np.bincount(self.blocks, count))
         return np.stack(totals, axis=1), np.stack(counts, axis=1)
 
     @property
@@ -290,7 +297,8 @@ def paired_difference(
     fewest_blocks = np.min(effective, axis=0)
     over_scenes = _over_blocks(seeds.mean(axis=0), mean_changes, fewest_blocks)
     metrics = tuple(model[0].scores)
-    return Difference(metrics, tuple(numbers or range(len(seeds))), seeds, over_scenes)
+    named_seeds = tuple(numbers or range(len(seeds)))
+    return Difference(metrics, named_seeds, seeds, over_scenes)
 
 
 def mean_difference(parts: Sequence[Difference]) -> Difference:
@@ -347,7 +355,8 @@ def against_best(
     known_means = {at: mean for at, mean in enumerate(means) if mean is not None}
     if higher is None or len(known_means) < 2:
         return adjusted
-    best = (max if higher else min)(known_means, key=known_means.__getitem__)
+    choose = max if higher else min
+    best = choose(known_means, key=known_means.__getitem__)
     others = [at for at in known_means if at != best]
     p_values = [p_value(best, at) for at in others]
     for at, p in zip(others, holm(p_values)):
@@ -372,7 +381,8 @@ def _of_sample(values: np.ndarray) -> Estimate:
     """The means of n independent rows `values [n, M]`, n > 1."""
     n, metrics = values.shape
     variance = values.var(axis=0, ddof=1) / n
-    return Estimate(values.mean(axis=0), variance, np.full(metrics, n - 1))
+    freedom = np.full(metrics, n - 1)
+    return Estimate(values.mean(axis=0), variance, freedom)
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:

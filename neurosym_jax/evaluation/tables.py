@@ -137,6 +137,8 @@ IDENTITY = ("model", "configuration", "training_data")
 HORIZON = ("obs_len", "pred_len")
 FACTS = ("dataset", *HORIZON, "model", "samples", "seeds", "scenes", "agents", "blocks")
 """Columns of a row that a line keeps."""
+ENDS = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
+"""How the columns of a metric end in a row, by what a line calls them."""
 
 
 def rows_frame(rows: Sequence[Row]) -> pl.DataFrame:
@@ -235,10 +237,11 @@ def first_trainings(rows: Sequence[Mapping[str, Any]]) -> list[int]:
     """
     trainings: dict[Any, list[int]] = {}
     for number, row in enumerate(rows):
-        identity = [row.get(column) for column in (*IDENTITY, "training_seed")]
-        if None not in identity:
+        identity = [row.get(column) for column in IDENTITY]
+        if None not in (*identity, row.get("training_seed")):
             test_set = [row.get(column) for column in ("dataset", *HORIZON)]
-            trainings.setdefault((*test_set, *identity[:-1]), []).append(number)
+            numbers = trainings.setdefault((*test_set, *identity), [])
+            numbers.append(number)
     first = list(range(len(rows)))
     for numbers in trainings.values():
         seeds = {rows[number]["training_seed"] for number in numbers}
@@ -256,12 +259,11 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
         _optional(rows, "learned", pl.Boolean).fill_null(False),
         line=pl.Series(first_trainings(rows.to_dicts()), dtype=pl.Int64),
     )
-    ends = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
     metrics = [name for name in rows.columns if f"{name}_low" in rows.columns]
     tables = []
     for name in metrics:
         values = []
-        for value, end in ends.items():
+        for value, end in ENDS.items():
             column = _optional(rows, f"{name}{end}", pl.Float64)
             values.append(column.alias(value))
         table = rows.select(
@@ -273,7 +275,7 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
         tables.append(table)
     long = pl.concat(tables)
     lines = long.group_by("line", "metric", maintain_order=True).agg(
-        pl.col("configuration", *FACTS, *ends).first(),
+        pl.col("configuration", *FACTS, *ENDS).first(),
         pl.col("latency").max(),
         pl.col("forecasts_per_second").min(),
         pl.col("learned").any(),
@@ -319,13 +321,15 @@ def _over_trainings(line: Row) -> Row:
     mean = float(np.mean(means))
     half = student_half(means)
     std = float(np.std(means, ddof=1))
-    return line | {"mean": mean, "low": mean - half, "high": mean + half, "std": std}
+    bounds = {"low": mean - half, "high": mean + half}
+    return line | {"mean": mean, **bounds, "std": std}
 
 
 def _means(lines: pl.DataFrame) -> Iterator[Row]:
     """Means over test sets, at each horizon, of the models that were tested on all of several."""
-    pairs = lines["checkpoint", "dataset"].rows()
-    family = [(path or "").replace(dataset, "*") for path, dataset in pairs]
+    family = []
+    for path, dataset in lines["checkpoint", "dataset"].rows():
+        family.append((path or "").replace(dataset, "*"))
     lines = lines.with_columns(family=pl.Series(family))
     for _, peers in lines.group_by(HORIZON, maintain_order=True):
         names = peers["dataset"].unique(maintain_order=True).to_list()
@@ -546,14 +550,13 @@ def _csv_table(lines: pl.DataFrame) -> str:
     """A line each, with unrounded numbers; `_low` and `_high` bound the 95 % interval, `_p` is of
     the paired test against the best."""
     facts = [*FACTS[:4], "checkpoint", "trainings", *FACTS[4:], "learned"]
-    values = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
-    wide = lines.pivot(
-        "metric", index=["line", *facts], values=list(values), maintain_order=True
-    )
+    index = ["line", *facts]
+    wide = lines.pivot("metric", index=index, values=[*ENDS], maintain_order=True)
     columns = []
     for metric in lines["metric"].unique(maintain_order=True):
-        for value, ending in values.items():
-            columns.append(pl.col(f"{value}_{metric}").alias(f"{metric}{ending}"))
+        for value, ending in ENDS.items():
+            column = pl.col(f"{value}_{metric}")
+            columns.append(column.alias(f"{metric}{ending}"))
     return csv_text(wide.select(*facts, *columns))
 
 
@@ -648,7 +651,8 @@ def _cell(metric: Metric, value: Mapping[str, Any]) -> Cell:
 def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
     """Explanations below a table for a terminal or, given whether it has `intervals`, a paper."""
     notes = [metric.about for metric in _metrics(lines).values()]
-    single = lines.filter(pl.col("trainings") == 1)["blocks"].drop_nulls()
+    is_single = pl.col("trainings") == 1
+    single = lines.filter(is_single)["blocks"].drop_nulls()
     if len(single) and intervals is not False:
         interval = "[ ]: 95 % interval" if intervals else "±: half of a 95 % interval"
         least, most = single.min(), single.max()
@@ -658,7 +662,7 @@ def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
             notes.append(
                 f"fewer than {FEWEST} blocks say nothing: no interval, no test"
             )
-    trainings = lines.filter(pl.col("trainings") > 1)["trainings"].unique()
+    trainings = lines.filter(~is_single)["trainings"].unique()
     if len(trainings):
         number = ", ".join(map(str, trainings.sort()))
         notes.append(f"{number} trainings: Student's interval of their mean instead")
@@ -681,7 +685,8 @@ def _by_test_set(lines: pl.DataFrame) -> Iterator[tuple[dict[str, Metric], list[
         groups = []
         for _, line in rows.group_by("line", maintain_order=True):
             groups.append(line.to_dicts())
-        names = labels([(first["model"], first["checkpoint"]) for first, *_ in groups])
+        models = [(first["model"], first["checkpoint"]) for first, *_ in groups]
+        names = labels(models)
         members = []
         for label, values in zip(names, groups):
             facts = values[0]

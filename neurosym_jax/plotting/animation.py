@@ -47,8 +47,10 @@ def plot_animation(
         title: of all pictures.
     """
     low, high = _limits(moments)
-    x, y = high - low
-    height = float(np.clip(WIDTH * y / x, 0.4 * WIDTH, WIDTH))
+    left, bottom = low
+    right, top = high
+    shape = (top - bottom) / (right - left)
+    height = WIDTH * float(np.clip(shape, 0.4, 1.0))
     figure, ((axes,),) = style.new_figure(WIDTH, height + 0.5)
     figure.set_dpi(DOTS)
     ids = np.concatenate([moment.people for moment in moments])
@@ -59,7 +61,7 @@ def plot_animation(
         axes.clear()
         style.dress_floor(axes, title)
         axes.set_aspect("equal", adjustable="box")
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axes.set(xlim=(left, right), ylim=(bottom, top))
         moment = moments[number]
         for row, person in enumerate(moment.people.tolist()):
             colour = colours[person]
@@ -77,13 +79,13 @@ def plot_animation(
 def _limits(moments: Sequence[Moment]) -> tuple[np.ndarray, np.ndarray]:
     """Lower left and upper right corner [2] of all people and most of what they may do."""
     ends = np.concatenate([moment.observed[:, -1] for moment in moments])
+    low = ends.min(axis=0) - MARGIN
+    high = ends.max(axis=0) + MARGIN
     futures = [moment.futures.reshape(-1, 2) for moment in moments]
     points = np.concatenate(futures)
     outside = (1 - REACH) / 2
     least, most = np.quantile(points, [outside, 1 - outside], axis=0)
-    low = np.minimum(ends.min(axis=0) - MARGIN, least)
-    high = np.maximum(ends.max(axis=0) + MARGIN, most)
-    return low, high
+    return np.minimum(low, least), np.maximum(high, most)
 
 
 def save_animation(animation: FuncAnimation, path: str | Path, period: float) -> Path:

@@ -75,13 +75,14 @@ def _drawn(members: Sequence[Result]) -> dict[str, Result]:
     """The results to draw of a test set, by distinct names, in the order given."""
     if len(members) > MAX_MODELS:
         return {item.name: item for item in reversed(members)}
-    names = labels([(item.name, item.row["checkpoint"]) for item in members])
-    return dict(zip(names, members))
+    models = [(item.name, item.row["checkpoint"]) for item in members]
+    return dict(zip(labels(models), members))
 
 
 def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
     """A column for each test set: the scene above, each error against the horizon below."""
-    metrics = list(next(iter(columns[0].values())).horizons)
+    first, *_ = columns[0].values()
+    metrics = list(first.horizons)
     heights = (1.6, *[1.0] * len(metrics))
     shape = (len(heights), len(columns))
     figure, axes = style.new_figure(
@@ -96,12 +97,10 @@ def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
         past = to_world(scene.observed, scene)[valid]
         future = to_world(scene.known_future, scene)[valid]
         above, *below = axes[:, place]
-        draw_scene(
-            above,
-            past,
-            future,
-            {name: result.forecast[:, valid] for name, result in models.items()},
-        )
+        forecasts = {}
+        for name, result in models.items():
+            forecasts[name] = result.forecast[:, valid]
+        draw_scene(above, past, future, forecasts)
         title = f"{test.dataset}, {test.obs_len} + {test.pred_len} steps"
         style.dress_floor(above, title, "y [m]" if first_column else "")
         for panel, shared, metric in zip(below, axes[1:, 0], metrics):

@@ -28,7 +28,8 @@ def draw_flows(axes: Axes, flows: Flows) -> None:
     """Draw an arrow for each flow, a quarter of its way long."""
     length = np.linalg.norm(flows.way, axis=1)
     stays = length < STAYS
-    sure = flows.share * np.minimum(flows.people / SURE, 1)
+    support = np.minimum(flows.people / SURE, 1)
+    sure = flows.share * support
     # From the faintest on, so that sure ones lie above.
     for row in np.argsort(sure):
         look = {"color": style.INK, "alpha": 0.1 + 0.8 * sure[row], "zorder": 1}

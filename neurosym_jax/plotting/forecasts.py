@@ -46,11 +46,13 @@ def plot_forecasts(
     high = points.max(axis=0)
     # At least 3 m, so that the tremor of a standing agent does not look like a walk;
     # and neither a corridor nor a row of agents makes a sliver of a figure.
-    extent = np.maximum(1.06 * (high - low) + 0.3, 3.0)
-    extent = np.maximum(extent, [0.75 * extent[1], 0.36 * extent[0]])
+    x, y = np.maximum(1.06 * (high - low) + 0.3, 3.0)
+    extent = np.maximum([x, y], [0.75 * y, 0.36 * x])
+    x, y = extent
     # High figures go into one column.
-    width = style.WIDTH if extent[1] < 0.7 * extent[0] else style.COLUMN
-    height = (width - 0.5) * extent[1] / extent[0] + (0.85 if title else 0.55)
+    width = style.WIDTH if y < 0.7 * x else style.COLUMN
+    labels = 0.85 if title else 0.55
+    height = (width - 0.5) * y / x + labels
     figure, ((axes,),) = style.new_figure(width, height)
     left, bottom = (low + high - extent) / 2
     right, top = (low + high + extent) / 2
@@ -69,7 +71,8 @@ def draw_scene(
 ) -> None:
     """Draw `past` [N, obs_len, 2], `future` [N, pred_len, 2] and samples, see `plot_forecasts`."""
     # Thinner lines for many people.
-    weight = float(np.clip((10 / len(past)) ** 0.5, 0.65, 1.0))
+    share = 10 / len(past)
+    weight = float(np.clip(share**0.5, 0.65, 1.0))
     _draw_people(
         axes,
         past[:, :1],
@@ -128,7 +131,8 @@ def _one_sample(
     if future is None:
         return path.mean(axis=0), label
     error = np.linalg.norm(path - future, axis=-1)
-    return path[error.mean(axis=(1, 2)).argmin()], label
+    best = error.mean(axis=(1, 2)).argmin()
+    return path[best], label
 
 
 def _draw_people(
@@ -150,5 +154,7 @@ def draw_paths(
     if past is not None:
         lines = np.concatenate([past[:, -1:], lines], axis=1)
     # One artist with gaps: with one a person, a figure takes twice as long.
-    gaps = np.pad(lines, [(0, 0), (0, 1), (0, 0)], constant_values=np.nan)
-    axes.plot(*gaps.reshape(-1, 2).T, **look)
+    after = [(0, 0), (0, 1), (0, 0)]
+    gaps = np.pad(lines, after, constant_values=np.nan)
+    x, y = gaps.reshape(-1, 2).T
+    axes.plot(x, y, **look)

@@ -99,22 +99,26 @@ def _step(
     way = plan.goal[following.leg, people] - state.position
     top = plan.pace[following.leg, people]
 
-    error = jnp.arctan2(way[:, 1], way[:, 0]) - state.heading
+    bearing = jnp.arctan2(way[:, 1], way[:, 0])
+    error = bearing - state.heading
     error = jnp.arctan2(jnp.sin(error), jnp.cos(error))
     turn = jnp.clip(error, -TURN_RATE * dt, TURN_RATE * dt)
     heading = state.heading + jnp.where(following.arrived, 0.0, turn)
     keep = float(np.exp(-dt / WOBBLE_TIME))
-    wobble = keep * state.wobble + float(np.sqrt(1 - keep**2)) * kick
+    renew = float(np.sqrt(1 - keep**2))
+    wobble = keep * state.wobble + renew * kick
     pace_wobble, heading_wobble = WOBBLE
 
     braking = jnp.clip(_length(way) / BRAKING, 0.3, 1.0)
     pace = top * (1 + pace_wobble * wobble[0]) * braking
-    turning = 0.25 + 0.75 * jnp.clip(jnp.cos(error), 0.0, 1.0)
+    facing = jnp.clip(jnp.cos(error), 0.0, 1.0)
+    turning = 0.25 + 0.75 * facing
     pace = jnp.where(following.arrived, 0.0, pace * turning)
     aim = heading + heading_wobble * wobble[1]
     direction = jnp.stack([jnp.cos(aim), jnp.sin(aim)], -1)
     desired = pace[:, None] * direction
-    force = (desired - state.velocity) / RELAXATION + _walls(state.position, room)
+    force = (desired - state.velocity) / RELAXATION
+    force = force + _walls(state.position, room)
     force = _with_others(force, state, heading, abreast)
 
     velocity = state.velocity + dt * force
@@ -141,7 +145,8 @@ def _on_legs(plan: Plan, dt: float, state: _State) -> _State:
     goal = plan.goal[state.leg, people]
     at_goal = _length(goal - state.position) < ARRIVED
     arrived = state.arrived | at_goal | (state.since > PATIENCE)
-    ready = arrived & (arrived[partner] | (state.leg[partner] > state.leg))
+    is_ahead = state.leg[partner] > state.leg
+    ready = arrived & (arrived[partner] | is_ahead)
     pause = jnp.where(ready, state.pause - dt, state.pause)
     depart = ready & (pause <= 0)
     leg = jnp.minimum(state.leg + depart, len(plan.goal) - 1)
@@ -192,7 +197,8 @@ def _repulsion(own, other, heading, own_velocity, velocity) -> jax.Array:
     def potential(offset):
         stride = (velocity - own_velocity) * ANTICIPATION
         major = _length(offset) + _length(offset - stride)
-        minor = 0.5 * jnp.sqrt(jnp.maximum(major**2 - stride @ stride, 1e-4))
+        square = major**2 - stride @ stride
+        minor = 0.5 * jnp.sqrt(jnp.maximum(square, 1e-4))
         return REPULSION * jnp.exp((BODY - minor) / RANGE)
 
     offset = own - other
@@ -216,4 +222,5 @@ def _walls(position: jax.Array, room: tuple[float, float]) -> jax.Array:
 
 def _length(vector: jax.Array) -> jax.Array:
     """Euclidean length over the last axis; smooth at zero, for its gradient is a force."""
-    return jnp.sqrt(jnp.sum(vector * vector, axis=-1) + 1e-8)
+    square = jnp.sum(vector * vector, axis=-1)
+    return jnp.sqrt(square + 1e-8)
