@@ -575,8 +575,6 @@ class Table:
         numbers, if there is one; `columns` has ROLE=COLUMN of all, `unused` the others.
         `people` are the texts of ids.
         """
-        import polars as pl
-
         row = self.row if row is None else row
         person = np.array(people)[id] if people else id
         rate = None
@@ -584,44 +582,65 @@ class Table:
         if clock is not None and stamp[last]:
             rate = round(float(self.whole_numbers(clock)[last] / stamp[last]), 6)
         names, part = parts or ([printable(self.path.stem)], np.zeros(len(row), int))
-        x, y = position.T
-        points = pl.DataFrame({"part": part, "id": id, "stamp": stamp, "x": x, "y": y})
-        is_first = points.select(pl.struct(pl.all()).is_first_distinct()).to_series()
-        step = pl.col("stamp").diff().over("part", "id")
-        points = points.with_row_index().filter(is_first)
-        back = points.filter(step < 0).get_columns()[:2]
+        is_first, is_back = _order_of(part, id, stamp, position)
         recordings = []
         for number, name in enumerate(names):
-            table = self
-            at = np.flatnonzero((part == number) & is_first.to_numpy())
-            repeats = np.sum(part == number) - len(at)
-            if repeats:
-                line = f"{repeats} rows that stand twice"
-                table = dataclasses.replace(self, left_out=(*self.left_out, line))
-            backward = back[0].filter(back[1] == number)
-            if len(backward):
-                first = f"row {row[backward[0]]}: time runs backward for agent"
-                times = f"({len(backward)} times in all)"
-                table = table.warned(
-                    f"{first} {person[backward[0]]} {times}; the rows are sorted"
-                )
-            left_out = tuple(f"{line} are left out" for line in table.left_out)
+            is_here = part == number
+            table = self._told(is_here & ~is_first, is_here & is_back, row, person)
+            at = np.flatnonzero(is_here & is_first)
             reading = Reading(
                 name,
                 printable(str(self.path)),
                 rows=len(at),
                 left_out=table.left_out,
-                warnings=left_out + table.warnings,
+                warnings=table.warnings,
                 notes=self.notes,
                 rate=rate,
                 columns=tuple(columns),
                 unused=tuple(unused),
             )
-            chosen = stamp[at], person[at], position[at]
+            points = stamp[at], person[at], position[at]
             others = {key: extras[key][at] for key in extras}
-            tracks = make_tracks(name, *chosen, others, reading=reading, row=row[at])
+            tracks = make_tracks(name, *points, others, reading=reading, row=row[at])
             recordings.append(tracks)
         return recordings
+
+    def _told(
+        self, repeats: np.ndarray, back: np.ndarray, row: np.ndarray, person: np.ndarray
+    ) -> "Table":
+        """The table with warnings of all that is left out, and of the rows of two masks [R]: those
+        that stand twice, and those before which time runs on."""
+        table = self
+        if repeats.any():
+            line = f"{repeats.sum()} rows that stand twice"
+            table = dataclasses.replace(self, left_out=(*self.left_out, line))
+        left_out = tuple(f"{line} are left out" for line in table.left_out)
+        table = dataclasses.replace(table, warnings=left_out + table.warnings)
+        if not back.any():
+            return table
+        at = back.argmax()
+        return table.warned(
+            f"row {row[at]}: time runs backward for agent {person[at]} ({back.sum()} times in "
+            "all); the rows are sorted"
+        )
+
+
+def _order_of(
+    part: np.ndarray, id: np.ndarray, stamp: np.ndarray, position: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """[R] bool: rows that repeat none before them, and of these the ones that are earlier than the
+    row of the same person before them."""
+    import polars as pl
+
+    x, y = position.T
+    points = pl.DataFrame({"part": part, "id": id, "stamp": stamp, "x": x, "y": y})
+    is_first = points.select(pl.struct(pl.all()).is_first_distinct()).to_series()
+    step = pl.col("stamp").diff().over("part", "id")
+    is_back = np.zeros(len(part), bool)
+    is_back[is_first] = (
+        points.filter(is_first).select(step.fill_null(0) < 0).to_series()
+    )
+    return is_first.to_numpy(), is_back
 
 
 def absent(texts: "pl.Series") -> "pl.Series":
