@@ -102,10 +102,13 @@ def _interpolated(
 
 
 def _refuse_grid(tracks: Tracks, period: float, first: float, max_gap: float) -> None:
-    is_usable = np.isfinite([period, first]).all() and period > 2 * SNAP
-    if not (is_usable and max_gap >= 0):
-        options = f"period {period}, start {first}, longest gap {max_gap} s"
-        raise InputError(f"{tracks.recording}: no usable grid: {options}")
+    if not 2 * SNAP < period < np.inf:
+        raise InputError(
+            f"{tracks.recording}: the period must be positive, not {period:g}"
+        )
+    if not (np.isfinite(first) and max_gap >= 0):
+        limits = f"start {first}, longest gap {max_gap} s"
+        raise InputError(f"{tracks.recording}: no usable grid: {limits}")
 
 
 def phases(
@@ -237,10 +240,7 @@ def on_grid(tracks: Tracks, period: float = PERIOD, max_gap: float = 1.0) -> Tra
     Raises:
         InputError: for a period or gap that is not a usable number, see `resample`.
     """
-    if not 0 < period < np.inf:
-        raise InputError(
-            f"{tracks.recording}: the period must be positive, not {period}"
-        )
+    _refuse_grid(tracks, period, 0.0, max_gap)
     place = (tracks.stamp - tracks.stamp.min()) / period
     nearest = np.rint(place)
     steps = np.diff(nearest)[np.diff(tracks.id) == 0]

@@ -814,8 +814,7 @@ def stamps_of(
     if options.time_unit:
         raise InputError(f"{option('time_unit')} is of no use: it counts frames")
     frame = table.whole_numbers(schema.places["frame"])
-    stated = _stated_rates(table, options, period)
-    rates = stated | _rate_of_file(table, facts, stated)
+    rates = _rates(table, options, period, facts)
     rates = rates or _rate_of_velocities(table, schema, ids, frame, position)
     if not rates:
         return _assumed(table, schema, frame, ids, period)
@@ -824,43 +823,34 @@ def stamps_of(
         if abs(np.log(value / rate)) > np.log1p(AGREE):
             line = f"{source} says {rate:g} frames a second, {other} {value:g}"
             table = table.warned(options.allowed("clock", line))
-    if not stated:
+    if source not in (option("fps"), option("eth_stride")):
         table = table.noted(f"{rate:g} frames a second ({source})")
     # In this order 10 frames at 25 a second are 0.4 s exactly.
     return table, frame / (rate * period) * period
 
 
-def _stated_rates(
-    table: Table, options: ReadOptions, period: float
+def _rates(
+    table: Table, options: ReadOptions, period: float, facts: Facts
 ) -> dict[str, float]:
-    """The rates that the user says, by option."""
-    rates = {}
-    rate = options.fps_of(table.path.stem)
-    if rate:
-        rates[option("fps")] = rate
-    if options.eth_stride and table.path.stem.startswith("biwi_eth"):
-        rates[option("eth_stride")] = options.eth_stride / period
-    return rates
-
-
-def _rate_of_file(
-    table: Table, facts: Facts, stated: Mapping[str, float]
-) -> dict[str, float]:
-    """The rate that the file says, by what says it.
+    """The rates that the user says, by option, and that the file says, by what says it.
 
     Raises:
-        InputError: where it is none, and the user has `stated` none.
+        InputError: where the file says one that is none, and the user says none.
     """
-    if "fps" not in facts:
-        return {}
-    text, witness = facts["fps"]
-    if 0 < float(text) < math.inf:
-        return {witness: float(text)}
-    if stated:
-        return {}
-    raise InputError(
-        f"{witness} says {text} frames a second: say {option('fps', 25)}, or what it is"
-    )
+    stem = table.path.stem
+    rates = {option("fps"): options.fps_of(stem)}
+    if options.eth_stride and stem.startswith("biwi_eth"):
+        rates[option("eth_stride")] = options.eth_stride / period
+    if "fps" in facts:
+        text, witness = facts["fps"]
+        rates[witness] = float(text)
+    usable = {source: rate for source, rate in rates.items() if 0 < rate < math.inf}
+    if "fps" in facts and not usable:
+        text, witness = facts["fps"]
+        raise InputError(
+            f"{witness} says {text} frames a second: say {option('fps', 25)}, or what it is"
+        )
+    return usable
 
 
 def _rate_of_velocities(
