@@ -106,10 +106,11 @@ def equal_points(points: Array, weight: Array, key: Array, count: int) -> Array:
 
     def draw(agent: Array) -> Array:
         agent_key = jax.random.fold_in(key, agent)
-        return jax.random.uniform(agent_key, (count,), maxval=1 - 1e-6)
+        return jax.random.uniform(agent_key, maxval=1 - 1e-6)
 
+    # One for all points of a person: so none is taken twice whose part is less than one.
     within = jax.vmap(draw)(jnp.arange(points.shape[1]))
-    place = (jnp.arange(count)[None] + within) / count
+    place = (jnp.arange(count)[None] + within[:, None]) / count
     ends = jnp.cumsum(weight, axis=1)[:, None]
     chosen = (ends[..., :-1] <= place[..., None] * ends[..., -1:]).sum(axis=2)
     return _take(points, chosen.T)
