@@ -92,8 +92,7 @@ def _rows(title: str, found: list[tuple[int, dict[str, Any]]]) -> list[Row]:
 def one(model: str, people: int, draws: int) -> dict[str, Any]:
     """Seconds of three warm repeats, and the peak of memory in MB; without draws of samples."""
     from neurosym_jax.models.disk import load_model
-    from neurosym_jax.models.distribution import predict_distribution
-    from neurosym_jax.models.forecast import predict
+    from neurosym_jax.models.forecast import predict, predict_distribution
 
     forecaster, draw, seconds = load_model(model), np.random.default_rng(0), []
     start = draw.uniform(0, 2 * people**0.5, (people, 1, 2))

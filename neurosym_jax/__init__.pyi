@@ -16,11 +16,11 @@ from .models.anchors.network import AnchorConfig as AnchorConfig
 from .models.anchors.recipe import AnchorRecipe as AnchorRecipe
 from .models.disk import load_model as load_model
 from .models.disk import save_model as save_model
-from .models.distribution import predict_distribution as predict_distribution
 from .models.forecast import Model as Model
 from .models.forecast import forecast as forecast
 from .models.forecast import predict as predict
 from .models.forecast import predict_batches as predict_batches
+from .models.forecast import predict_distribution as predict_distribution
 from .models.forecast import predict_representatives as predict_representatives
 from .models.forecast import predict_scenes as predict_scenes
 from .models.forecaster import Forecaster as Forecaster

@@ -14,8 +14,7 @@ from neurosym_jax.data.tables import AS_IT_SAYS
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.disk import find_model, load_model
-from neurosym_jax.models.distribution import predict_distribution
-from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecast import Model, predict_distribution
 from neurosym_jax.runtime.files import refuse_unwritable
 
 __all__ = ["run"]

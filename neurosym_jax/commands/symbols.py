@@ -22,8 +22,7 @@ from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.tables import csv_text
 from neurosym_jax.models.disk import find_model, load_model, spoken_name
-from neurosym_jax.models.distribution import predict_distribution
-from neurosym_jax.models.forecast import Model
+from neurosym_jax.models.forecast import Model, predict_distribution
 from neurosym_jax.models.forecaster import Lengths
 from neurosym_jax.runtime.files import refuse_unwritable, write_text
 from neurosym_jax.scene import make_scene

@@ -501,9 +501,13 @@ class Table:
     def whole_numbers(self, place: int) -> np.ndarray:
         """[R] float64 whole numbers of a column."""
         values = self.numbers(place)[:, 0]
+        name = self.names[place][:30]
         self.refuse(
             (np.abs(values) > 2.0**53) | (values != np.rint(values)),
-            lambda at: f"{self.names[place][:30]} {values[at]} is not a whole number",
+            lambda at: (
+                f"{name} {values[at]} is not a whole number (if the column is no {name}, "
+                f"{option('columns')} says what the columns are)"
+            ),
         )
         return values
 

@@ -23,6 +23,7 @@ from neurosym_jax.models.forecast import (
 )
 from neurosym_jax.models.forecaster import Forecaster, refuse_many
 from neurosym_jax.models.place.mixture import Remembered
+from neurosym_jax.models.place.samples import exchange_batch
 from neurosym_jax.runtime.process import COMPILED_UNFUSED, cpu_cores
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import (
@@ -118,7 +119,9 @@ def score_forecaster(
 ) -> Evaluation:
     """Scores of `forecaster` on every scene of `batches`, see `make_batches`.
 
-    `memories` of the place, one for each batch, are in the distribution alone.
+    With `memories` of the place, one for each batch, some samples are exchanged for draws
+    of the distribution, of which these are a part; metrics of what neighbours change
+    see the network's.
     """
     start = time.perf_counter()
     samples = forecaster.count(samples)
@@ -222,12 +225,16 @@ def score_batch(
             forecaster, params, *without_neighbours(scenes, noise)
         )
         moves = unpacked(futures - alone, valid)
+    places = unpacked(futures, valid)
     drawn = tuple(named for named in metrics if named[1].drawn)
     others = tuple(named for named in metrics if not named[1].drawn)
-    scores = score_scenes(others, unpacked(futures, valid), scenes, probability, moves)
-    if drawn:
+    scores: Scores = {}
+    if drawn or memory is not None:
         draws = _draws(forecaster, params, scenes, seed, memory)
         scores |= score_scenes(drawn, draws, scenes)
+        if memory is not None:
+            places = exchange_batch(places, probability, draws, valid, memory)
+    scores |= score_scenes(others, places, scenes, probability, moves)
     return {name: scores[name] for name, _ in metrics}
 
 

@@ -6,10 +6,10 @@ from .baselines import ConstantVelocitySampled as ConstantVelocitySampled
 from .disk import load_model as load_model
 from .disk import save_model as save_model
 from .disk import shipped_models as shipped_models
-from .distribution import predict_distribution as predict_distribution
 from .forecast import Model as Model
 from .forecast import SceneForecaster as SceneForecaster
 from .forecast import predict as predict
+from .forecast import predict_distribution as predict_distribution
 from .forecast import predict_representatives as predict_representatives
 from .forecast import predict_scenes as predict_scenes
 from .forecaster import Forecaster as Forecaster

@@ -8,7 +8,7 @@ import itertools
 import json
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,7 @@ from neurosym_jax.models.forecaster import (
 )
 from neurosym_jax.models.histories import whole_history
 from neurosym_jax.models.place.mixture import Remembered
+from neurosym_jax.models.place.samples import DRAWS, exchange_scene
 from neurosym_jax.models.tracking_errors import (
     repair_scene,
     repair_tracks,
@@ -62,14 +63,17 @@ __all__ = [
     "checked_scene",
     "digest_of",
     "draw_batch",
+    "draw_futures",
     "forecast",
     "forecast_batch",
     "forecast_scene",
     "forecast_windows",
     "predict",
     "predict_batches",
+    "predict_distribution",
     "predict_representatives",
     "predict_scenes",
+    "recalled_by",
     "refuse_other_length",
     "unpacked",
     "warn_of_tracking_errors",
@@ -166,6 +170,17 @@ def digest_of(*contents: Any) -> str:
     return sha.hexdigest()
 
 
+class PlaceLike(Protocol):
+    """What a forecast asks of a `Place`."""
+
+    model: Model
+    """Which watches it."""
+
+    def recalled(self, observed: np.ndarray, scene: Scene, slots: int) -> Remembered:
+        """See `Place.recalled`."""
+        ...
+
+
 class SceneForecaster:
     """k futures of each scene it is called with, by one compiled program a bucket of sizes."""
 
@@ -259,6 +274,7 @@ def predict(
     recording: str = "",
     frame: int = 0,
     repair: bool = False,
+    place: PlaceLike | None = None,
 ) -> np.ndarray:
     """Forecast one scene in the caller's own frame.
 
@@ -274,6 +290,9 @@ def predict(
         repair: give plausible tracks in place of tracking errors (see `repair_tracks`)
             to a network that takes positions as they are, SGAN's or NeuroSyM's. Anchors
             always see plausible tracks.
+        place: what people did here before, see `predict_distribution`: some samples are
+            exchanged for draws with it (`models.place.samples`), which take their
+            probabilities; the most probable one stays.
 
     Returns:
         [k, N, pred_len, 2] float64 metres.
@@ -290,6 +309,7 @@ def predict(
         recording=recording,
         frame=frame,
         repair=repair,
+        place=place,
     )
     return futures
 
@@ -303,6 +323,7 @@ def predict_representatives(
     recording: str = "",
     frame: int = 0,
     repair: bool = False,
+    place: PlaceLike | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The futures that `predict` returns, and their probabilities [k].
 
@@ -323,7 +344,113 @@ def predict_representatives(
     futures, probability = forecaster.finish(forecaster.start(scene), scene)
     if probability is None:
         probability = np.full(len(futures), 1 / len(futures))
+    if place is not None:
+        memory = recalled_by(place, model, scene)
+        draws = draw_futures(forecaster, scene, DRAWS, memory)
+        futures = exchange_scene(futures, probability, draws, memory)
     return futures, probability
+
+
+def predict_distribution(
+    model: Model,
+    observed: ArrayLike,
+    *,
+    draws: int = 200,
+    seed: int = 0,
+    recording: str = "",
+    frame: int = 0,
+    repair: bool = False,
+    place: PlaceLike | None = None,
+) -> np.ndarray:
+    """Equally probable futures of one scene, for probabilities, regions and risks.
+
+    Those of `anchors` are drawn from what it learned by a proper score. For other
+    models they are the samples of `predict`, from as many noises; a model without noise
+    has one.
+
+    Args:
+        model: see `load_model`.
+        observed: [N, obs_len, 2] metres.
+        draws: number of futures n.
+        seed: with `recording` and `frame`, determines the draws.
+        recording: name of the recording.
+        frame: index of the first observed step in the recording.
+        repair: as in `predict`.
+        place: what people did here before, which is watched with the same model; in its
+            frame are `observed` and the futures.
+
+    Returns:
+        [n, N, pred_len, 2] float64 metres.
+
+    Raises:
+        InputError: as `predict`, and for a place of another model.
+    """
+    refuse(Count, {"draws": draws})
+    scene = checked_scene(model, observed, recording, frame, repair)
+    forecaster = SceneForecaster(
+        model.forecaster, model.params, samples=1, seed=seed, repair=repair
+    )
+    memory = None if place is None else recalled_by(place, model, scene)
+    return draw_futures(forecaster, scene, draws, memory)
+
+
+def recalled_by(place: PlaceLike, model: Model, scene: Scene) -> Remembered:
+    """What `place` recalls for the people of `scene`, padded as a forecast of it.
+
+    Raises:
+        InputError: if the place is watched with another model.
+    """
+    if place.model is not model:
+        raise InputError("place: it is watched with another model")
+    slots = int(bucket_of(len(scene.valid)))
+    return place.recalled(to_world(scene.observed, scene), scene, slots)
+
+
+def draw_futures(
+    forecaster: SceneForecaster,
+    scene: Scene,
+    count: int,
+    memory: Remembered | None = None,
+) -> np.ndarray:
+    """Draw `count` equally probable futures [n, N, pred_len, 2] of `scene`, world metres.
+
+    With the `memory` of a place, `Place.recalled`, some are what people did there before.
+    """
+    slots = int(bucket_of(len(scene.valid)))
+    refuse_many(forecaster.forecaster, count, slots)
+    padded = forecaster.forecaster.prepared(pad_scene(scene.bare(), slots))
+    futures = _draw_padded(
+        forecaster.forecaster,
+        forecaster.params,
+        padded,
+        forecaster.key,
+        count,
+        forecaster.repair,
+        memory,
+    )
+    return to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
+
+
+@program((0, 4, 5), compiler_options=options_of)
+def _draw_padded(
+    forecaster: Forecaster,
+    params: Any,
+    scene: Scene,
+    key: Array,
+    count: int,
+    repair: bool,
+    memory: Remembered | None,
+) -> Array:
+    key = key_of(key)
+    if not repair or forecaster.repairs:
+        return forecaster.distribution(params, scene, key, count, memory)
+    period = forecaster.config.period
+    scene, repaired = repair_scene(scene, period)
+    draws = forecaster.distribution(params, scene, key, count)
+    draws = settle(draws, repaired, period)
+    if memory is None:
+        return draws
+    return memory.among(draws, scene, key, count)
 
 
 def checked_scene(

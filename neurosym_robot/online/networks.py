@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurosym_jax.data.windows import bucket_of
-from neurosym_jax.models.distribution import draw_futures
-from neurosym_jax.models.forecast import Model, SceneForecaster
+from neurosym_jax.models.forecast import Model, SceneForecaster, draw_futures
 from neurosym_jax.models.forecaster import Representatives
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.scene import Scene, make_scene, pad_scene, scene_identity

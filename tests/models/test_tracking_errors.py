@@ -14,8 +14,7 @@ import neurosym_jax as nj
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.interop.export import program_of
-from neurosym_jax.models.distribution import predict_distribution
-from neurosym_jax.models.forecast import forecast_windows
+from neurosym_jax.models.forecast import forecast_windows, predict_distribution
 from neurosym_jax.models.forecaster import draw_noise
 from neurosym_jax.models.tracking_errors import (
     FASTEST,

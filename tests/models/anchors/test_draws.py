@@ -23,8 +23,7 @@ from neurosym_jax.models.anchors.draws import (
 )
 from neurosym_jax.models.anchors.forecaster import apply_anchors
 from neurosym_jax.models.disk import load_model
-from neurosym_jax.models.distribution import predict_distribution
-from neurosym_jax.models.forecast import predict
+from neurosym_jax.models.forecast import predict, predict_distribution
 from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene, to_world
 from tests.networks import random_model

@@ -96,6 +96,29 @@ def test_forecasts_turn_where_people_turn(model, watched):
     assert error(taught) < 0.6 * error(alone)
 
 
+def test_the_best_of_twenty_samples_turns_and_the_most_probable_stays():
+    model = nj.load_model("anchors_general_12")
+    place = nj.Place(model)
+    place.watch_tracks(crowd(10))
+    observed = window(999, 6.0)
+    future = np.array([corner(6.0 + PERIOD * step, 999) for step in range(1, 13)])
+    alone, probability = nj.predict_representatives(model, observed)
+    taught, same = nj.predict_representatives(model, observed, place=place)
+
+    def best(samples):
+        return np.linalg.norm(samples[:, 0] - future, axis=-1).mean(axis=-1).min()
+
+    assert best(taught) < 0.9 * best(alone)
+    assert np.array_equal(probability, same)
+    central = probability.argmax()
+    np.testing.assert_allclose(taught[central], alone[central], atol=1e-5)
+    kept = [
+        np.abs(alone - sample).max(axis=(1, 2, 3)).min() < 1e-5 for sample in taught
+    ]
+    assert 10 <= sum(kept) < 20
+    assert np.array_equal(nj.predict(model, observed, place=place), taught)
+
+
 def test_elsewhere_the_forecast_is_the_models_own_direction(model, watched):
     observed = window(999, 6.0, shift=(300.0, 0.0))
     draws = nj.predict_distribution(model, observed, place=watched)
