@@ -213,10 +213,13 @@ def test_a_whole_run_is_read_in_time(tmp_path):
     rows = [(frame, frame / 100, row) for frame in range(25_000)]
     path = tmp_path / "long_6D.tsv"
     path.write_text(qtm(header, *rows))
-    start = time.process_time()
-    (tracks,) = Qtm().read(path, ReadOptions(), 0.4)
-    # It takes a second where nothing else runs.
-    assert time.process_time() - start < 6
+    seconds = []
+    # The least of three: what runs beside a test takes its time, too.
+    for _ in range(3):
+        start = time.process_time()
+        (tracks,) = Qtm().read(path, ReadOptions(), 0.4)
+        seconds.append(time.process_time() - start)
+    assert min(seconds) < 2
     assert len(tracks.id) == 13 * 25_000
 
 
