@@ -151,6 +151,8 @@ class ForecastNode(ForecastingNode):
 
     def _topic(self, name: str, kind: str) -> Topic:
         definition, md5 = self._store.generate_msgdef(kind, ros_version=1)
+        # As ROS 1 writes it: `rosbag play --rate-control-topic` knows no other form.
+        definition = definition.replace("std_msgs/Header header", "Header header")
         return Topic(self.node.names(name), ros1_name(kind), md5, definition)
 
     def _advertise(self, topic: str, kind: str) -> Outlet:
