@@ -19,7 +19,7 @@ from tests.registrations import forget_plugins, restored_registrations
 PLUGIN = str(Path(__file__).with_name("family_plugin.py"))
 RECIPE = Recipe(steps=60, batch_scenes=8, validate_every=20, learning_rate=0.01)
 FILES = 28
-"""Most that run for a training, beside the plugin's own, as docs/architecture.md draws."""
+"""Most that run for a training, beside the plugin's own."""
 TRAIN = ("--dataset", "cross-path", "--set", "batch_scenes=4", "validate_every=2")
 
 

@@ -18,7 +18,7 @@ from neurosym_jax.data.recordings import read_any
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation import social_force
 from neurosym_robot.online.window import Window
-from studies import driving, place
+from studies import driving, place, results
 from studies.distribution import table as distribution_table
 from studies.mistakes.__main__ import tell
 from studies.mistakes.corpus import MISTAKES
@@ -73,15 +73,21 @@ def test_the_lead_without_two_data_sets_is_that_of_the_table():
 
 def test_pages_on_learning_a_place_have_what_the_study_prints():
     table, means = place.page(pl.read_csv(place.TABLE)).split("\n\n")
-    page = (ROOT / "studies" / "pages" / "place.md").read_text(encoding="utf-8")
+    page = beside_studies("place")
     assert table in page
-    page = (DOCS / "place.md").read_text(encoding="utf-8").replace("−", "-")
+    page = page.replace("−", "-")
     numbers = re.findall(r": ([+-][\d.]+ ± [\d.]+) % \(\d+\)", means)
     counts = re.findall(r"\((\d+)\)", means)
     assert len(numbers) == len(counts) == 8
     for row in range(0, 8, 2):
         cells = f"| {counts[row]} | {numbers[row]} | {numbers[row + 1]} |"
         assert cells in page
+    entrance = (DOCS / "place.md").read_text(encoding="utf-8").replace("−", "-")
+    fall = numbers[0].removeprefix("-")
+    assert (
+        f"energy score there by {fall} %.** That is the mean of {counts[0]}" in entrance
+    )
+    assert f"In the second half of a recording it is {numbers[1]} %" in entrance
 
 
 def test_the_page_of_weighting_has_the_differences_of_its_table():
@@ -214,7 +220,26 @@ def test_the_page_says_what_forecasts_are_worth():
     episodes = driving.read(DOCS / "driving.csv")
     tables = {setting: driving.table_of(rows) for setting, rows in episodes.items()}
     assert len({len(table) for table in tables.values()}) == 1
-    assert driving.comparison(tables, 20.0) in (DOCS / "nav2.md").read_text()
+    assert driving.comparison(tables, 20.0) in beside_studies("driving")
+    # Rows of belief, weight and margin, risk and time, without their intervals.
+    curves = re.sub(r" \([\d. to]+\)", "", driving.curves(tables))
+    rows = re.findall(
+        r"(?m)^\| ([^|]*) \| (\d), (0[.\d]+) m \| (\d+) \| ([\d.]+) \|$",
+        (DOCS / "nav2.md").read_text(),
+    )
+    assert len(rows) == 4
+    for belief, *cells in rows:
+        name = belief.removesuffix(" of `recommended`")
+        assert f"| {' | '.join([name, *cells])} |" in curves
+
+
+def test_the_page_of_the_distribution_has_its_table():
+    assert results.energy_scores() in beside_studies("distribution")
+
+
+def beside_studies(name: str) -> str:
+    """The page `name` beside the studies."""
+    return (ROOT / "studies" / "pages" / f"{name}.md").read_text(encoding="utf-8")
 
 
 def test_data_kept_back_and_test_data_are_not_trained_on(tmp_path):
