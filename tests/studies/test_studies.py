@@ -83,11 +83,10 @@ def test_pages_on_learning_a_place_have_what_the_study_prints():
         cells = f"| {counts[row]} | {numbers[row]} | {numbers[row + 1]} |"
         assert cells in page
     entrance = (DOCS / "place.md").read_text(encoding="utf-8").replace("−", "-")
-    fall = numbers[0].removeprefix("-")
-    assert (
-        f"energy score there by {fall} %.** That is the mean of {counts[0]}" in entrance
-    )
-    assert f"In the second half of a recording it is {numbers[1]} %" in entrance
+    row = counts.index("24")  # Those on which no choice was made.
+    fall = numbers[row].removeprefix("-")
+    assert f"energy score there by {fall} %.** That is the mean of 24 " in entrance
+    assert f"In the second half of a recording it is {numbers[row + 1]} %" in entrance
 
 
 def test_the_page_of_weighting_has_the_differences_of_its_table():
