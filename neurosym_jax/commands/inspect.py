@@ -86,7 +86,10 @@ def run(
     if moment:
         _print_next(path, [] if folder else recordings, len(moment.agent), read)
     else:
-        print("no forecast: nobody is seen for 6 s, 16 steps")
+        print(
+            "no forecast: nobody is seen for 6 s, 16 steps. People who are seen for less: "
+            f"neurosym replay {shlex.quote(str(path))} --model {RECOMMENDED} --dashboard"
+        )
     return 0
 
 

@@ -138,9 +138,16 @@ def cut_windows(
     for tracks in recordings:
         parts.append(_cut(tracks, obs_len, pred_len, skip, min_agents))
     if not any(part.scenes for part in parts):
+        longest = max(map(_longest_run, recordings), default=0)
+        steps = f"{obs_len + pred_len} consecutive steps"
+        if longest < obs_len + pred_len:
+            hint = f"nobody is in view for more than {longest}; evaluate and train take shorter "
+            hint += f"windows by {option('obs_len')} and {option('pred_len')}"
+        else:
+            hint = "some people are, with too few others"
         raise InputError(
-            f"{names}: no {obs_len + pred_len} consecutive steps have at least {min_agents} people "
-            f"throughout (longer gaps than {option('max_gap')} are not filled)"
+            f"{names}: no {steps} have at least {min_agents} people throughout: {hint} (longer "
+            f"gaps than {option('max_gap')} are not filled)"
         )
     windows = _joined(parts)
     if not periods:
@@ -239,6 +246,16 @@ def _complete_rows(tracks: Tracks, place: np.ndarray, length: int) -> np.ndarray
     same_agent = tracks.id[first] == tracks.id[last]
     span = place[last] - place[first]
     return first[same_agent & (span == length - 1)]
+
+
+def _longest_run(tracks: Tracks) -> int:
+    """The most consecutive steps at which one agent is seen."""
+    if not len(tracks.id):
+        return 0
+    same_agent = tracks.id[1:] == tracks.id[:-1]
+    ends = ~(same_agent & (np.diff(_places(tracks)) == 1))
+    borders = np.flatnonzero(np.concatenate([[True], ends, [True]]))
+    return int(np.diff(borders).max())
 
 
 def _foreseen(tracks: Tracks, rows: np.ndarray, obs_len: int) -> np.ndarray:

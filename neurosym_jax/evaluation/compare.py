@@ -2,6 +2,7 @@
 reports, and `evaluate`.
 """
 
+import contextlib
 import dataclasses
 import functools
 import itertools
@@ -344,10 +345,19 @@ def make_test(
 
     The reading of the first recording keeps the warnings of training people, for
     reports.
+
+    Raises:
+        InputError: for recordings without a window.
     """
-    windows = cut_windows(
-        recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents
-    )
+    lengths = test_set.obs_len, test_set.pred_len
+    try:
+        windows = cut_windows(recordings, *lengths, min_agents=min_agents)
+    except InputError as error:
+        with contextlib.suppress(InputError):
+            cut_windows(recordings, *lengths, min_agents=1)
+            hint = f"{option('min_agents', 1)} tests people alone, too"
+            error = InputError(f"{error}; {hint}")
+        raise error from None
     return _told(Test(test_set, entries, windows, recordings=recordings))
 
 

@@ -71,6 +71,9 @@ def find_model(
     returned unchanged. `recommended` is the shipped `anchors` for `dataset` and
     `pred_len` (default: 8).
 
+    Raises:
+        InputError: for `recommended` with another number of steps than ships.
+
     Warns:
         InputWarning: for a path that has the name of a shipped model.
     """
@@ -78,6 +81,8 @@ def find_model(
     if str(path) == RECOMMENDED:
         name = Path(shipped_name("anchors", dataset, pred_len or 8))
     shipped = _shipped_folder() / name
+    if name != path and not (os.path.isdir(shipped) or os.path.exists(path)):
+        _refuse_unshipped_length(pred_len or 8)
     # os.path, unlike Path, takes a name that is too long for one that does not exist.
     if not name.name or not os.path.isdir(shipped):
         return _model_of_run(find(path if os.path.exists(path) else name))
@@ -87,6 +92,17 @@ def find_model(
         line = f"{path}: the one in this folder, not the model of this name that ships"
         warnings.warn(line, InputWarning, stacklevel=2)
     return _model_of_run(path)
+
+
+def _refuse_unshipped_length(pred_len: int) -> None:
+    """Say what `recommended` forecasts, if no shipped network forecasts `pred_len` steps."""
+    names = [path.name for path in shipped_models() if path.name.startswith("anchors_")]
+    lengths = sorted({int(name.rpartition("_")[2]) for name in names})
+    if pred_len not in lengths:
+        raise InputError(
+            f"{RECOMMENDED} forecasts {' or '.join(map(str, lengths))} steps, not {pred_len}: "
+            f"neurosym train --family anchors --pred-len {pred_len} trains a model for them"
+        )
 
 
 def _model_of_run(path: Path) -> Path:

@@ -145,7 +145,7 @@ def _windows(
         if fewer is not None and fewer < least:
             return cut_windows(part, *lengths, min_agents=fewer)
         if least > 1 and _windows_if_any(part, config, 1):
-            hint = "min_agents=1 in the recipe learns from people alone"
+            hint = "min_agents=1 in the recipe (--set min_agents=1) learns from people alone"
             raise InputError(f"{error}; {hint}") from None
         raise
 

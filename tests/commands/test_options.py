@@ -380,6 +380,7 @@ REFUSED = {
     "evaluate --data {d}/a --dataset zara9": "unknown dataset 'zara9'",
     "evaluate --data {d}/a --pred-len 999": "no 1007 consecutive steps",
     "evaluate --model absent.pt": "absent.pt: no such model (`neurosym models --all`",
+    "evaluate --model recommended --pred-len 4": "forecasts 8 or 12 steps, not 4: neurosym train",
     "evaluate --model recomended": "no such model (did you mean recommended?)",
     "evaluate --model sgan": "sgan: no such model (did you mean sgan_eth_12?)",
     "evaluate --model {d}/corrupt.pt": "corrupt.pt: ",

@@ -117,10 +117,13 @@ def test_refused():
     slow = dataclasses.replace(walk(20, 2), stamp=walk(20, 2).stamp * 2)
     for recordings, message in (
         ([], "no recordings"),
-        ([walk(15, 3, "short")], "short: no 16 consecutive steps"),
+        (
+            [walk(9, 2, "shorter"), walk(15, 3, "short")],
+            "short: no 16 consecutive steps .* more than 15; evaluate and train take shorter",
+        ),
         (
             [walk(40, 1, "lonely")],
-            "lonely: no 16 consecutive steps have at least 2 people",
+            "lonely: no 16 consecutive steps have at least 2 people throughout: some people",
         ),
         ([free], "free: its stamps are on no one grid: use data.on_grid"),
         ([walk(20, 2), slow], r"steps of 0\.4 to 0\.8 s: choose one"),

@@ -117,6 +117,8 @@ def test_recommended_models_did_not_learn_from_the_data_set(shipped):
     ]
     with pytest.raises(InputError, match="anchors_eth_12: no such model"):
         load_model("recommended", dataset="eth", pred_len=12)
+    with pytest.raises(InputError, match="recommended forecasts 8 or 12 steps, not 4:"):
+        load_model("recommended", pred_len=4)
 
 
 def test_recommended_is_called_what_was_typed():
