@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import tyro
 
+import neurosym_jax as nj
 from neurosym_jax.commands import inspect, models
 from neurosym_jax.data import ReadOptions, read_any
 from neurosym_jax.errors import InputError, InputWarning
