@@ -136,7 +136,7 @@ def test_a_folder(tmp_path, capsys):
     assert "bad.txt: row 1: 3 columns" in out
     assert "altogether 2 recordings of 3 files" in out
     assert out.endswith(f"--data {tmp_path} --model recommended --min-agents 1\n")
-    with pytest.raises(InputError, match="min_agents=1 tests people alone, too$"):
+    with pytest.raises(InputError, match=r"min_agents=1 tests people alone, too$"):
         nj.evaluate(nj.load_model("recommended"), tmp_path / "alone.txt")
 
 
