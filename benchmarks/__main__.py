@@ -9,6 +9,7 @@ import dataclasses
 import importlib
 import importlib.util
 import json
+import os
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -111,6 +112,9 @@ def run(options: BenchmarkOptions) -> None:
         ]
         if absent:
             raise InputError(f"--{absent[0]} is needed for {name}")
+    if options.gpu:
+        # Contestants share the GPU's memory, and by default JAX takes most of it at once.
+        os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     for name in names:
         result = importlib.import_module(f"benchmarks.{name}").measure(options)
         print(f"{name}: {text(result)}\n", flush=True)

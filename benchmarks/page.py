@@ -74,8 +74,9 @@ TITLES = {
 def document(benchmarks: dict[str, Any]) -> str:
     """The whole page."""
     machine = next(iter(benchmarks.values()))["machine"]
+    device = "" if machine["platform"] == "cpu" else f", {machine['device']}"
     about = (
-        f"Machine: {machine['cores']} cores, {machine['cpu']}; Python {machine['python']}, "
+        f"Machine: {machine['cores']} cores, {machine['cpu']}{device}; Python {machine['python']}, "
         f"jax {machine['jax']}, {machine['platform']}."
     )
     compared, alone = [], []

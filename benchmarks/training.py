@@ -136,9 +136,17 @@ def anchor_step(windows: Any) -> Callable[[], None]:
 def torch_anchor_step(windows: Any) -> Callable[[], None]:
     """The same iteration of torch's, on the same batch."""
     from benchmarks.torch_anchors import TorchAnchors
+    from benchmarks.torch_peer import finish, use_accelerator
 
     forecaster, recipe, params, batch = _anchors(windows)
-    return TorchAnchors(forecaster.config, recipe, params, batch).step
+    use_accelerator()
+    peer = TorchAnchors(forecaster.config, recipe, params, batch)
+
+    def iterate() -> None:
+        peer.step()
+        finish()
+
+    return iterate
 
 
 def _anchors(windows: Any) -> tuple[Any, Any, Any, Any]:
@@ -168,8 +176,9 @@ def _iterate(step: Callable[[Any], tuple[Any, Any]], state: Any) -> Callable[[],
 
 def peer(arrays) -> Callable[[], None]:
     """Our own torch, see `torch_peer`; its two steps take the two batches."""
-    from benchmarks.torch_peer import TorchPeer
+    from benchmarks.torch_peer import TorchPeer, finish, use_accelerator
 
+    use_accelerator()
     wanted = ("observed", "moves", "future_moves", "sizes")
     peers = []
     for array in arrays:
@@ -180,6 +189,7 @@ def peer(arrays) -> Callable[[], None]:
     def iterate() -> None:
         first.discriminator_step()
         second.generator_step()
+        finish()
 
     return iterate
 

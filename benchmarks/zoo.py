@@ -126,8 +126,9 @@ def _commands(options: Any, paths: list[Path]) -> list[Row]:
 def _peer(paths: list[Path], data: Path) -> Callable[[], float]:
     import torch
 
-    from benchmarks.torch_peer import TorchForecaster, chunks_of
+    from benchmarks.torch_peer import TorchForecaster, chunks_of, use_accelerator
 
+    use_accelerator()
     _, tests = _models_and_tests(paths, data)
     peers = [
         TorchForecaster.of(torch.load(path, map_location="cpu", weights_only=True))
