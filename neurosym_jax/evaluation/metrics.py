@@ -14,6 +14,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.plugins import Registry
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import SymbolSettings, event_steps, state_steps
@@ -160,6 +161,7 @@ def person_energy(forecast: Array, scene: Scene, probability: Array | None) -> A
     return scores / jnp.sqrt(forecast.shape[2])
 
 
+@full_precision
 def _energy(offset: Array, probability: Array | None) -> Array:
     """[] energy score of k vectors by their offsets `[k, ...]` from the truth."""
     offset = offset.reshape(len(offset), -1)
@@ -176,6 +178,7 @@ def _energy(offset: Array, probability: Array | None) -> Array:
     return weight @ error - spread / 2
 
 
+@full_precision
 def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N] CRPS of each coordinate by itself, mean over steps and both. The same, section 4.2."""
     weight = _numbers(forecast, probability) / len(forecast)
@@ -237,6 +240,7 @@ def kde_nll(
     return -logs.mean(axis=-1), jnp.asarray(scene.valid) & (k > 1)
 
 
+@full_precision
 def coverage(
     level: float, forecast: Array, scene: Scene, probability: Array | None
 ) -> Weighted:

@@ -37,6 +37,7 @@ from neurosym_jax.models.forecast import Model, refuse_other_length
 from neurosym_jax.models.sgan.network import LSTM, LSTMNetwork
 from neurosym_jax.models.sgan.torch_names import torch_names
 from neurosym_jax.runtime.foreign import read_arrays, read_json, reading
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.scene import checked_positions, model_dtype
 
 __all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "row_fields", "run_parity"]
@@ -325,6 +326,7 @@ def _layers(case: Case) -> dict[str, Any]:
     return layers
 
 
+@full_precision
 def _alone(arrays: Mapping[str, np.ndarray], name: str, layer: Any) -> np.ndarray:
     """Our layer's output for the inputs that torch's was given."""
     inputs = arrays[f"in/{name}"].astype(model_dtype())

@@ -42,6 +42,7 @@ from neurosym_jax.models.tracking_errors import (
     settle,
     was_repaired,
 )
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.runtime.process import COMPILED_UNFUSED
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import (
@@ -512,6 +513,7 @@ def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
         raise InputError(f"{name} has {steps} steps; the model observes {expected}")
 
 
+@full_precision
 def forecast(
     config: Any,
     params: Any,

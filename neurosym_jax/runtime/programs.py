@@ -36,6 +36,7 @@ from jax.experimental import serialize_executable
 
 from neurosym_jax.plugins import additions
 from neurosym_jax.runtime.compiled import SealedCache, apart_from_cache, private_folder
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.scene import Scene
 
 __all__ = ["Program", "keep_whole", "kept_json", "program"]
@@ -107,7 +108,8 @@ class Program:
     """`jax.jit` of a function of positional arguments, whose executables are kept.
 
     Where nothing is kept, it is `jax.jit`; within a trace, `jax.jit` without
-    `compiler_options`, for the outermost program has its own.
+    `compiler_options`, for the outermost program has its own. Products keep all bits,
+    see `full_precision`.
     """
 
     def __init__(
@@ -118,8 +120,8 @@ class Program:
         **options: Any,
     ):
         self.static = static
-        self._function = function
-        self.jitted = jax.jit(function, static_argnums=static, **options)
+        self._function = full_precision(function)
+        self.jitted = jax.jit(self._function, static_argnums=static, **options)
         self.name = f"{function.__module__}.{function.__qualname__} {options}"
         self._options = compiler_options
         self._jitted_for: dict[Any, Callable[..., Any]] = {}

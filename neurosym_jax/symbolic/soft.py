@@ -23,6 +23,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.symbolic.qtc import (
     Convention,
     absent_steps,
@@ -88,6 +89,7 @@ def soft_symbols(
     return hard + nothing
 
 
+@full_precision
 def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Array:
     """Expected weights [...] of QTC_C1 states with independent symbols, see `soft_symbols`.
 

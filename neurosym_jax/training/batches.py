@@ -11,6 +11,7 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.data.windows import Windows, gather_scenes
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.scene import AnyArray, Scene, moves_of
 from neurosym_jax.training.recipe import Recipe
 
@@ -283,6 +284,7 @@ AUGMENTATIONS = (_move, _jitter, _single_agents)
 """`(groups, key, recipe) -> groups`, applied in this order; each consumes its key."""
 
 
+@full_precision
 def augment(groups: Groups, key: Array, recipe: Recipe) -> Groups:
     """Apply all augmentations that the recipe asks for to a batch; consumes `key`."""
     # The first keys do not depend on how many there are: a new augmentation changes no

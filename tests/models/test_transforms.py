@@ -86,7 +86,7 @@ def export(loss, both, params):
 
 def sharded(loss, both, params):
     """Scenes on two devices by `jax.shard_map`, parameters on both."""
-    mesh = AbstractMesh((2,), ("scenes",))
+    mesh = AbstractMesh((2,), ("scenes",), axis_types=(AxisType.Auto,))
     mapped = jax.vmap(both, in_axes=(None, 0))
     parts = (PartitionSpec(), SPLIT)
     program = jax.shard_map(mapped, mesh=mesh, in_specs=parts, out_specs=SPLIT)
@@ -117,13 +117,13 @@ def mixed_precision(loss, both, params):
 
 
 TRANSFORMS = {
-    "jax.vmap over scenes": vmap,
-    "jax.vmap over networks": vmap_of_seeds,
+    "vmap over scenes": vmap,
+    "vmap over networks": vmap_of_seeds,
     "Hessian-vector products": hvp,
-    "jax.remat": remat,
+    "remat": remat,
     "checkify": checkified,
     "jax.export": export,
-    "jax.shard_map": sharded,
+    "shard_map": sharded,
     "Explicit mesh": explicit_mesh,
     "bfloat16": mixed_precision,
 }

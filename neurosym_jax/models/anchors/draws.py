@@ -24,6 +24,7 @@ from neurosym_jax.models.anchors.pair_constants import (
     SWEEPS,
 )
 from neurosym_jax.models.tracking_errors import repair_tracks
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.scene import Scene
 
 __all__ = ["couple", "draw_apart", "draw_samples", "draw_scenes", "equal_points"]
@@ -116,6 +117,7 @@ def equal_points(points: Array, weight: Array, key: Array, count: int) -> Array:
     return _take(points, chosen.T)
 
 
+@full_precision
 def couple(
     chosen: Array,
     near: Array,
@@ -180,6 +182,7 @@ def _lots(key: Array, agents: int, count: int, even: bool) -> Array:
     return jax.vmap(draw)(jnp.arange(agents))
 
 
+@full_precision
 def pair_terms(
     points: Array, scene: Scene, near: Array, present: Array, period: float
 ) -> tuple[Array, Array]:

@@ -28,6 +28,7 @@ from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.forecaster import Forecaster, with_weighting
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.runtime.process import COMPILED_UNFUSED
 from neurosym_jax.scene import Scene, with_steps
 
@@ -266,6 +267,7 @@ def neighbours(scene: Scene, radius: float, period: float) -> np.ndarray:
     return near
 
 
+@full_precision
 def apply_anchors(
     config: Any, params: Any, scene: Scene, company: Array | float = 0.0
 ) -> AnchorForecast:
@@ -296,6 +298,7 @@ def _network(config: Any) -> Any:
     return AnchorTable(config)
 
 
+@full_precision
 def spread_of(samples: Array, probability: Array, valid: Array, count: int) -> Array:
     """[count] indices of the samples that represent all of them best.
 

@@ -19,6 +19,7 @@ from neurosym_jax.models.anchors.config import AnchorForecast
 from neurosym_jax.models.anchors.frames import computed_once
 from neurosym_jax.models.anchors.histories import shorten
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.scene import Scene
 from neurosym_jax.training.batches import augment, gather_cropped
 
@@ -150,6 +151,7 @@ def points_loss(
     return jnp.where(valid, energy, 0).sum()
 
 
+@full_precision
 def personal_energy(points: Array, future: Array) -> Array:
     """[N] energy score of each person's equally probable `points [P, N, T, 2]`, metres.
 

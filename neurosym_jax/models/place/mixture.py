@@ -15,6 +15,7 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.models.place.memory import Recall
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.scene import AnyArray, Scene
 
 __all__ = ["Remembered", "distances_apart", "energy", "errors", "remembered"]
@@ -86,6 +87,7 @@ class Remembered(NamedTuple):
 
 
 @jax.jit
+@full_precision
 def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
     """The input of `Forecaster.distribution` for N people.
 
@@ -105,6 +107,7 @@ def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
 
 
 @jax.jit
+@full_precision
 def distances_apart(offsets: Array, recall: Recall) -> Array:
     """[N, 1 + K, 1 + K] mean distances between draws of two components, metres.
 
@@ -123,6 +126,7 @@ def distances_apart(offsets: Array, recall: Recall) -> Array:
 
 
 @jax.jit
+@full_precision
 def errors(offsets: Array, recall: Recall, future: Array) -> Array:
     """[N, 1 + K] mean distances of the components from `future [N, T, 2]`, metres.
 

@@ -18,6 +18,7 @@ from neurosym_jax.configuration import Checked, Positive, Size, Whole
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.forecaster import Lengths, NoiseSpec, with_weighting
 from neurosym_jax.plugins import Registry
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.scene import Scene, make_scene
 from neurosym_jax.symbolic.weighting import WEIGHTINGS, Cnd, Weighting
 
@@ -535,6 +536,7 @@ def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
     return highest, (shared, agents, neighbours, pairs, kernel, winner)
 
 
+@full_precision
 def _backward(layer, saved, cotangent):
     shared, agents, neighbours, pairs, kernel, winner = saved
     weight = kernel.T
@@ -1108,6 +1110,7 @@ def init_generator(config: GeneratorConfig, key: Array) -> Any:
     return with_weighting(params, config.weighting)
 
 
+@full_precision
 def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
     """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling."""
     hidden = Generator(config).apply(
@@ -1116,6 +1119,7 @@ def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
     return interact_scene(config, params, hidden, scene)
 
 
+@full_precision
 def interact_scene(
     config: GeneratorConfig, params: Any, hidden: Any, scene: Scene
 ) -> Any:
@@ -1128,6 +1132,7 @@ def interact_scene(
     return Generator(config).apply(params, hidden, scene, alpha, method=interact)
 
 
+@full_precision
 def decode_scene(
     config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
 ) -> Array:

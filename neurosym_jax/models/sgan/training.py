@@ -24,6 +24,7 @@ from neurosym_jax.models.sgan.network import (
     init_generator,
     interact_scene,
 )
+from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.runtime.programs import program
 from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.symbolic.soft import safe_root
@@ -364,6 +365,7 @@ def draw_group_noise(
     return split(noise, shapes, axis=1)
 
 
+@full_precision
 def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[Array]:
     """Contexts `[scenes, slots, C]` of each group."""
     observe = functools.partial(
@@ -381,6 +383,7 @@ def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[
     return contexts
 
 
+@full_precision
 def decode_groups(
     config: GeneratorConfig,
     params: Any,
@@ -415,6 +418,7 @@ def _over_slots(
     return split(function(merge(parts)), shapes)
 
 
+@full_precision
 def _scores(
     recipe: GeneratorRecipe, params: Any, groups: Groups, futures: Sequence[Array]
 ) -> list[Array]:
