@@ -555,6 +555,7 @@ def _evaluate_test(
             name = f"{name}, online"
         facts = {"checkpoint": path, "model": name, **_identity(entry)}
         facts["learned"] = (path or entry.name) in test.learned
+        facts["online"] = online
         result = _result(test, settings, facts, evaluation, spread, example, forecast)
         result.row["seconds_compiling"] = compiling
         result.row["seconds_evaluating"] = evaluation.seconds
@@ -1125,7 +1126,8 @@ def with_tests(results: Sequence[Result]) -> list[Row]:
 
     The test is against the model of best mean on the same test set, which has None, and
     p is adjusted by Holm's method for the number of models. Scenes are paired. Models
-    that were trained on these people (`learned`) are not compared and have None, too.
+    that were trained on these people (`learned`), or that saw who was there before
+    (`online`), are not compared and have None, too.
     Trainings that differ in their seed alone count as one model and are paired, too; a
     single run with each of them.
     """
@@ -1166,8 +1168,8 @@ def _p_values(lines: list[list[Result]]) -> dict[str, list[float | None]]:
         means: list[float | None] = []
         for line in lines:
             trainings = [run.row[metric] for run in line]
-            learned = any(run.row["learned"] for run in line)
-            is_compared = None not in trainings and not learned
+            favoured = any(run.row["learned"] or run.row["online"] for run in line)
+            is_compared = None not in trainings and not favoured
             means.append(float(np.mean(trainings)) if is_compared else None)
 
         def p_value(best: int, other: int, column: int = column) -> float:

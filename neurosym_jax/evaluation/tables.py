@@ -123,8 +123,8 @@ def _line(cells: Sequence[str]) -> str:
 #
 # A line is the best of its test set where the paired test against each other line,
 # adjusted for their number, is significant at 5 %; for means over test sets the test is
-# Student's of the sets' means. A model that was trained on the people of the test set is
-# compared with none, and its line says so.
+# Student's of the sets' means. A model that was trained on the people of the test set, or
+# that sees who was there before (online), is compared with none, and its line says so.
 
 Row = dict[str, Any]
 """Plain numbers and texts of a model on a test set, by column.
@@ -159,8 +159,8 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
         the bounds `low` and `high` of its 95 % interval, `std` (between trainings or,
         of one, between seeds of the noise), `p` (of the test against the best,
         adjusted; None for the best itself), `learned`, whether the model was trained
-        on these people, and `best`, whether `p` of all other lines of the test set is
-        below 5 %.
+        on these people, `online`, whether it saw who was there before, and `best`,
+        whether `p` of all other lines of the test set is below 5 %.
     """
     lines = _lines(rows)
     tested = _tested(list(_means(lines)))
@@ -168,7 +168,8 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
     lines = pl.concat([lines, means]).drop("means", "trained")
     group = ("dataset", *HORIZON, "metric")
     p = pl.col("p")
-    first = pl.col("mean").is_not_null() & p.is_null() & ~pl.col("learned")
+    is_compared = ~(pl.col("learned") | pl.col("online"))
+    first = pl.col("mean").is_not_null() & p.is_null() & is_compared
     is_alone = first.sum().over(group) == 1
     are_worse = p.max().over(group) < 0.05
     best = first & is_alone & are_worse
@@ -257,6 +258,7 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
         _optional(rows, "training_seed", pl.Int64),
         _optional(rows, "configuration", pl.String),
         _optional(rows, "learned", pl.Boolean).fill_null(False),
+        _optional(rows, "online", pl.Boolean).fill_null(False),
         line=pl.Series(first_trainings(rows.to_dicts()), dtype=pl.Int64),
     )
     metrics = [name for name in rows.columns if f"{name}_low" in rows.columns]
@@ -267,8 +269,8 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
             column = _optional(rows, f"{name}{end}", pl.Float64)
             values.append(column.alias(value))
         table = rows.select(
-            pl.col("training_seed", "configuration", "checkpoint", "line", "learned"),
-            pl.col("latency", "forecasts_per_second", *FACTS),
+            pl.col("training_seed", "configuration", "checkpoint", "line"),
+            pl.col("learned", "online", "latency", "forecasts_per_second", *FACTS),
             *values,
             metric=pl.lit(name),
         )
@@ -278,7 +280,7 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
         pl.col("configuration", *FACTS, *ENDS).first(),
         pl.col("latency").max(),
         pl.col("forecasts_per_second").min(),
-        pl.col("learned").any(),
+        pl.col("learned", "online").any(),
         paths=pl.col("checkpoint").cast(pl.String),
         trainings=pl.len().cast(pl.Int64),
         sets=pl.lit(1),
@@ -353,6 +355,7 @@ def _mean(sets: pl.DataFrame) -> Row:
     line |= dict.fromkeys(unknown)
     line |= {"sets": len(sets), "checkpoint": path, "trainings": 1}
     line["learned"] = sets["learned"].any()
+    line["online"] = sets["online"].any()
     line["latency"] = sets["latency"].max()
     line["forecasts_per_second"] = sets["forecasts_per_second"].min()
     trained = sets["trained"].to_list()
@@ -390,7 +393,10 @@ def _tested(means: list[Row]) -> list[Row]:
             return student_p(changes)
 
         higher = known_metric(metric).higher_is_better
-        values = [None if line["learned"] else line["mean"] for line in group]
+        values = []
+        for line in group:
+            is_compared = not (line["learned"] or line["online"])
+            values.append(line["mean"] if is_compared else None)
         for line, p in zip(group, against_best(values, higher, p_value)):
             line["p"] = p
     return means
@@ -671,6 +677,8 @@ def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
             "(learned): was trained on these people, so its errors are too small: "
             "compared with none"
         )
+    if lines["online"].any():
+        notes.append("online: sees who was there before, and is compared with none")
     if lines["best"].any():
         mark = "*" if intervals is None else "bold"
         notes.append(

@@ -11,8 +11,15 @@ from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.compare import Settings, Test, TestSet, evaluate_tests
+from neurosym_jax.evaluation.compare import (
+    Settings,
+    Test,
+    TestSet,
+    evaluate_tests,
+    with_tests,
+)
 from neurosym_jax.evaluation.online import recall_batches, watch_windows
+from neurosym_jax.evaluation.tables import format_table, rows_frame
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.models.forecast import draw_batch
 from tests.repository import slow
@@ -115,10 +122,17 @@ def test_rows_with_and_without_the_memory(model, tmp_path):
     test = Test(test_set, [("mine", model)], cut(tracks), recordings=[tracks])
     names = ("joint_ade", "energy_score", "person_energy")
     settings = Settings(metrics=names, online=True)
-    alone, online = (result.row for result in evaluate_tests([test], settings))
+    results = list(evaluate_tests([test], settings))
+    alone, online = (result.row for result in results)
     assert online["model"] == f"{alone['model']}, online"
     for name in names:
         assert online[name] < 0.9 * alone[name]
+    # One knows more than the other: they are not tested against each other.
+    tested = with_tests(results)
+    assert {row[f"{name}_p"] for row in tested for name in names} == {None}
+    table = format_table(rows_frame(tested), width=120)
+    assert "online: sees who was there before, and is compared with none" in table
+    assert "significantly" not in table
     place = nj.Place(model)
     place.watch_tracks(corner(people=20))
     place.save(tmp_path / "corner.npz")
