@@ -71,7 +71,8 @@ def export_onnx(model: Model, samples: int = 20, points: bool = False) -> bytes:
 
     `samples` is k for a model without noise; k of other models is free. With `points`,
     anchors also return those of the distribution, [P, n, pred_len, 2], of which scenes
-    are drawn.
+    are drawn; and a model that learned from incomplete histories takes `seen [n,
+    obs_len]`, bool, False where `observed` was filled in.
 
     Raises:
         InputError: as `export_model`, without onnx, for an operation without
@@ -87,32 +88,35 @@ def export_onnx(model: Model, samples: int = 20, points: bool = False) -> bytes:
     arguments = _arguments(model, "samples")
     outputs = ["forecasts", "probabilities"]
     if points:
-        program = _with_points(model, program)
+        program = _with_points(model, samples)
         outputs.append("points")
+        if model.forecaster.shortest < model.config.obs_len:
+            steps = arguments["observed"].shape[:2]
+            arguments["seen"] = jax.ShapeDtypeStruct(steps, jnp.bool_)
     with _sizes_are_symbols():
         return to_onnx(program, arguments, outputs, properties)
 
 
-def _with_points(
-    model: Model, program: Callable[..., tuple[Array, Array]]
-) -> Callable[[Array], tuple[Array, Array, Array]]:
+def _with_points(model: Model, samples: int) -> Callable[..., tuple[Array, ...]]:
+    """The program of `observed` and `seen` that also returns points."""
     forecaster = model.forecaster
     if not forecaster.calibrated:
         raise InputError(f"points: {model.name} has no distribution of its own")
 
+    program = program_of(model, samples)
     unused = jax.random.key(0)  # Such points are not drawn.
 
-    def with_points(observed: Array) -> tuple[Array, Array, Array]:
-        scene = make_scene(observed, period=model.config.period)
+    def with_points(observed: Array, seen: Array | None = None) -> tuple[Array, ...]:
+        scene = make_scene(observed, period=model.config.period).replace(seen=seen)
         points = forecaster.points(model.params, scene.bare(), unused)
         origin = jnp.asarray(scene.origin)[None, None, None]
-        return (*program(observed), points + origin)
+        return (*program(observed, seen=seen), points + origin)
 
     return with_points
 
 
 def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Array]]:
-    """The program as a function of `observed` and, where there is noise, `noise`, see the module.
+    """The program as a function of `observed`, `noise` where there is any, and `seen`, see `export_onnx`.
 
     `samples` is k for a model without noise.
 
@@ -124,8 +128,10 @@ def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Ar
     params = model.params
     count = model.forecaster.count(samples)
 
-    def program(observed: Array, noise: Array | None = None) -> tuple[Array, Array]:
-        scene = make_scene(observed, period=model.config.period)
+    def program(
+        observed: Array, noise: Array | None = None, seen: Array | None = None
+    ) -> tuple[Array, Array]:
+        scene = make_scene(observed, period=model.config.period).replace(seen=seen)
         noise = jnp.zeros((count, 0)) if noise is None else noise
         forecasts, probabilities = forecast_scene(
             forecaster, params, scene.bare(), noise

@@ -56,6 +56,8 @@ class OnnxModel:
         self.config = Lengths(*steps, period)
         self.samples = shapes["forecasts"][0]
         self.outputs = [*shapes]
+        self.takes_short = "seen" in inputs
+        """Whether it is told which steps were seen."""
 
 
 class Pending(NamedTuple):
@@ -100,7 +102,10 @@ class OnnxNetwork:
         """Forecast people by their windows, whether every step of them was seen or not."""
         origin = observed.positions[:, -1].mean(axis=0)
         positions = (observed.positions - origin).astype(np.float32)
-        results = self._model.session.run(None, {"observed": positions})
+        inputs = {"observed": positions}
+        if self._model.takes_short:
+            inputs["seen"] = observed.sighted
+        results = self._model.session.run(None, inputs)
         return Pending(origin, positions, dict(zip(self._model.outputs, results)))
 
     def finish(self, pending: Pending) -> tuple[np.ndarray, np.ndarray | None]:

@@ -1,6 +1,7 @@
 """A predictor of an .onnx file: the numbers of JAX, in a process that has none."""
 
 import functools
+import itertools
 import os
 import re
 import signal
@@ -158,6 +159,7 @@ def test_each_lot_has_a_part_of_its_own():
 @pytest.mark.slow
 def test_forecasts_are_those_of_jax(model, file):
     options = {"samples": 6, "max_people": COUNT, "compile": "needed", "hold": 1.0}
+    options["min_seen"] = 0.0
     reports = []
     ours = Predictor(OnnxModel(file), **options, report=reports.append)
     theirs = Predictor(model, **options)
@@ -184,6 +186,23 @@ def test_forecasts_are_those_of_jax(model, file):
         forecast = again.push(frame[0], frame[1], frame[2] + shift)
     (result,) = forecast.models.values()
     assert_array_equal(result.draws, one.draws)
+
+
+@pytest.mark.slow
+def test_newcomers_are_forecast_as_in_jax(tmp_path):
+    """A model that learned from incomplete histories is told which steps were seen."""
+    config = AnchorConfig(8, 12, samples=6, points=8, hidden=8, short=True)
+    model = random_model(config, std=0.1)
+    save_model(tmp_path / "model", model)
+    export.run(tmp_path / "model", tmp_path / "m.onnx", samples=6, points=True)
+    options = {"samples": 6, "max_people": COUNT, "compile": "needed"}
+    options["min_seen"] = 0.0
+    ours = Predictor(OnnxModel(tmp_path / "m.onnx"), **options)
+    theirs = Predictor(model, **options)
+    for stamp, ids, places in itertools.islice(stream(), 40):
+        forecasts = [predictor.push(stamp, ids, places) for predictor in (ours, theirs)]
+        (one,), (other,) = (forecast.models.values() for forecast in forecasts)
+        assert_allclose(one.samples, other.samples, atol=1e-4)
 
 
 BLOCK = """

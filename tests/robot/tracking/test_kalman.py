@@ -4,8 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.optimize import linear_sum_assignment
 
-from neurosym_robot.tracking.kalman import KalmanFilter
+from neurosym_robot.tracking.kalman import NEVER, KalmanFilter, _assigned
 
 PLACES = np.array([[0.0, 0.0], [0.0, 1.0], [6.0, 0.5]])
 SPEEDS = np.array([[1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
@@ -76,3 +77,23 @@ def test_who_appears_elsewhere_does_not_run():
     filter = KalmanFilter()
     walker, other = filter.push(0.0, [[0.0, 0.0], [5.0, 0.0]]).tolist()
     assert filter.push(0.4, [[0.5, 0.0], [2.0, 0.0]]).tolist() == [walker, other]
+
+
+def test_pairs_are_those_of_scipy():
+    """As many pairs as can be, at the least cost, in crowds of any density."""
+    rng = np.random.default_rng(0)
+    rivals = 0
+    for number in range(400):
+        shape = rng.integers(0, 12, 2)
+        cost = rng.normal(0, 5, shape)
+        cost[rng.random(shape) < rng.choice([0.0, 0.5, 0.8, 0.95])] = NEVER
+        if number % 2:
+            cost = np.round(cost)  # Some pairs cost the same.
+        row, column = _assigned(cost)
+        assert len(np.unique(row)) == len(np.unique(column)) == len(row)
+        best = cost[linear_sum_assignment(cost)]
+        best = best[best < NEVER]
+        assert len(row) == len(best)
+        assert cost[row, column].sum() == pytest.approx(best.sum())
+        rivals += len(row) > 1 and (cost < NEVER).sum() > len(row)
+    assert rivals > 100
