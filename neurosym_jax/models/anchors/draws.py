@@ -203,6 +203,7 @@ def pair_terms(
     return overlap, share[..., None, None] * parted
 
 
+@full_precision
 def nearest(
     points: Array, valid: Array, weight: Array | None = None
 ) -> tuple[Array, Array]:
