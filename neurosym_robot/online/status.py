@@ -193,7 +193,7 @@ class Status:
         """The stream and its errors, at the end: several lines."""
         now = self.now()
         summary = now["score"]
-        nobody = "nobody was seen for a whole observation window"
+        nobody = "nobody was forecast"
         if summary["forecasts"]:
             nobody = "no person's forecast could be compared with what happened"
         lines = [

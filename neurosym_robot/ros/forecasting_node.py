@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurosym_robot.dashboard.view import View
+from neurosym_robot.input.kinds import KINDS
 from neurosym_robot.input.source import PeopleSource
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
@@ -30,6 +31,7 @@ from neurosym_robot.ros.definitions import (
     TRANSFORMS,
     TRUTH_TOPIC,
     blank,
+    ros1_name,
 )
 from neurosym_robot.ros.messages import (
     diagnostics_message,
@@ -45,6 +47,7 @@ IDLE, PATIENCE = (
     0.2,
     0.02,
 )  # seconds between looks, and while people wait for a transform
+SILENT = 5.0  # seconds without a message after which other topics are named
 WAITING = 32  # messages of people that wait; of more the oldest are left out
 SPARSE = 0.1  # seconds between messages that wait once there are half as many
 LAST = 2.0**31 - 1000  # seconds: ROS counts in 32 bits, and forecasts lie ahead
@@ -113,6 +116,11 @@ UNHEARD = Outlet(lambda message: None, lambda: False)
 class ForecastingNode(abc.ABC):
     """A predictor in a ROS graph; a subclass speaks to the graph, and calls `put`."""
 
+    topic: str
+    """Where people come from, by its full name."""
+    kind = ""
+    """The type of its messages; empty where any is taken."""
+
     @abc.abstractmethod
     def close(self) -> None:
         """Leave the graph."""
@@ -132,6 +140,10 @@ class ForecastingNode(abc.ABC):
             self._passed += max(now - self._looked, 0.0)
             self._looked = now
             return self._passed
+
+    @abc.abstractmethod
+    def _published(self) -> Mapping[str, str]:
+        """The types of the topics that others publish."""
 
     @abc.abstractmethod
     def _advertise(self, topic: str, kind: str) -> Outlet:
@@ -187,6 +199,7 @@ class ForecastingNode(abc.ABC):
         self._waiting: collections.deque[Any] = collections.deque(maxlen=WAITING)
         self._changed, self._moved = threading.Condition(), False
         self._looked = self._passed = 0.0
+        self._silent_until: float | None = time.monotonic() + SILENT
         self._diagnosed = 0.0
         self._forecasts = [
             (output, self._advertise(output.topic, output.kind))
@@ -205,6 +218,7 @@ class ForecastingNode(abc.ABC):
 
     def put(self, kind: str, message: Any, publisher: str = "") -> None:
         """Let a message of people wait; called in any thread."""
+        self._silent_until = None
         waiting, now = self._waiting, self._elapsed()
         with self._changed:
             dense = len(waiting) > WAITING // 2 and now - waiting[-2][-2] < SPARSE
@@ -232,12 +246,29 @@ class ForecastingNode(abc.ABC):
                 self._moved = False
             self.work()
             self.status.look()
+            if self._silent_until and time.monotonic() > self._silent_until:
+                self._silent_until = None
+                self.report(self._where_people_are())
             if time.monotonic() - self._diagnosed >= DIAGNOSE:
                 self._diagnosed, arguments = (
                     time.monotonic(),
                     (self.status, self.name, self._now()),
                 )
                 self._diagnostics.publish(diagnostics_message, self._new, *arguments)
+
+    def _where_people_are(self) -> str:
+        """Why no message has come, in words."""
+        published = self._published()
+        kind = published.get(self.topic)
+        if kind is None:
+            people = [name for name in sorted(published) if published[name] in KINDS]
+            topics = [f"{name} ({ros1_name(published[name])})" for name in people]
+            other = ", ".join(topics) or "no topic"
+            return f"nobody publishes {self.topic}; there are people on {other}"
+        if self.kind not in ("", kind):
+            kinds = f"{ros1_name(kind)}, but is heard as {ros1_name(self.kind)}"
+            return f"{self.topic} is of {kinds}: --message names its type"
+        return f"no message has come on {self.topic}"
 
     def work(self) -> None:
         """Take in the messages that wait, and publish the forecast of the newest frame."""

@@ -120,7 +120,8 @@ class ForecastNode(ForecastingNode):
             if call(self.node.master, "getParam", self.name, "/use_sim_time"):
                 self._clock = 0.0
                 self._listen("/clock", "rosgraph_msgs/msg/Clock", self._set_clock)
-        report(f"{self.name}: listening to {people.name}, master {self.node.master}")
+        self.topic = people.name
+        report(f"{self.name}: listening to {self.topic}, master {self.node.master}")
 
     def hear(self, data: bytes, header: Mapping[str, str]) -> None:
         """Let serialised people wait."""
@@ -135,6 +136,13 @@ class ForecastNode(ForecastingNode):
                 hear(self._store.deserialize_ros1(data, kind))
 
         self.node.subscribe(self._topic(name, kind), decode)
+
+    def _published(self) -> dict[str, str]:
+        try:
+            topics = call(self.node.master, "getPublishedTopics", self.name, "")
+            return {name: kind.replace("/", "/msg/") for name, kind in topics}
+        except (CallError, TypeError, ValueError):  # The answer may be anything.
+            return {}
 
     def _set_clock(self, message: Any) -> None:
         self._clock = seconds_of(message.clock)

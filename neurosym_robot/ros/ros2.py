@@ -117,7 +117,8 @@ class ForecastNode(ForecastingNode):
         if autostart:
             self.node.trigger_configure()
             self.node.trigger_activate()
-        report(f"listening to {listening.topic_name}")
+        self.topic = listening.topic_name
+        report(f"listening to {self.topic}")
 
     def run(self) -> None:
         """Forecast until ROS 2 is shut down: it hears in a thread, and this one works."""
@@ -147,6 +148,7 @@ class ForecastNode(ForecastingNode):
 
     def hear(self, message: Any, info: Mapping[str, Any]) -> None:
         """Let people wait, while the node is active."""
+        self._silent_until = None
         publisher = bytes((info.get("publisher_gid") or {}).get("data", b"")).hex()
         if self._active.is_set():
             self.put(self.kind, message, publisher)
@@ -162,6 +164,13 @@ class ForecastNode(ForecastingNode):
 
     def _is_simulated(self) -> bool:
         return self.node.get_clock().ros_time_is_active
+
+    def _published(self) -> dict[str, str]:
+        return {
+            name: publisher.topic_type
+            for name, _ in self.node.get_topic_names_and_types()
+            for publisher in self.node.get_publishers_info_by_topic(name)
+        }
 
     def _listen(self, topic: str, kind: str, hear: Callable[[Any], None]) -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile

@@ -197,6 +197,49 @@ def test_ros1(packages, model, expected, tmp_path):
         assert (radius > 0).all()
 
 
+def test_ros2_says_where_people_are(ros2, packages, model, tmp_path):
+    python, environment = ros2
+    environment |= {"PYTHONPATH": os.pathsep.join([str(packages), str(ROOT)])}
+    script = Path(__file__).with_name("rclpy_walkers.py")
+    never = "/never=geometry_msgs/msg/PoseArray"
+    peer = Process(tmp_path / "peer", python, script, "/seen", never, env=environment)
+    words = (python, "-m", "neurosym_jax", "ros2", "--model", model, "--topic")
+    pose = ("--message", "geometry_msgs/PoseStamped", "--people", "pose")
+    cases = {
+        ("/sen", "--message", "PoseArray"): "nobody publishes /sen; there are people "
+        "on /seen (geometry_msgs/PoseArray)",
+        ("/seen", *pose): "/seen is of geometry_msgs/PoseArray, but is heard as "
+        "geometry_msgs/PoseStamped: --message names its type",
+    }
+    try:
+        for number, (options, text) in enumerate(cases.items()):
+            log = tmp_path / f"node{number}"
+            node = Process(log, *words, *options, env=environment)
+            try:
+                node.wait_for(lambda line, text=text: text in line)
+            finally:
+                assert node.end(signal.SIGINT) == 0
+    finally:
+        peer.end()
+
+
+def test_ros1_says_where_people_are(packages, model, tmp_path):
+    graph = start_graph(tmp_path)
+    environment = {"PYTHONPATH": os.pathsep.join([str(packages), str(ROOT)])}
+    words = ("-S", "-m", "neurosym_jax", "ros1", "--topic", "/people")
+    try:
+        talker = graph.talker(10, "/others")
+        node = graph.start(sys.executable, *words, "--model", model, **environment)
+        text = (
+            "nobody publishes /people; there are people on /others (people_msgs/People)"
+        )
+        node.wait_for(lambda line: line == text)
+        talker.end()
+        node.end(signal.SIGINT)
+    finally:
+        graph.close()
+
+
 def stamp_of(store, data: bytes) -> float:
     """The stamp of a serialised forecast."""
     return round(seconds_of(store.deserialize_ros1(data, FORECAST).header.stamp), 3)
