@@ -295,16 +295,13 @@ def _choose(
     candidates = [name for name in names if name in usable][:1]
     if not candidates and name_wanted is None:
         candidates = people or usable
+    if not candidates and name_wanted is not None and name_wanted not in topics:
+        raise InputError(f"{path}: {name_wanted} is not there; there are: {listed}")
     if not candidates:
-        subject = (
-            "none"
-            if name_wanted is None
-            else f"{name_wanted} is not there, or none that"
-        )
-        types = "people" if kinds is None else " or ".join(kinds)
-        advice = "--people, --position and --id say where messages of another type hold people"
+        subject = "no topic is" if name_wanted is None else f"{name_wanted} is not"
         raise InputError(
-            f"{path}: {subject} carries {types}; there are: {listed}; {advice}"
+            f"{path}: {subject} of a type of docs/robot.md; there are: {listed}; "
+            "--people, --position and --id say where messages of another type hold people"
         )
     if len(candidates) > 1:
         raise InputError(

@@ -255,7 +255,7 @@ def test_what_is_not_understood_is_refused_with_a_reason():
     poses = header(decoder.store, "geometry_msgs/msg/PoseArray")
     assert decoder.refuse(poses) is None
     for change, reason in (
-        ({"type": "std_msgs/String"}, "none of people_msgs/People"),
+        ({"type": "std_msgs/String"}, "none of the types of docs/robot.md; --people"),
         (
             {"type": "people_msgs/People"},
             "not people_msgs/People with md5 18722f4b8db20cc",
