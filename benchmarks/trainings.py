@@ -51,8 +51,8 @@ def draw(path: Path) -> None:
     """Draw errors against seconds, each network a point."""
     from neurosym_jax.evaluation.compare import read_report
     from neurosym_jax.plotting.style import (
+        COLUMN,
         SMALL,
-        WIDTH,
         dress,
         model_looks,
         new_figure,
@@ -80,9 +80,9 @@ def draw(path: Path) -> None:
     # Five trainings of a data set count as one.
     means = rows.group_by("model", "dataset").agg(pl.col(kinds).mean())
     means = means.group_by("model").agg(pl.col(kinds).mean())
-    figure, grid = new_figure(WIDTH, 2.4, columns=2, sharex=True)
+    figure, grid = new_figure(COLUMN, 4.4, rows=2, sharex=True)
     looks = model_looks([*seconds, "constant velocity"])
-    for axes, kind in zip(grid[0], kinds):
+    for (axes,), kind in zip(grid, kinds):
         errors = {name: means.filter(model=name)[kind].item() for name in looks}
         for name, took in seconds.items():
             # Hollow: the time is not measured.
@@ -93,12 +93,14 @@ def draw(path: Path) -> None:
             words: dict[str, Any] = {"textcoords": "offset points", "size": SMALL}
             side = "right" if name == RELEASED else "center"
             at = (0, -13 if name == "anchors" else 6)
-            axes.annotate(name, (took, errors[name]), at, ha=side, **words)
+            text = "recommended" if name == "anchors" else name
+            axes.annotate(text, (took, errors[name]), at, ha=side, **words)
         constant = errors["constant velocity"]
         axes.axhline(constant, **looks["constant velocity"], linewidth=0.8)
         axes.annotate("constant velocity", (5, constant), (0, -8), **words)
         axes.set(xscale="log", xlim=(4, 1e5), ylim=(0.15, 0.57))
-        dress(axes, "seconds of training on two cores", f"{kind.split('_')[0]} ADE, m")
+        dress(axes, y_label=f"{kind.split('_')[0]} ADE, m")
+    grid[-1, 0].set_xlabel("seconds of training on two cores")
     save_figure(figure, path)
 
 

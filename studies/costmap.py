@@ -47,7 +47,10 @@ def draw(forecast: Forecast, file: Path = FIGURE) -> Path:
         corner[1],
         corner[1] + CELL * rows,
     )
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4), sharex=True, sharey=True)
+    # Letters of 9 points on 5 inches are legible on a phone.
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(5, 2.6), sharex=True, sharey=True, layout="constrained"
+    )
     for axes in (left, right):
         for person, seen in enumerate(forecast.observed):
             axes.plot(*seen.T, color="black", linewidth=1)
@@ -66,6 +69,7 @@ def draw(forecast: Forecast, file: Path = FIGURE) -> Path:
     image = right.imshow(per_cent, origin="lower", extent=extent, cmap="Reds", vmax=100)
     figure.colorbar(image, ax=right, label="costmap, %")
     right.set_title("costmap")
+    figure.set_dpi(200)
     return save_figure(figure, file)
 
 

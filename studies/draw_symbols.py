@@ -1,5 +1,7 @@
 """Draw docs/figures/qtc_symbols.png and events.png: what symbols of QTC_C1 and events mean.
 
+Each is drawn a second time with fewer panels in a row, for phones.
+
 python -m studies.draw_symbols
 
 The symbols, and when an event happens, are computed, not typed.
@@ -36,12 +38,14 @@ WALKS = {
 """(Start in metres, velocity in m/s) of k and of l who do it."""
 
 
-def draw_events(path: Path) -> None:
+def draw_events(path: Path, columns: int = 3) -> None:
     """Write the figure of all events, each with two who do it."""
-    figure = Figure(
-        figsize=(9.6, 9.6), dpi=130, facecolor="white", layout="constrained"
-    )
-    panels = figure.subplots(3, 3).ravel()
+    rows = -(-(len(WALKS) + 1) // columns)
+    size = 3.2 * columns, 3.2 * rows
+    figure = Figure(figsize=size, dpi=130, facecolor="white", layout="constrained")
+    panels = figure.subplots(rows, columns).ravel()
+    for axes in panels[len(WALKS) :]:
+        axes.axis("off")
     t = 0.4 * np.arange(9)[:, None]
     for axes, (name, walks) in zip(panels, WALKS.items()):
         paths = np.stack(
@@ -72,21 +76,19 @@ def draw_events(path: Path) -> None:
         )
         words_of = textwrap.fill(EVENTS[name].sentence, 40)
         axes.set_xlabel(words_of, fontsize=9.5, color=GREY, loc="left")
-    panels[-1].axis("off")
     legend = "Big dots: where they were seen last.\nSmall ones: each 0.4 s after.\n\n"
     legend += (
         "Rings: where they are when the\nevent happens, at the time beside\nits name."
     )
-    panels[-1].text(0, 0.9, legend, fontsize=11.5, color=INK, va="top")
+    panels[len(WALKS)].text(0, 0.9, legend, fontsize=11.5, color=INK, va="top")
     figure.savefig(path)
 
 
-def draw(path: Path) -> None:
+def draw(path: Path, columns: int = 3) -> None:
     """Write the figure."""
-    figure = Figure(
-        figsize=(12.4, 3.75), dpi=130, facecolor="white", layout="constrained"
-    )
-    panels = figure.subplots(1, 3)
+    size = 4.13 * columns, 3.75 * 3 / columns
+    figure = Figure(figsize=size, dpi=130, facecolor="white", layout="constrained")
+    panels = figure.subplots(3 // columns, columns).ravel()
     titles = ("q1 q3 by distance (papers)", "q1 q3 by the line (QSRlib)")
     for axes, convention, title in zip(panels, ("distance", "line"), titles):
         regions(axes, convention)
@@ -250,4 +252,6 @@ def frame(axes: Axes, extent: tuple[float, float, float, float] = FRAME) -> None
 if __name__ == "__main__":
     figures = Path(__file__).parents[1] / "docs/figures"
     draw(figures / "qtc_symbols.png")
+    draw(figures / "qtc_symbols_phone.png", columns=1)
     draw_events(figures / "events.png")
+    draw_events(figures / "events_phone.png", columns=2)

@@ -408,7 +408,7 @@ def draw(tables: Mapping[Setting, np.ndarray], file: Path) -> None:
     A line for each belief, over its weights, and dashed for single forecasts, over
     their margins.
     """
-    figure, ((axes,),) = new_figure(1.6 * COLUMN, 3.2)
+    figure, ((axes,),) = new_figure(1.15 * COLUMN, 3.2)
     for belief, colour in zip(BELIEFS, PALETTE[::-1]):
         own = [setting for setting in tables if setting.belief == belief]
         look = {"color": colour, "markersize": 4, "elinewidth": 0.4}

@@ -1,11 +1,13 @@
 """Draw the gallery of figures, and those of home: `python -m studies.gallery DATA`.
 
 DATA is ETH/UCY (`neurosym download eth-ucy`). The gallery is made by the code of its
-page, docs/reference/plotting.md. Home shows zara1 and `recommended`, which did not
-learn from it, 8 + 12 steps: one scene of seven people who walk, and 16 s of the
-recording as an animation. Seeds are 0.
+page, docs/reference/plotting.md; wide ones have the large letters of a talk, for phones.
+Home shows zara1 and `recommended`, which did not learn from it, 8 + 12 steps:
+one scene of seven people who walk, and 16 s of the recording as an animation. Its three
+doors have pictures without letters. Seeds are 0.
 """
 
+import itertools
 import re
 import sys
 from pathlib import Path
@@ -13,6 +15,8 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from PIL import Image
 
 from neurosym_jax import load_model, predict, predict_distribution
@@ -22,6 +26,8 @@ from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.plotting import plot_forecasts, save_figure
 from neurosym_jax.plotting.animation import Moment, plot_animation, save_animation
+from neurosym_jax.plotting.style import INK, PALETTE, use_style
+from neurosym_jax.symbolic import make_weighting
 
 __all__ = ["draw", "draw_home"]
 
@@ -32,6 +38,9 @@ WIDE = 1300
 """Most dots of a figure's width."""
 PLACE, PEOPLE, MOMENTS = "zara1", 7, 40
 DRAWS = 30
+LARGE = ("gallery_forecasts",)
+FLOOR = (230, 130, 420)
+"""Left, top and width of what home shows of the live page, dots."""
 
 
 def draw(data: str, folder: Path = DOCS / "figures") -> list[Path]:
@@ -42,8 +51,10 @@ def draw(data: str, folder: Path = DOCS / "figures") -> list[Path]:
     paths = []
     for name, code in figures:
         names: dict[str, Any] = {}
+        use_style("talk" if name in LARGE else "paper")
         with mock.patch.dict(METRICS):
             exec(start + code, names)
+        use_style("paper")
         path = save_figure(names["figure"], folder / f"{name}.png")
         shrink(path)
         paths.append(path)
@@ -65,10 +76,55 @@ def draw_home(data: str, folder: Path = DOCS / "figures") -> list[Path]:
     scene = windows.take(slice(*_lively(windows)))
     past, future = np.split(scene.position, [8], axis=1)
     title = f"{PLACE}: what {PEOPLE} people may do in the next 4.8 s"
+    use_style("talk")
     figure = plot_forecasts(past, future, {"recommended": predict(model, past)}, title)
+    use_style("paper")
     picture = save_figure(figure, folder / "home.png")
     shrink(picture)
-    return [picture, _animate(model, windows, folder / "home.gif")]
+    animation = _animate(model, windows, folder / "home.gif")
+    return [picture, animation, *_draw_doors(past, predict(model, past), folder)]
+
+
+def _draw_doors(past: np.ndarray, samples: np.ndarray, folder: Path) -> list[Path]:
+    """Pictures of 3 by 2: a scene's forecasts, weights of its pairs, and the live page's floor."""
+    forecasts, (axes,) = _empty(past, samples)
+    for person, colour in zip(range(len(past)), itertools.cycle(PALETTE)):
+        now = np.broadcast_to(past[person, -1:], (len(samples), 1, 2))
+        ways = np.concatenate([now, samples[:, person]], axis=1)
+        axes.plot(*ways.transpose(2, 1, 0), color=colour, alpha=0.3, linewidth=1)
+        axes.plot(*past[person].T, color=INK, linewidth=2)
+        axes.plot(*past[person, -1], "o", color=colour, markersize=9)
+    pairs, (axes,) = _empty(past, past[None])
+    weigh = make_weighting("quantised", period=PERIOD)
+    alpha = np.asarray(weigh(past, np.ones(len(past), bool)))[..., -1]
+    for pair in itertools.combinations(range(len(past)), 2):
+        width = 60 * (alpha[pair] - alpha[alpha > 0].min()) + 0.8
+        axes.plot(*past[list(pair), -1].T, color=PALETTE[0], alpha=0.5, linewidth=width)
+    for person in past:
+        axes.plot(*person.T, color=INK, linewidth=2)
+        axes.plot(*person[-1], "o", color=PALETTE[1], markersize=9)
+    paths = [folder / f"door_{name}.png" for name in ("forecasts", "pairs", "robot")]
+    for figure, path in zip((forecasts, pairs), paths):
+        save_figure(figure, path)
+    left, upper, width = FLOOR
+    page = Image.open(folder / "dashboard.png").convert("RGB")
+    page.crop((left, upper, left + width, upper + 2 * width // 3)).save(paths[-1])
+    for path in paths:
+        shrink(path)
+    return paths
+
+
+def _empty(past: np.ndarray, samples: np.ndarray) -> tuple[Figure, tuple[Axes]]:
+    """A figure of 3 by 2 without axes, wide enough for all positions but the farthest samples."""
+    figure = Figure(figsize=(3, 2), dpi=220)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.axis("off")
+    points = np.concatenate([past.reshape(-1, 2), samples.reshape(-1, 2)])
+    low, high = np.percentile(points, (2, 98), axis=0)
+    width = max(high[0] - low[0], 1.5 * (high[1] - low[1])) + 1
+    x, y = (low + high) / 2
+    axes.set(xlim=(x - width / 2, x + width / 2), ylim=(y - width / 3, y + width / 3))
+    return figure, (axes,)
 
 
 def _lively(windows: Windows) -> tuple[int, int]:

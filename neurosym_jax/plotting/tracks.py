@@ -88,7 +88,8 @@ def _draw_paths_of_people(axes: Axes, tracks: Tracks) -> None:
     """Draw each path in a colour, with a dot at its beginning."""
     begins = np.flatnonzero(np.diff(tracks.id)) + 1
     paths = np.split(tracks.position, begins)
-    colours = (style.PALETTE * len(paths))[: len(paths)]
+    # A list: matplotlib takes a tuple of two for a colour and its opacity.
+    colours = list(style.PALETTE * len(paths))[: len(paths)]
     lines = LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7)
     axes.add_collection(lines)
     starts = np.array([path[0] for path in paths])

@@ -271,3 +271,14 @@ def test_a_talk_has_larger_letters_and_as_many_dots(tmp_path):
     assert sizes[0] == sizes[1]  # In points, of a smaller canvas.
     image = imread(save_figure(talk, tmp_path / "talk.png"))
     assert image.shape[1] == pytest.approx(dots[0], abs=2)
+
+
+@pytest.mark.parametrize("people", [1, 2, 3, 9])
+def test_each_persons_path_has_the_colour_of_its_beginning(people):
+    """Two people had one: matplotlib took their colours for a colour and its opacity."""
+    step, person = np.mgrid[:4, :people].reshape(2, -1)
+    tracks = make_tracks("walk", step, person, np.stack([step, person], axis=1))
+    paths, starts = plotting.plot_tracks([tracks]).axes[0].collections
+    drawn = [to_hex(colour) for colour in paths.get_colors()]
+    assert drawn == [to_hex(colour) for colour in starts.get_facecolors()]
+    assert len(set(drawn)) == min(people, len(PALETTE))
