@@ -8,7 +8,8 @@
 
 `python .ci/exports.py` writes the plain texts. Every object stands on one page, that of
 its subpackage; the page of the whole package links to it. Pages of `studies/pages` are
-part of the site, without an entry of its navigation.
+part of the site, without an entry of its navigation. Notebooks are headed by a link that
+downloads them, and one to Colab where mkdocs.yml has a `repo_url` on GitHub.
 """
 
 import ast
@@ -46,6 +47,22 @@ def on_page_markdown(markdown: str, page: Any, **_) -> str:
     else:
         markdown = markdown.replace("](../studies/pages/", "](pages/")
     return PLAIN.sub(lambda match: _expanded(match[1], match[2]), markdown)
+
+
+def on_page_content(html: str, page: Any, config: Any, **_) -> str:
+    """Head a notebook by links that download it and, from a public repository, open it."""
+    if not page.file.src_uri.endswith(".ipynb"):
+        return html
+    name = Path(page.file.src_uri).name
+    links = [f'<a href="{name}" download>Download this notebook</a>']
+    repository = re.match(
+        r"https://github\.com/([\w.-]+/[\w.-]+)", config.repo_url or ""
+    )
+    if repository:
+        path = f"{repository[1]}/blob/main/docs/{page.file.src_uri}"
+        colab = f"https://colab.research.google.com/github/{path}"
+        links.append(f'<a href="{colab}">open it in Colab</a>')
+    return f"<p>{', or '.join(links)}.</p>\n{html}"
 
 
 def _expanded(kind: str, name: str) -> str:

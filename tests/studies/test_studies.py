@@ -38,8 +38,10 @@ from tests.repository import ROOT, exhaustive
 DOCS = ROOT / "docs"
 DOWNLOADED = {"an_overtaking_ahead_of_time": "eth-ucy"}
 """Notebooks of real recordings, and the collection that they are of."""
-LONG = {"your_weighting", "gradient_through_a_symbol"}
-"""Notebooks whose functions `own_weighting.py` and others in `examples` call in every run."""
+LONG = {"your_weighting", "gradient_through_a_symbol", "your_network", "fine_tuning"}
+LONG |= {"two_models_compared", "a_papers_table", "calibrate_online", "torch_and_here"}
+"""Notebooks that run for a release: other tests call their functions in every run."""
+NEEDS = {"torch_and_here": "torch"}
 
 
 def run_module(name, *words):
@@ -272,6 +274,19 @@ def shown(code, names):
     return kinds
 
 
+def test_notebooks_begin_with_what_they_are_about_and_how_to_install():
+    firsts = set()
+    paths = list(FOLDER.glob("*.ipynb"))
+    for path in paths:
+        title, first, *_ = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        assert title["cell_type"] == "markdown"
+        assert title["source"][0].startswith("# ")
+        firsts.add("".join(first["source"]))
+    assert len(paths) >= 10
+    (code,) = firsts
+    assert 'find_spec("neurosym_jax")' in code
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
@@ -284,6 +299,8 @@ def test_a_notebook_runs_and_shows_what_is_kept_in_it(
     name, request, tmp_path, monkeypatch
 ):
     """Run it in this process, where most of its programs are compiled already."""
+    if name in NEEDS:
+        pytest.importorskip(NEEDS[name])
     collection = DOWNLOADED.get(name)
     if collection:
         data = request.getfixturevalue("shared") / "data" / collection.replace("-", "_")
