@@ -3,10 +3,15 @@
 import argparse
 import codecs
 import contextlib
+import difflib
 import errno
+import functools
 import importlib
+import inspect
 import io
+import itertools
 import os
+import re
 import signal
 import sys
 import warnings
@@ -35,6 +40,21 @@ OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO)
 JAX_NOTE = "JAX has removed its internal frames"
 """What JAX adds to an error that passes through a program; here no traceback is shown."""
 SHELLS = ("bash", "zsh", "fish")
+NESTED = re.compile(r"\[(\w+) \[\1 \.\.\.\]\]")
+"""How tyro writes several values of one kind."""
+REFUSALS = {
+    r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)": (
+        r"\1: \2 is not a whole number"
+    ),
+    r"Error parsing (\S+): could not convert string to float: (.*)": (
+        r"\1: \2 is not a number"
+    ),
+    r"Missing value for argument '(.*?)'.*": r"\1: its value is missing",
+    r"invalid choice ('.*?') for argument '(.*?)'\. Expected one of \((.*?),?\)\.": (
+        r"\2: \1 is none of \3"
+    ),
+}
+"""What tyro says of a mistake, and what we say."""
 IN_ASCII = str.maketrans({"±": "+-", "−": "-"})
 
 
@@ -123,17 +143,81 @@ def _run(
             sys.exit(0)
         if action is None:  # A function, which the parser calls.
             enable_compilation_cache()
-        value = tyro.cli(
-            options,
-            args=arguments,
-            prog=prog,
-            config=(tyro.conf.DisallowNone,),
-        )
+        value = _parsed(options, arguments, prog or "neurosym")
         if action is None:
-            return value
+            return value()
         if getattr(value, "needs_jax", True):
             enable_compilation_cache()
         return action(value)
+
+
+def _parsed(options: Command, arguments: Sequence[str], prog: str) -> Any:
+    """The dataclass `options` as the command line has it, or a call of the function `options`.
+
+    Raises:
+        InputError: in a line, for what tyro refuses in a box of several.
+    """
+    target: Any = options
+    if not inspect.isclass(options):
+
+        @functools.wraps(options)
+        def target(*values: Any, **named: Any) -> Callable[[], object]:
+            return functools.partial(options, *values, **named)
+
+    printed = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(printed):
+            value = tyro.cli(
+                target, args=arguments, prog=prog, config=(tyro.conf.DisallowNone,)
+            )
+    except SystemExit as end:
+        if end.code == 2 and printed.getvalue():
+            raise InputError(refusal(printed.getvalue(), options, prog)) from None
+        print(printed.getvalue(), end="", file=sys.stderr)
+        raise
+    print(printed.getvalue(), end="", file=sys.stderr)
+    return value
+
+
+def refusal(box: str, options: Command, prog: str) -> str:
+    """What tyro prints in a box, in one line that says what to do."""
+    # In ASCII the title has a rule below it.
+    _title, *lines = box.replace("│", " ").strip().splitlines()
+    rest = itertools.dropwhile(_is_rule, lines)
+    body = list(itertools.takewhile(lambda line: not _is_rule(line), rest))
+    text = " ".join(line.strip() for line in body)
+    help_of = f"{prog} --help"
+    if text.startswith("Missing from"):
+        needed: list[str] = []
+        for line in body[1:]:
+            # An option is indented by six, what it means by ten.
+            if line.startswith(" " * 10):
+                needed[-1] += f" {line.strip()}"
+            elif line.startswith(" " * 6):
+                needed.append(f"{line.strip()}:")
+        texts = [NESTED.sub(r"\1 ...", each) for each in needed]
+        texts = [each.removesuffix("(required)").rstrip(" .") for each in texts]
+        return f"missing: {'; '.join(texts)} ({help_of})"
+    for pattern, line in REFUSALS.items():
+        match = re.match(pattern, text)
+        if match:
+            return f"{match.expand(line)} ({help_of})"
+    if not text.startswith("Unrecognized options: "):
+        return f"{text} ({help_of})"
+    words = text.removeprefix("Unrecognized options: ").split(", ")
+    if not words[0].startswith("-"):
+        return f"not understood: {' '.join(words)} ({help_of})"
+    names = [flag.split()[0] for _, flag, *_ in every_option(options)]
+    names = [name for name in names if name.startswith("--")]
+    name = flag_names(words)[0]
+    nearest = difflib.get_close_matches(name, names, 1, 0.7)
+    hint = f": did you mean {nearest[0]}?" if nearest else ""
+    return f"{prog} has no option {name}{hint} ({help_of}-all lists all)"
+
+
+def _is_rule(line: str) -> bool:
+    """A line of a box that has no text."""
+    return not line.strip(" -─╰╯")
 
 
 def _refuse_repeated(options: Command, arguments: Sequence[str]) -> None:
