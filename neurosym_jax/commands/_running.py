@@ -159,10 +159,7 @@ def _parsed(options: Command, arguments: Sequence[str], prog: str) -> Any:
     """
     target: Any = options
     if not inspect.isclass(options):
-
-        @functools.wraps(options)
-        def target(*values: Any, **named: Any) -> Callable[[], object]:
-            return functools.partial(options, *values, **named)
+        target = _call_of(options)
 
     printed = io.StringIO()
     try:
@@ -177,6 +174,16 @@ def _parsed(options: Command, arguments: Sequence[str], prog: str) -> Any:
         raise
     print(printed.getvalue(), end="", file=sys.stderr)
     return value
+
+
+def _call_of(function: Callable[..., object]) -> Callable[..., object]:
+    """A function of the same options that returns the call of `function`."""
+
+    @functools.wraps(function)
+    def call(*values: Any, **named: Any) -> Callable[[], object]:
+        return functools.partial(function, *values, **named)
+
+    return call
 
 
 def refusal(box: str, options: Command, prog: str) -> str:
