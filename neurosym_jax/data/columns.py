@@ -39,6 +39,7 @@ __all__ = [
     "FLAGS",
     "ROLES",
     "SWAP",
+    "Rows",
     "Schema",
     "column_name",
     "facts_in",
@@ -54,6 +55,7 @@ __all__ = [
     "propose",
     "read_homography",
     "role_of",
+    "rows_of",
     "schema_of",
     "stamps_of",
     "usual_step",
@@ -780,44 +782,88 @@ USUAL_RATES = (2.5, 3.75, 7.5, 12.5, 14.985, 23.976, 29.97, 59.94)
 """Frames a second of recordings that are no whole numbers."""
 
 
-def stamps_of(
+@dataclasses.dataclass(frozen=True)
+class Rows:
+    """The R rows of a table that have a position, sorted by person and clock."""
+
+    table: Table
+    ids: np.ndarray  # [R] int64
+    people: tuple[str, ...]  # texts of the ids, if these are no numbers
+    clock: np.ndarray  # [R] seconds, or numbers of frames
+    position: np.ndarray  # [R, 2] metres
+    raw: np.ndarray  # [R, 2] in the file's unit
+
+    @property
+    def same(self) -> np.ndarray:
+        """[R - 1] bool: the next row is of the same person."""
+        return np.diff(self.ids) == 0
+
+    def take(self, rows: np.ndarray, others: str = "") -> "Rows":
+        """The rows of a mask or of indices, as `Table.take`."""
+        return dataclasses.replace(
+            self,
+            table=self.table.take(rows, others),
+            ids=self.ids[rows],
+            clock=self.clock[rows],
+            position=self.position[rows],
+            raw=self.raw[rows],
+        )
+
+
+def rows_of(
     table: Table,
     schema: Schema,
     options: ReadOptions,
-    period: float,
-    ids: np.ndarray,
-    part: np.ndarray,
     position: np.ndarray,
+    raw: np.ndarray,
+) -> Rows:
+    """The rows of a table at `position` [R, 2] metres, `raw` [R, 2] in the file's unit.
+
+    Raises:
+        InputError: for an id, a frame or a time that is none.
+    """
+    ids, people = table.ids(schema.places["id"])
+    if schema.clock == "time":
+        table, clock = _seconds(table, schema, options)
+    elif options.time_unit:
+        raise InputError(f"{option('time_unit')} is of no use: it counts frames")
+    else:
+        clock = table.whole_numbers(schema.places["frame"])
+    rows = Rows(table, ids, people, clock, position, raw)
+    return rows.take(np.lexsort((clock, ids)))
+
+
+def stamps_of(
+    rows: Rows,
+    schema: Schema,
+    options: ReadOptions,
+    period: float,
+    part: np.ndarray,
     facts: Facts,
 ) -> tuple[Table, np.ndarray]:
     """The table with notes on its clock, and [R] seconds, as the witnesses of its rate agree.
 
     Args:
-        table: the rows.
-        schema: its columns.
+        rows: the rows.
+        schema: their columns.
         options: what the user says.
         period: seconds of the most common step of frames that nobody knows more about.
-        ids: [R] people.
         part: [R] recording of each row.
-        position: [R, 2] in the file's unit.
         facts: see `facts_of`.
 
     Raises:
         InputError: for witnesses that contradict each other, or a clock that none
             decides.
     """
+    table = rows.table
     if schema.clock == "time":
-        table, stamp = _seconds(table, schema, options)
         if "time" not in schema.declared:
-            _refuse_other_frames(table, schema, stamp, part)
-        return table, stamp
-    if options.time_unit:
-        raise InputError(f"{option('time_unit')} is of no use: it counts frames")
-    frame = table.whole_numbers(schema.places["frame"])
+            _refuse_other_frames(rows, schema, part)
+        return table, rows.clock
     rates = _rates(table, options, period, facts)
-    rates = rates or _rate_of_velocities(table, schema, ids, frame, position)
+    rates = rates or _rate_of_velocities(rows, schema)
     if not rates:
-        return _assumed(table, schema, frame, ids, period)
+        return _assumed(rows, schema, period)
     (source, rate), *others = rates.items()
     for other, value in others:
         if abs(np.log(value / rate)) > np.log1p(AGREE):
@@ -826,7 +872,7 @@ def stamps_of(
     if source not in (option("fps"), option("eth_stride")):
         table = table.noted(f"{rate:g} frames a second ({source})")
     # In this order 10 frames at 25 a second are 0.4 s exactly.
-    return table, frame / (rate * period) * period
+    return table, rows.clock / (rate * period) * period
 
 
 def _rates(
@@ -853,28 +899,20 @@ def _rates(
     return usable
 
 
-def _rate_of_velocities(
-    table: Table,
-    schema: Schema,
-    ids: np.ndarray,
-    frame: np.ndarray,
-    position: np.ndarray,
-) -> dict[str, float]:
+def _rate_of_velocities(rows: Rows, schema: Schema) -> dict[str, float]:
     """The rate by which the columns vx, vy fit what people move in four frames, if they do.
 
-    Over four rows, so that rounding and noise matter little. `ids`, `frame` are [R],
-    `position` is [R, 2].
+    Over four rows, so that rounding and noise matter little.
     """
     if not {"vx", "vy"} <= schema.places.keys():
         return {}
     columns = schema.places["vx"], schema.places["vy"]
-    order = np.lexsort((frame, ids))
-    velocity = np.nan_to_num(table.numbers(*columns, missing=True))[order]
-    if len(order) < ENOUGH:
+    velocity = np.nan_to_num(rows.table.numbers(*columns, missing=True))
+    if len(velocity) < ENOUGH:
         return {}
-    frames = frame[order][4:] - frame[order][:-4]
-    same = (ids[order][4:] == ids[order][:-4]) & (frames > 0)
-    moved = (position[order][4:] - position[order][:-4])[same] / frames[same, None]
+    frames = rows.clock[4:] - rows.clock[:-4]
+    same = (rows.ids[4:] == rows.ids[:-4]) & (frames > 0)
+    moved = (rows.raw[4:] - rows.raw[:-4])[same] / frames[same, None]
     mean = [np.convolve(along, MEAN_OF_FIVE, "valid") for along in velocity.T]
     velocity = np.column_stack(mean)[same]
     across = (velocity * moved).sum(axis=1)
@@ -894,42 +932,43 @@ def _rate_of_velocities(
     nearest = float(usual[abs(usual - rate).argmin()])
     if abs(rate / nearest - 1) < CLOSE:
         rate = nearest
-    names = ", ".join(table.names[at] for at in columns)
+    names = ", ".join(rows.table.names[at] for at in columns)
     hint = f"columns {names} alone, which may err by a twentieth: {option('fps')} corrects it"
     return {hint: rate}
 
 
-def _assumed(
-    table: Table, schema: Schema, frame: np.ndarray, ids: np.ndarray, period: float
-) -> tuple[Table, np.ndarray]:
+def _assumed(rows: Rows, schema: Schema, period: float) -> tuple[Table, np.ndarray]:
     """[R] seconds of frames whose most common step is taken for `period` seconds.
 
     Raises:
         InputError: where that step is unusual, or every frame of a video is there.
     """
+    frame = rows.clock
     if schema.in_picture and np.any(np.diff(np.unique(frame)) == 1):
         raise Unsaid(
             f"it has every frame of a video: say how many a second "
             f"({option('fps', 30)})"
         )
-    step = usual_step(frame, ids)
+    step = usual_step(frame, rows.ids)
     if step not in STEPS:
         raise Unsaid(
             f"its frames are {step:g} apart, at 25 a second {step / 25:.2f} s: "
             f"say how many make a second ({option('fps', 25)})"
         )
     frames = "a frame is" if step == 1 else f"{step:g} frames are"
-    table = table.noted(
+    table = rows.table.noted(
         f"{frames} taken for {period:g} s, which nothing says: {option('fps')}"
     )
     return table, frame / step * period
 
 
 def usual_step(frame: np.ndarray, ids: np.ndarray) -> float:
-    """The most common step of people's frames [R], else of all; 1 where there is one frame."""
-    order = np.lexsort((frame, ids))
-    steps = np.diff(frame[order])[np.diff(ids[order]) == 0]
-    steps = np.append(steps[steps > 0], [])
+    """The most common step of people's frames [R], else of all; 1 where there is one frame.
+
+    Rows are sorted by id and frame.
+    """
+    steps = np.diff(frame)[np.diff(ids) == 0]
+    steps = steps[steps > 0]
     if not len(steps):
         steps = np.diff(np.unique(frame))
     return common(steps) if len(steps) else 1.0
@@ -1016,17 +1055,16 @@ def _days(table: Table, texts: pl.Series) -> np.ndarray:
     return readings[0].astype(float)
 
 
-def _refuse_other_frames(
-    table: Table, schema: Schema, stamp: np.ndarray, part: np.ndarray
-) -> None:
-    """Refuse a column of frames that counts anything but the times [R] of each recording [R]."""
+def _refuse_other_frames(rows: Rows, schema: Schema, part: np.ndarray) -> None:
+    """Refuse a column of frames that counts anything but the times of each recording, `part` [R]."""
+    table = rows.table
     places = [at for at, name in enumerate(table.names) if role_of(name) == "frame"]
     if len(places) != 1:
         return
     frame = table.numbers(*places, missing=True).ravel()
     for number in np.unique(part):
         at = (part == number) & np.isfinite(frame)
-        counts, moments = frame[at], stamp[at]
+        counts, moments = frame[at], rows.clock[at]
         if len(np.unique(counts)) < 3:
             continue
         rate, start = np.polyfit(counts - counts[0], moments, 1)

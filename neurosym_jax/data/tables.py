@@ -453,17 +453,14 @@ class Table:
             raise InputError(f"row {self.row[at]}: {reason(at)}")
 
     def take(self, rows: np.ndarray, others: str = "") -> "Table":
-        """The rows of a mask [R]; what the `others` are, which is said with their number."""
-        if others and rows.all():
-            return self
+        """The rows of a mask [R], or of indices; what the `others` are, which is said with their
+        number."""
+        index = np.arange(len(self.row))[rows]
         left_out = self.left_out
-        if others:
-            left_out += (f"{np.sum(~rows)} rows {others}",)
+        if others and len(index) < len(self.row):
+            left_out += (f"{len(self.row) - len(index)} rows {others}",)
         return dataclasses.replace(
-            self,
-            fields=self.fields.filter(rows),
-            row=self.row[rows],
-            left_out=left_out,
+            self, fields=self.fields[index], row=self.row[index], left_out=left_out
         )
 
     def with_column(self, name: str, texts: "pl.Series") -> "Table":
@@ -586,7 +583,7 @@ class Table:
         if clock is not None and stamp[last]:
             rate = round(float(self.whole_numbers(clock)[last] / stamp[last]), 6)
         names, part = parts or ([printable(self.path.stem)], np.zeros(len(row), int))
-        is_first, is_back = _order_of(part, id, stamp, position)
+        is_first, is_back = _order_of(part, id, stamp, position, row)
         recordings = []
         for number, name in enumerate(names):
             is_here = part == number
@@ -630,20 +627,24 @@ class Table:
 
 
 def _order_of(
-    part: np.ndarray, id: np.ndarray, stamp: np.ndarray, position: np.ndarray
+    part: np.ndarray,
+    id: np.ndarray,
+    stamp: np.ndarray,
+    position: np.ndarray,
+    row: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """[R] bool: rows that repeat none before them, and of these the ones that are earlier than the
-    row of the same person before them."""
+    row of the same person before them in the file."""
     import polars as pl
 
     x, y = position.T
     points = pl.DataFrame({"part": part, "id": id, "stamp": stamp, "x": x, "y": y})
     is_first = points.select(pl.struct(pl.all()).is_first_distinct()).to_series()
-    step = pl.col("stamp").diff().over("part", "id")
+    points = points.with_columns(row=row)
+    step = pl.col("stamp").diff().over("part", "id", order_by="row")
+    steps = points.filter(is_first).select(step).to_series()
     is_back = np.zeros(len(part), bool)
-    is_back[is_first] = (
-        points.filter(is_first).select(step.fill_null(0) < 0).to_series()
-    )
+    is_back[is_first] = steps.fill_null(0.0).to_numpy() < 0
     return is_first.to_numpy(), is_back
 
 

@@ -9,6 +9,7 @@ import polars as pl
 
 from neurosym_jax.data.columns import (
     ROLES,
+    Rows,
     Schema,
     column_name,
     facts_of,
@@ -16,6 +17,7 @@ from neurosym_jax.data.columns import (
     names_in_comments,
     parse_columns,
     positions_of,
+    rows_of,
     schema_of,
     stamps_of,
     vocabulary,
@@ -137,29 +139,29 @@ class Columns(Format):
         if self.decimals is not None:
             position = np.round(position, self.decimals)
 
-        is_shared = shared_places(table, schema, position)
+        rows = rows_of(table, schema, options, position, raw)
+        is_shared = shared_places(rows)
         if is_shared.any():
-            shared = ", ".join(map(str, np.unique(raw[is_shared], axis=0).tolist()))
-            hint = f"at {shared}, which people share: no position ({option('missing')})"
-            table = table.take(~is_shared, hint)
-            position, raw = position[~is_shared], raw[~is_shared]
+            shared = np.unique(rows.raw[is_shared], axis=0).tolist()
+            shown = ", ".join(map(str, shared))
+            hint = f"at {shown}, which people share: no position ({option('missing')})"
+            rows = rows.take(~is_shared, hint)
 
-        ids, texts = table.ids(places["id"])
-        names, part = _parts(table, schema)
-        table, stamp = stamps_of(table, schema, options, period, ids, part, raw, facts)
+        names, part = _parts(rows.table, schema)
+        table, stamp = stamps_of(rows, schema, options, period, part, facts)
         if len(names) > 1:
-            table = _warned_of_cameras(table, schema, ids, stamp, part, position)
+            table = _warned_of_cameras(table, rows, schema, stamp, part)
         others = set(range(len(table.names))) - schema.used
         return table.tracks(
             stamp,
-            ids,
-            position,
+            rows.ids,
+            rows.position,
             {name: table.extra(at) for name, at in schema.extras.items()},
             parts=(names, part),
             clock=places["frame"] if schema.clock == "frame" else None,
             columns=[f"{role}={column_name(table, at)}" for role, at in places.items()],
             unused=[column_name(table, at) for at in sorted(others)],
-            people=texts,
+            people=rows.people,
         )
 
 
@@ -285,54 +287,44 @@ def _parts(table: Table, schema: Schema) -> tuple[list[str], np.ndarray]:
     return [printable(f"{stem}{kind}"[:200]) for kind in kinds], part
 
 
-def shared_places(table: Table, schema: Schema, position: np.ndarray) -> np.ndarray:
+def shared_places(rows: Rows) -> np.ndarray:
     """[R] bool: rows at a place that stands for none, as 0, 0 or -9999, -9999.
 
     People share it, or both its numbers are one of `NOWHERE`; rows of a person repeat
     it; and people leap there and back, so that a door or a seat is none.
     """
-    ids = table.column(schema.places["id"]).rank("dense").to_numpy()
-    moment = table.extra(schema.places[schema.clock])
     places, place, counts = np.unique(
-        position, axis=0, return_inverse=True, return_counts=True
+        rows.position, axis=0, return_inverse=True, return_counts=True
     )
     place = place.ravel()
-    visits = np.unique(np.column_stack([place, ids]), axis=0)
+    visits = np.unique(np.column_stack([place, rows.ids]), axis=0)
     people = np.bincount(visits[:, 0])
     x, y = places.T
     is_nowhere = (x == y) & np.isin(x, NOWHERE)
     candidates = np.flatnonzero((counts >= SHARED) & ((people > 1) | is_nowhere))
 
-    order = np.lexsort((moment, ids))
-    same = np.diff(ids[order]) == 0
-    length = np.linalg.norm(np.diff(position[order], axis=0), axis=1)
-    is_shared = np.zeros(len(ids), bool)
+    same = rows.same
+    length = np.linalg.norm(np.diff(rows.position, axis=0), axis=1)
+    is_shared = np.zeros(len(place), bool)
     # The most frequent are enough: a recording has one or two such values.
     for number in candidates[np.argsort(-counts[candidates])][:5]:
-        is_there = place[order] == number
+        is_there = place == number
         goes = is_there[1:] != is_there[:-1]
         walks = ~is_there[1:] & ~is_there[:-1]
         leaps = length[same & goes]
         steps = length[same & walks & (length > 0)]
         if len(leaps) and len(steps) and np.median(leaps) > LEAP * np.median(steps):
-            is_shared |= place == number
+            is_shared |= is_there
     return is_shared
 
 
 def _warned_of_cameras(
-    table: Table,
-    schema: Schema,
-    ids: np.ndarray,
-    stamp: np.ndarray,
-    part: np.ndarray,
-    position: np.ndarray,
+    table: Table, rows: Rows, schema: Schema, stamp: np.ndarray, part: np.ndarray
 ) -> Table:
     """The table, with a warning where people go on in another recording that a column splits."""
-    order = np.lexsort((stamp, ids))
-    same_person = np.diff(ids[order]) == 0
-    soon = np.diff(stamp[order]) <= 1
-    other_part = np.diff(part[order]) != 0
-    moves = np.diff(position[order], axis=0)[same_person & soon & other_part]
+    soon = np.diff(stamp) <= 1
+    other_part = np.diff(part) != 0
+    moves = np.diff(rows.position, axis=0)[rows.same & soon & other_part]
     length = np.linalg.norm(moves, axis=1)
     if not len(length) or np.median(length) >= 1:
         return table

@@ -57,7 +57,8 @@ class Trajnet(Format):
         table = Table(path, _KEYS, texts, np.array(list(points)))
         ids, people = table.ids(1)
         frame = table.whole_numbers(0)
-        step = frame / usual_step(frame, ids)
+        order = np.lexsort((frame, ids))
+        step = frame / usual_step(frame[order], ids[order])
         stamp = step / (rates[-1] if rates else FPS)
         rate = options.fps_of(path.stem)
         if rate:
