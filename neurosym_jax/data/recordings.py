@@ -20,12 +20,13 @@ from neurosym_jax.data.columns import (
 )
 from neurosym_jax.data.evidence import judge
 from neurosym_jax.data.readers import columns, storage
-from neurosym_jax.data.readers.storage import FRAME, is_frame, table_of
+from neurosym_jax.data.readers.storage import FRAME, InMemory, is_frame
 from neurosym_jax.data.tables import (
     AS_IT_SAYS,
     FORMATS,
     SCALED,
     Format,
+    Head,
     Question,
     ReadOptions,
     read_head,
@@ -137,8 +138,8 @@ def read_any(
     """
     path = FRAME if is_frame(data) else Path(data)
     with reading(path, "a recording"):
-        form = columns.Columns() if is_frame(data) else format_of(path, options)
-        if is_frame(data) and options.format not in (None, "columns"):
+        form = InMemory(data) if is_frame(data) else format_of(path, options)
+        if isinstance(form, InMemory) and options.format not in (None, "columns"):
             raise InputError(
                 f"it is a {form.title}, not {option('format', options.format)}"
             )
@@ -146,25 +147,18 @@ def read_any(
 
         def take(answer: tuple[str, ...]) -> list[Tracks]:
             asked = dataclasses.replace(options, columns=answer)
-            if is_frame(data):
-                return columns.Columns().take(table_of(data), asked, frame_period)
             is_table = form.uses is not None and "columns" in form.uses
             reader = form if is_table else columns.Columns()
             return reader.read(path, asked, frame_period)
 
         try:
-            if is_frame(data):
-                recordings = take(options.columns)
-            else:
-                recordings = form.in_metres(path, options, frame_period)
+            recordings = form.in_metres(path, options, frame_period)
         except Question as question:
             raise columns.answered(question, options.columns, take) from None
-        return [_judged(data, path, form, tracks, options) for tracks in recordings]
+        return [_judged(path, form, tracks, options) for tracks in recordings]
 
 
-def _judged(
-    data: Any, path: Path, form: Format, tracks: Tracks, options: ReadOptions
-) -> Tracks:
+def _judged(path: Path, form: Format, tracks: Tracks, options: ReadOptions) -> Tracks:
     """Tracks with their `reading`, after what they say of themselves."""
     report = tracks.reading or Reading(
         tracks.recording, printable(str(path)), rows=len(tracks.id)
@@ -174,8 +168,10 @@ def _judged(
         lines += (options.allowed(guard, line) if refused else line,)
     for line in lines:
         warnings.warn(f"{path}: {line}", InputWarning, stacklevel=4)
-    file = None if is_frame(data) else report.file
-    name = FORMATS.name_of(form)
+    if isinstance(form, InMemory):
+        file, name = None, "columns"
+    else:
+        file, name = report.file, FORMATS.name_of(form)
     report = dataclasses.replace(report, file=file, format=name, warnings=lines)
     return dataclasses.replace(tracks, reading=report)
 
@@ -244,9 +240,11 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
         form = format_of(path)
         if isinstance(form, columns.Layout) or not isinstance(form, columns.Columns):
             continue
-        if not _names_tracks(path):
+        head = read_head(path)
+        named = names_in_comments(head.comments, len(head.fields[0]))
+        if not names_tracks(head.names or named):
             others[path] = "it has no columns of tracks"
-        elif _has_no_people(path, options):
+        elif _has_no_people(path, head, options):
             others[path] = "it has no people"
     for path, why in others.items():
         warnings.warn(f"{path}: left out: {why}", InputWarning, stacklevel=2)
@@ -257,9 +255,8 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     return [path for path in paths if path not in others]
 
 
-def _has_no_people(path: Path, options: ReadOptions) -> bool:
+def _has_no_people(path: Path, head: Head, options: ReadOptions) -> bool:
     """Whether all rows are of other kinds, which are looked for where the first ones are."""
-    head = read_head(path)
     others = vocabulary()["others"]
     for name, *kinds in zip(*head.fields):
         if role_of(name) == "label" and others.issuperset(map(str.lower, kinds)):
@@ -270,14 +267,6 @@ def _has_no_people(path: Path, options: ReadOptions) -> bool:
             except InputError:
                 return False
     return False
-
-
-def _names_tracks(path: Path) -> bool:
-    """Whether a header or a comment names columns of tracks."""
-    head = read_head(path)
-    return names_tracks(
-        head.names or names_in_comments(head.comments, len(head.fields[0]))
-    )
 
 
 def files_in(folder: Path, pattern: str = "*") -> list[Path]:

@@ -45,7 +45,7 @@ from neurosym_jax.runtime.foreign import (
     refuse_dense,
 )
 
-__all__ = ["FRAME", "Json", "Storage", "is_frame", "table_of"]
+__all__ = ["FRAME", "InMemory", "Json", "Storage", "is_frame"]
 
 LONGEST, CHECKED = 1_000_000, 100_000
 """Bytes of a field of a database, and rows between two checks of its size."""
@@ -98,6 +98,17 @@ class Json(Columns):
         """The recordings in its rows."""
         table = dataclasses.replace(_table_in_json(path), path=path)
         return self.take(table, options, period)
+
+
+@dataclasses.dataclass(frozen=True)
+class InMemory(Columns):
+    """A table that `is_frame`."""
+
+    data: Any
+
+    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
+        """The recordings in it."""
+        return self.take(table_of(self.data), options, period)
 
 
 def is_frame(data: object) -> bool:
