@@ -194,3 +194,5 @@ def test_a_format_of_a_plugin_is_known_in_a_fresh_process(tmp_path):
     done = run_python(*words, cwd=tmp_path, check=False, NEUROSYM_NO_CACHE="1")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "mine" in done.stdout
+    commands = done.stdout.split("next:\n")[1].splitlines()
+    assert all(command.endswith(" --plugin mine.py") for command in commands)

@@ -52,6 +52,7 @@ __all__ = [
 __all__ += [
     "open_data",
     "options_text",
+    "plugin_flags",
     "refuse_given",
     "refuse_unused",
     "with_file",
@@ -236,6 +237,14 @@ def flags(options: Mapping[str, Any]) -> list[str]:
         values = value if isinstance(value, list | tuple) else [value]
         for item in values:
             words.append(f"{item:.12g}" if isinstance(item, float) else str(item))
+    return words
+
+
+def plugin_flags() -> list[str]:
+    """The words of a command that import the plugins that are loaded."""
+    words = list[str]()
+    for plugin in loaded():
+        words += ["--plugin", plugin]
     return words
 
 

@@ -46,6 +46,9 @@ def run(
     with new_file(to) as beside:
         beside.write_bytes(program)
     free = to.suffix == ".onnx" and loaded.forecaster.noise.dim
-    count = "any number of" if free else f"{samples}"
+    count = loaded.forecaster.count(samples)
+    forecasts = "any number of forecasts" if free else f"{count} forecasts"
+    if count == 1 and not free:
+        forecasts = "one forecast"
     called = spoken_name(model, place, loaded)
-    print(f"{to}: {called}, {count} forecasts of any number of people")
+    print(f"{to}: {called}, {forecasts} of any number of people")

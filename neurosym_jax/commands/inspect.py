@@ -11,7 +11,13 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from neurosym_jax.commands._options import Positional, Reading, flags, given
+from neurosym_jax.commands._options import (
+    Positional,
+    Reading,
+    flags,
+    given,
+    plugin_flags,
+)
 from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.columns import SWAP, outside
 from neurosym_jax.data.evidence import pace_of, steps_of
@@ -182,7 +188,7 @@ def _print_next(
         }
         options = guesses | options
     options = ({} if people > 1 else {"min_agents": 1}) | options
-    words = shlex.join(flags(options))
+    words = shlex.join([*flags(options), *plugin_flags()])
     file = shlex.quote(str(path))
     print("\nnext:")
     print(f"  neurosym evaluate --data {file} --model {RECOMMENDED} {words}".rstrip())

@@ -13,6 +13,7 @@ from neurosym_jax.commands._options import (
     given,
     open_data,
     options_text,
+    plugin_flags,
     refuse_given,
     refuse_unused,
 )
@@ -33,7 +34,6 @@ from neurosym_jax.evaluation.scores import score_forecaster
 from neurosym_jax.models.disk import load_model
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import forecaster_of
-from neurosym_jax.plugins import loaded
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.preparation import describe_parts, prepare
 from neurosym_jax.training.run import (
@@ -165,8 +165,7 @@ def closing_line(options: Options, run: Run, source: Source, folder: Path) -> st
     options_of_run = []
     if run.config.period != PERIOD:
         options_of_run += ["--period", f"{run.config.period:g}"]
-    for plugin in loaded():
-        options_of_run += ["--plugin", plugin]
+    options_of_run += plugin_flags()
     if not datasets:
         new = shlex.join([*words, "--data", "NEW_RECORDING", *options_of_run])
         return f"nothing is left to test on: test on a new recording: {new}"

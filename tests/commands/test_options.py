@@ -278,7 +278,7 @@ def inner(data):
         "export": {
             f"{C}.export.load_model": SimpleNamespace(
                 name="model",
-                forecaster=SimpleNamespace(noise=SimpleNamespace(dim=0)),
+                forecaster=SimpleNamespace(noise=SimpleNamespace(dim=0), count=int),
             ),
             f"{C}.export.export_model": b"",
             f"{C}.export.export_onnx": b"",

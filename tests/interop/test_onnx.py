@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax import GeneratorConfig, load_model, predict
+from neurosym_jax import GeneratorConfig, Model, load_model, predict, save_model
 from neurosym_jax.commands.export import run
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.export import export_onnx, program_of
 from neurosym_jax.interop.onnx import to_onnx
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.disk import models_at_hand
+from neurosym_jax.models.forecaster import Lengths
 from tests.networks import random_model
 from tests.repository import ROOT, SMALL, exhaustive, run_python
 
@@ -214,6 +215,10 @@ def test_the_command_and_what_is_refused(tmp_path, capsys, monkeypatch):
         "period": "0.4",
         "noise": "gaussian",
     }
+    still = Model(Lengths(), {}, family="constant_velocity")
+    save_model(tmp_path / "still", still)
+    run(tmp_path / "still", tmp_path / "still.onnx")
+    assert "one forecast of any number of people" in capsys.readouterr().out
     with pytest.raises(InputError, match=r"a\.onnx: exists already"):
         run(SMALL, tmp_path / "a.onnx")
     argument = {"x": jax.ShapeDtypeStruct((3,), jnp.float32)}
