@@ -380,12 +380,17 @@ def open_data(
     """Open the source that --data and --dataset name, see `open_source`.
 
     Raises:
-        InputError: for options of reading where neither the source nor any of `files`
-            is read.
+        InputError: for a model, and for options of reading where neither the source nor
+            any of `files` is read.
     """
     # Only here, so that a robot's commands need no library of tables.
     from neurosym_jax.data.recordings import Synthetic, open_source
+    from neurosym_jax.models.disk import find_model
 
+    if data is not None and (find_model(data) / "params.safetensors").is_file():
+        raise InputError(
+            f"{data}: is a model, not a recording: `neurosym evaluate --model {data}` tests it"
+        )
     source = open_source(data, dataset, read=read, **options)
     if isinstance(source, Synthetic) and not any(files):
         refuse_unused(read, vars(read), "on simulations (--data names recordings)")

@@ -375,6 +375,7 @@ REFUSED = {
     "evaluate --no-figures --plots a.png": "--plots: has no effect with --no-figures",
     "evaluate --table csv --intervals": "--intervals: has no effect without --table latex",
     "evaluate --data absent": "absent: no such file or folder",
+    "evaluate --data recommended": "recommended: is a model, not a recording: `neurosym",
     "evaluate --data eth-ucy": "no such file or folder: `neurosym download eth-ucy` fetches",
     "evaluate --data {d}/word.txt": "word.txt: row 2: y is not a number: 'abc'",
     "evaluate --data {d}/a --dataset zara9": "unknown dataset 'zara9'",
