@@ -32,7 +32,6 @@ from neurosym_jax.data.tables import (
 )
 from neurosym_jax.data.tracks import Tracks, common, make_tracks
 from neurosym_jax.errors import InputError, option
-from neurosym_jax.runtime.foreign import SETTINGS, read_json
 
 __all__ = [
     "BOX",
@@ -183,10 +182,9 @@ def _are_numbers(table: Table, at: int) -> bool:
 
 
 def _repeats(table: Table, at: int) -> bool:
-    """Whether a column's values repeat, as ids do; fractions never do."""
+    """Whether a column's values repeat, as ids do."""
     texts = table.column(at)
-    has_fractions = np.nan_to_num(table.extra(at, texts=False)) % 1 != 0
-    return 2 * texts.n_unique() <= len(texts) and not has_fractions.any()
+    return 2 * texts.n_unique() <= len(texts)
 
 
 def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
@@ -717,13 +715,10 @@ def _said(table: Table, schema: Schema) -> Iterator[tuple[str, str, str]]:
         rate = _RATE.search(re.sub(r"\[[^]]*\d[^]]*\]", "", comment))  # not of [1/s]
         if rate:
             sources[f"the comment {comment[:40]!r}"] = {"fps": rate[1] or rate[2]}
-    for path in _beside(table.path):
-        other = _table_in(path)
-        if path.suffix == ".json":
-            with contextlib.suppress(InputError, AttributeError):
-                sources[path.name] = facts_in(read_json(path, limit=SETTINGS).items())
-        elif other and len(other.row) == 1:
-            sources[path.name] = facts_in(zip(other.names, other.fields[0]))
+    for other in _tables_beside(table.path):
+        if len(other.row) == 1:
+            facts = facts_in(zip(other.names, other.fields[0]))
+            sources[other.path.name] = facts
     for witness, facts in sources.items():
         for key, value in facts.items():
             yield key, value, witness
@@ -743,32 +738,26 @@ def facts_in(pairs: Iterable[tuple[Any, Any]]) -> dict[str, str]:
     return facts
 
 
-def _beside(path: Path) -> list[Path]:
-    """Files of metadata beside a table: 00_tracks.csv has 00_tracksMeta.csv, a.csv a_meta.json."""
+def _tables_beside(path: Path) -> Iterator[Table]:
+    """Tables of metadata beside a table: 00_tracks.csv has 00_tracksMeta.csv."""
     stem = path.stem.rpartition("_")[0] or path.stem
-    others = sorted(path.parent.glob(f"{glob.escape(stem)}*[mM]eta*"))
-    return [other for other in others if path.suffix and other != path]
-
-
-def _table_in(path: Path) -> Table | None:
-    if path.suffix.lower() == ".csv":
-        with contextlib.suppress(InputError):
-            return read_table(path)
-    return None
+    for other in sorted(path.parent.glob(f"{glob.escape(stem)}*[mM]eta*.csv")):
+        if path.suffix and other != path:
+            with contextlib.suppress(InputError):
+                yield read_table(other)
 
 
 def kinds_beside(table: Table, schema: Schema) -> dict[str, pl.Series]:
     """[R] lower-case kinds of the rows' ids by the name of what says them: a file beside the table,
     if one does."""
-    for path in _beside(table.path):
-        other = _table_in(path)
-        roles = list(map(role_of, other.names)) if other else []
-        if other and {"id", "label"} <= set(roles) and not {"x", "y"} & set(roles):
+    for other in _tables_beside(table.path):
+        roles = list(map(role_of, other.names))
+        if {"id", "label"} <= set(roles) and not {"x", "y"} & set(roles):
             label = roles.index("label")
             kind = dict(zip(other.column(roles.index("id")), other.words(label)))
             ids = table.column(schema.places["id"])
             kinds = ids.replace_strict(kind, default="", return_dtype=pl.String)
-            return {f"{other.names[label]} in {path.name}": kinds}
+            return {f"{other.names[label]} in {other.path.name}": kinds}
     return {}
 
 
@@ -921,12 +910,11 @@ def _rate_of_velocities(rows: Rows, schema: Schema) -> dict[str, float]:
     moves = (speed > 0) & (length > 0)
     if same.sum() < ENOUGH or not moves.any():
         return {}
-    moves &= length > 0.01 * np.median(length)
     across, length, speed = across[moves], length[moves], speed[moves]
     # Medians, for velocities are wrong where tracks begin or are exchanged.
     cosine = np.median(across / np.sqrt(length * speed))
     rate = float(np.median(across / length))
-    if cosine < 0.9 or not 0.9 < rate < 130:
+    if cosine < 0.9:
         return {}
     usual = np.array([round(rate), *USUAL_RATES])
     nearest = float(usual[abs(usual - rate).argmin()])

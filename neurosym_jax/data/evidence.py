@@ -73,17 +73,15 @@ def pace_of(tracks: Tracks) -> tuple[int, float]:
     after = after[starts]
     time = tracks.stamp[after] - tracks.stamp[starts]
     move = tracks.position[after] - tracks.position[starts]
-    pace = float(np.quantile(np.linalg.norm(move, axis=1) / time, 0.95))
-    if pace <= 1 and np.median(time) <= PERIOD / 2:
-        pace = np.nan  # In a moment anybody may stand.
-    return len(starts), pace
+    speed = np.linalg.norm(move, axis=1) / time
+    return len(starts), float(np.quantile(speed, 0.95))
 
 
 def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """[C] typical second difference of each of the `columns` [R, C] along tracks, in spreads.
 
     It is infinite where the reading repeats a person at one moment, or has few tracks
-    of three rows; uneven steps in time add to it.
+    of three rows.
     """
     order = np.lexsort((time, ids))
     step = np.diff(time[order])
@@ -95,9 +93,7 @@ def roughness(time: np.ndarray, ids: np.ndarray, columns: np.ndarray) -> np.ndar
     bend = np.abs(np.diff(columns[order], 2, axis=0))[triple]
     low, high = np.quantile(columns, (0.05, 0.95), axis=0)
     spread = np.maximum(high - low, 1e-12)
-    is_uneven = step[1:] != step[:-1]
-    uneven = np.mean(is_uneven[triple])
-    return np.median(bend, axis=0) / spread + 0.05 * uneven
+    return np.median(bend, axis=0) / spread
 
 
 def _every_period(tracks: Tracks) -> Tracks:

@@ -75,7 +75,6 @@ LOOKED_AT = 50  # columns whose words are looked at
 MANY_KINDS = 10  # of which there may be as many as people
 SHARED = 3  # rows at one place that may stand for none
 LEAP = 5  # usual steps that people leap there and back
-NOWHERE = (-1, -99, -999, -9999, -99999, 99, 999, 9999, 99999)
 
 # Tables whose columns have roles: a user's own, and layouts that are known by their
 # numbers.
@@ -290,18 +289,16 @@ def _parts(table: Table, schema: Schema) -> tuple[list[str], np.ndarray]:
 def shared_places(rows: Rows) -> np.ndarray:
     """[R] bool: rows at a place that stands for none, as 0, 0 or -9999, -9999.
 
-    People share it, or both its numbers are one of `NOWHERE`; rows of a person repeat
-    it; and people leap there and back, so that a door or a seat is none.
+    People share it; rows of a person repeat it; and people leap there and back, so that
+    a door or a seat is none.
     """
-    places, place, counts = np.unique(
+    _, place, counts = np.unique(
         rows.position, axis=0, return_inverse=True, return_counts=True
     )
     place = place.ravel()
     visits = np.unique(np.column_stack([place, rows.ids]), axis=0)
     people = np.bincount(visits[:, 0])
-    x, y = places.T
-    is_nowhere = (x == y) & np.isin(x, NOWHERE)
-    candidates = np.flatnonzero((counts >= SHARED) & ((people > 1) | is_nowhere))
+    candidates = np.flatnonzero((counts >= SHARED) & (people > 1))
 
     same = rows.same
     length = np.linalg.norm(np.diff(rows.position, axis=0), axis=1)
