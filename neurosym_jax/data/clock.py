@@ -118,7 +118,7 @@ def phases(
 
     A piece ends in a pause, in which no track goes on, and where the phase of most rows
     changes. Its phase is that of most rows; where none has a majority, as at 25 frames
-    a second, the first row's, or the last piece's. Rows without a neighbour in
+    a second, the first that is common, or the last piece's. Rows without a neighbour in
     time have no vote.
 
     Args:
@@ -167,12 +167,13 @@ def _voters(stamp: np.ndarray, joined: np.ndarray) -> np.ndarray:
 
 def _phase_of(labels: np.ndarray, previous: int) -> int:
     """The number of the phase of a piece whose rows have phases `labels` [V]."""
-    kinds, counts = np.unique(labels, return_counts=True)
+    kinds, first, counts = np.unique(labels, return_index=True, return_counts=True)
     if 2 * counts.max() > len(labels):
         return int(kinds[counts.argmax()])
     if previous in kinds:
         return previous
-    return int(labels[0])
+    frequent = counts >= counts.max() / 4
+    return int(kinds[frequent][np.argmin(first[frequent])])
 
 
 def _jumps(stamp: np.ndarray, joined: np.ndarray, period: float) -> list[float]:
