@@ -111,14 +111,14 @@ def read_bytes(path: Path | str, limit: float = SMALL) -> bytes:
     return content
 
 
-def read_json(path: Path | str, kind: str = "JSON", limit: float = SMALL) -> Any:
+def read_json(path: Path | str, kind: str = "JSON") -> Any:
     """The value of a file in JSON, without keys that stand twice.
 
     Raises:
         InputError: naming the file: as `read_bytes`, and for other text.
     """
     with reading(path, kind):
-        return parse_json(read_bytes(path, limit), printable(str(path)))
+        return parse_json(read_bytes(path, SMALL), printable(str(path)))
 
 
 def read_yaml(path: Path | str, kind: str = "YAML", loader: Any = None) -> Any:
@@ -167,13 +167,13 @@ def read_arrays(path: Path | str, kind: str = "arrays of numpy") -> dict[str, An
     return arrays
 
 
-def read_array(path: Path | str, kind: str = "an array of numpy") -> np.ndarray:
+def read_array(path: Path | str) -> np.ndarray:
     """The array in an `.npy`, read-only, which may hold no objects.
 
     Raises:
         InputError: naming the file: as `read_bytes`, and for another content.
     """
-    with reading(path, kind):
+    with reading(path, "an array of numpy"):
         return _array(read_bytes(path, UNPACKED))
 
 

@@ -190,7 +190,7 @@ class Recall(NamedTuple):
         return self.onward + added
 
 
-def empty_memory(moments: int, steps: int, kernels: int = len(KERNELS)) -> Memory:
+def empty_memory(moments: int, steps: int) -> Memory:
     """A memory for so many `moments` with `steps` that follow."""
     exponent = np.ceil(np.log2(max(moments, CELL) / 12))
     slots = 1 << max(int(exponent), 4)
@@ -200,8 +200,8 @@ def empty_memory(moments: int, steps: int, kernels: int = len(KERNELS)) -> Memor
         error=jnp.zeros((moments, steps, 2), jnp.float32),
         person=jnp.full(moments, -1, jnp.int32),
         time=jnp.full(moments, -jnp.inf, jnp.float32),
-        table=jnp.full((kernels, slots, CELL), moments, jnp.int32),
-        turn=jnp.zeros((kernels, slots), jnp.int32),
+        table=jnp.full((len(KERNELS), slots, CELL), moments, jnp.int32),
+        turn=jnp.zeros((len(KERNELS), slots), jnp.int32),
         next=jnp.zeros((), jnp.int32),
     )
 

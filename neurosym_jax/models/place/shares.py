@@ -167,7 +167,7 @@ class Ledger:
         return ledger, Scored(len(error), float(network), float(used))
 
 
-def new_ledger(components: ArrayLike, rate: float = RATE, loss: float = LOSS) -> Ledger:
+def new_ledger(components: ArrayLike, loss: float = LOSS) -> Ledger:
     """The ledger of a place where nothing was scored yet.
 
     `components [K]` are first weights of what is recalled, in proportion.
@@ -176,7 +176,7 @@ def new_ledger(components: ArrayLike, rate: float = RATE, loss: float = LOSS) ->
     weight = np.append(ALONE, (1 - ALONE) * weight / weight.sum())
     first = np.log(weight)
     rows = experts(np.size(components))
-    return Ledger(rows, first, first, rate=rate, loss=loss)
+    return Ledger(rows, first, first, loss=loss)
 
 
 def risk_of(
