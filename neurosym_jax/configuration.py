@@ -134,8 +134,9 @@ def from_json(
         raise InputError(f"{source}: not a JSON object")
     unknown = [name for name in fields if name not in _hints(cls)]
     if unknown:
+        known = ", ".join(_hints(cls)) or "none"
         raise InputError(
-            f"{source}: unknown field {brief(unknown[0])} for {cls.__name__}"
+            f"{source}: unknown field {brief(unknown[0])} for {cls.__name__}: there are {known}"
         )
     entries = dataclasses.fields(cls)  # pyright: ignore[reportArgumentType]
     needed = {entry.name for entry in entries if entry.default is dataclasses.MISSING}

@@ -264,7 +264,11 @@ def forecast(**change):
             ["cdn"],
             r"unknown weighting 'cdn': did you mean 'cnd'\? .*shuffled",
         ),
-        (make_weighting, ["ones,learned=true"], "unknown field 'learned' for Ones"),
+        (
+            make_weighting,
+            ["ones,learned=true"],
+            "unknown field 'learned' for Ones: there are none",
+        ),
         (
             make_weighting,
             ["soft,temprature=0.05"],

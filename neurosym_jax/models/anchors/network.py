@@ -240,6 +240,7 @@ class AnchorNetwork(nn.Module):
         self,
         state: Array,
         count: int,
+        prefix: str = "",
         *,
         speed: Array,
         heading: Array,
@@ -247,14 +248,17 @@ class AnchorNetwork(nn.Module):
     ) -> Array:
         """[2, pred_len, count, N] residuals to constant velocity, metres.
 
-        Of each person: `state [N, units]`, `speed [N]` in metres a step, `heading [N,
-        2]` and its squared length `walking [N]`.
+        `prefix` begins the names of the parameters. Of each person: `state [N, units]`,
+        `speed [N]` in metres a step, `heading [N, 2]` and its squared length `walking
+        [N]`.
         """
         config, shape = self.config, (count, BASIS, 2)
-        anchor = self.param("anchor", _anchors(0.25, BENDS, BASIS), shape)
-        still_anchor = self.param("still", _anchors(0.1, BENDS, BASIS), shape)
-        bend = _dense(int(np.prod(shape)), "bend", 0.01)(state).reshape(-1, *shape)
-        spread = _dense(count, "spread", 0.01)(state)
+        anchor = self.param(f"{prefix}anchor", _anchors(0.25, BENDS, BASIS), shape)
+        still_anchor = self.param(f"{prefix}still", _anchors(0.1, BENDS, BASIS), shape)
+        bend = _dense(int(np.prod(shape)), f"{prefix}bend", 0.01)(state).reshape(
+            -1, *shape
+        )
+        spread = _dense(count, f"{prefix}spread", 0.01)(state)
         spread = jnp.exp(jnp.clip(spread, -4, 4)).T[None, None]
         scale = (speed * config.pred_len + 0.5)[WIDE]
         # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
