@@ -277,8 +277,11 @@ def _preview(tracks: Tracks) -> str:
 def _parts(table: Table, schema: Schema) -> tuple[list[str], np.ndarray]:
     """The names of recordings, and [R] the index of each row's."""
     stem = table.path.stem
+    columns = schema.columns.get("recording", ())
+    if not columns:
+        return [printable(stem)], np.zeros(len(table.row), int)
     keys = pl.Series([""] * len(table.row))
-    for at in schema.columns.get("recording", ()):
+    for at in columns:
         keys = keys + "_" + table.column(at)
     kinds, part = np.unique(keys.to_numpy(), return_inverse=True)
     if len(kinds) == 1:
@@ -292,24 +295,21 @@ def shared_places(rows: Rows) -> np.ndarray:
     People share it; rows of a person repeat it; and people leap there and back, so that
     a door or a seat is none.
     """
-    _, place, counts = np.unique(
-        rows.position, axis=0, return_inverse=True, return_counts=True
-    )
-    place = place.ravel()
-    visits = np.unique(np.column_stack([place, rows.ids]), axis=0)
-    people = np.bincount(visits[:, 0])
-    candidates = np.flatnonzero((counts >= SHARED) & (people > 1))
-
-    same = rows.same
-    length = np.linalg.norm(np.diff(rows.position, axis=0), axis=1)
-    is_shared = np.zeros(len(place), bool)
+    points = pl.DataFrame(rows.position, schema=["x", "y"]).with_columns(id=rows.ids)
+    count, people = pl.len().alias("count"), pl.col("id").n_unique().alias("people")
+    places = points.group_by("x", "y").agg(count, people)
+    places = places.filter(pl.col("count") >= SHARED, pl.col("people") > 1)
     # The most frequent are enough: a recording has one or two such values.
-    for number in candidates[np.argsort(-counts[candidates])][:5]:
-        is_there = place == number
+    places = places.sort("count", "x", "y", descending=True).head(5)
+
+    length = np.linalg.norm(np.diff(rows.position, axis=0), axis=1)
+    is_shared = np.zeros(len(points), bool)
+    for place in places.select("x", "y").rows():
+        is_there = (rows.position == place).all(axis=1)
         goes = is_there[1:] != is_there[:-1]
         walks = ~is_there[1:] & ~is_there[:-1]
-        leaps = length[same & goes]
-        steps = length[same & walks & (length > 0)]
+        leaps = length[rows.same & goes]
+        steps = length[rows.same & walks & (length > 0)]
         if len(leaps) and len(steps) and np.median(leaps) > LEAP * np.median(steps):
             is_shared |= is_there
     return is_shared
@@ -452,19 +452,19 @@ def _kinds(
 ) -> dict[str, pl.Series]:
     """The columns of kinds by their names or `words`, in lower-case letters, by name."""
     labels = schema.columns.get("label", [])
-    places = labels
-    if "label" not in schema.declared:
-        people = max(table.column(schema.places["id"]).n_unique(), MANY_KINDS)
-        used = {schema.places[role] for role in schema.places if role in ROLES}
-        places = []
-        for at in [*labels, *range(min(len(table.names), LOOKED_AT))]:
-            texts = table.words(at)
-            is_kind = texts.is_in(vocabulary()["others"]).any() and at not in used
-            if at in labels:
-                is_kind = texts.is_in(words).any() or texts.n_unique() < people
-            if is_kind:
-                places.append(at)
-    return {table.names[at][:30]: table.words(at) for at in places}
+    if "label" in schema.declared:
+        return {table.names[at][:30]: table.words(at) for at in labels}
+    people = max(table.column(schema.places["id"]).n_unique(), MANY_KINDS)
+    used = {schema.places[role] for role in schema.places if role in ROLES}
+    columns = {}
+    for at in dict.fromkeys([*labels, *range(min(len(table.names), LOOKED_AT))]):
+        texts = table.words(at)
+        is_kind = texts.is_in(vocabulary()["others"]).any() and at not in used
+        if at in labels:
+            is_kind = texts.is_in(words).any() or texts.n_unique() < people
+        if is_kind:
+            columns[table.names[at][:30]] = texts
+    return columns
 
 
 # Layouts without a header: what each column is. Numbers alone say which file has one.
