@@ -5,6 +5,7 @@ windows.
 import abc
 import dataclasses
 import os
+import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -19,12 +20,13 @@ from neurosym_jax.data.columns import (
     vocabulary,
 )
 from neurosym_jax.data.evidence import judge
-from neurosym_jax.data.readers import columns, storage
+from neurosym_jax.data.readers import columns
 from neurosym_jax.data.readers.storage import FRAME, InMemory, is_frame
 from neurosym_jax.data.tables import (
     AS_IT_SAYS,
     FORMATS,
     SCALED,
+    SIGNATURES,
     Format,
     Head,
     Question,
@@ -90,13 +92,13 @@ def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
     if owner:
         return owner
     head = read_head(path)
-    kinds = reversed(FORMATS.values())
-    if options.columns:
-        kinds = (storage.Storage, storage.Json)
-    for kind in kinds:
-        form = kind()
-        if form.knows(head):
-            return form
+    names = ["storage", "json"] if options.columns else reversed(list(FORMATS))
+    for name in names:
+        signature = SIGNATURES.get(name, "")
+        if any(re.search(signature, line) for line in head.lines):
+            form = FORMATS[name]()
+            if form.knows(head):
+                return form
     return columns.Columns()
 
 

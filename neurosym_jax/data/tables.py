@@ -36,6 +36,7 @@ __all__ = [
     "FORMATS",
     "GUARDS",
     "SCALED",
+    "SIGNATURES",
     "STEPS",
     "Format",
     "Head",
@@ -324,6 +325,12 @@ FORMATS: Registry[type[Format]] = Registry(
     },
 )
 """The last is asked first whether it knows a file; `text` takes what no other format knows."""
+SIGNATURES = {
+    "qtm": r"^Frame[\t,].*Helmet",
+    "tracklets": r"tracklet_id",
+    "trajnet": r"^\{\s*\"(track|scene)\"",
+}
+"""What stands in a line that a file of some formats begins with: others are not imported for it."""
 
 register_format = FORMATS.register
 """Decorate a class of `Format` with its name."""
