@@ -8,7 +8,7 @@ Protocol, written before the run:
 
 - **Hall.** 10 m by 10 m with 12 people, who walk from side to side at 0.9 to 1.5 m/s by
   the social force model of `simulation.social_force`. They react to the robot as to
-  another person. An episode is a seed from 0 on; 200 are wanted.
+  another person. An episode is a seed from 0 to 199.
 - **Paired.** Starts, goals, paces, wobble and errors of tracking are the same for every
   belief of an episode, until people react to another robot.
 - **Robot.** It crosses the hall, 9 m, at up to 1 m/s. Every 0.4 s it takes the best of
