@@ -106,6 +106,7 @@ class ForecastNode(ForecastingNode):
         )
         report, name = self.node.get_logger().info, self.node.get_fully_qualified_name()
         super().__init__(predictor, typestore(2), report, name=name, **options)
+        self._publishers: dict[bytes, str] = {}
         # A best-effort subscription receives from reliable publishers, too.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
         listening = self.node.create_subscription(people, topic, self.hear, quality)
@@ -149,9 +150,18 @@ class ForecastNode(ForecastingNode):
     def hear(self, message: Any, info: Mapping[str, Any]) -> None:
         """Let people wait, while the node is active."""
         self._silent_until = None
-        publisher = bytes((info.get("publisher_gid") or {}).get("data", b"")).hex()
         if self._active.is_set():
-            self.put(self.kind, message, publisher)
+            number = bytes((info.get("publisher_gid") or {}).get("data", b""))
+            self.put(self.kind, message, self._publisher(number))
+
+    def _publisher(self, number: bytes) -> str:
+        """What reports call a publisher: its node and its number, of which each has its own."""
+        if number not in self._publishers:
+            for end in self.node.get_publishers_info_by_topic(self.topic):
+                name = f"{end.node_namespace}/{end.node_name}".replace("//", "/")
+                gid = bytes(end.endpoint_gid)
+                self._publishers[gid] = f"{name} ({gid.hex()})"
+        return self._publishers.setdefault(number, number.hex())
 
     def _turn(self, turn: Callable[[], None], before: Any) -> Any:
         from rclpy.lifecycle import TransitionCallbackReturn

@@ -14,8 +14,6 @@ FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, 
 RESET = 5.0
 MAX_SPEED = 5.0  # metres per second by which a velocity may change at once
 SLACK = 1.0  # metres of error of a tracker, both observations together
-# people without ids followed at once; the others get new ids in every frame
-CROWD = 512
 
 
 class Frame(NamedTuple):

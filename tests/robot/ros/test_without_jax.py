@@ -198,11 +198,15 @@ def test_ros1(packages, model, expected, tmp_path):
 
 
 def test_ros2_says_where_people_are(ros2, packages, model, tmp_path):
+    """On another topic, of another type, or of two publishers."""
     python, environment = ros2
     environment |= {"PYTHONPATH": os.pathsep.join([str(packages), str(ROOT)])}
     script = Path(__file__).with_name("rclpy_walkers.py")
-    never = "/never=geometry_msgs/msg/PoseArray"
-    peer = Process(tmp_path / "peer", python, script, "/seen", never, env=environment)
+    words = ("/seen", "/never=geometry_msgs/msg/PoseArray")
+    peers = [
+        Process(tmp_path / name, python, script, *words, env=environment)
+        for name in ("peer", "other")
+    ]
     words = (python, "-m", "neurosym_jax", "ros2", "--model", model, "--topic")
     pose = ("--message", "geometry_msgs/PoseStamped", "--people", "pose")
     cases = {
@@ -210,6 +214,7 @@ def test_ros2_says_where_people_are(ros2, packages, model, tmp_path):
         "on /seen (geometry_msgs/PoseArray)",
         ("/seen", *pose): "/seen is of geometry_msgs/PoseArray, but is heard as "
         "geometry_msgs/PoseStamped: --message names its type",
+        ("/seen", "--message", "PoseArray"): "people of a second publisher, /walkers (",
     }
     try:
         for number, (options, text) in enumerate(cases.items()):
@@ -220,7 +225,8 @@ def test_ros2_says_where_people_are(ros2, packages, model, tmp_path):
             finally:
                 assert node.end(signal.SIGINT) == 0
     finally:
-        peer.end()
+        for peer in peers:
+            peer.end()
 
 
 def test_ros1_says_where_people_are(packages, model, tmp_path):
