@@ -200,6 +200,7 @@ class ForecastingNode(abc.ABC):
         self._changed, self._moved = threading.Condition(), False
         self._looked = self._passed = 0.0
         self._silent_until: float | None = time.monotonic() + SILENT
+        self._reason = ""  # why no message has come, as was reported
         self._diagnosed = 0.0
         self._forecasts = [
             (output, self._advertise(output.topic, output.kind))
@@ -247,8 +248,8 @@ class ForecastingNode(abc.ABC):
             self.work()
             self.status.look()
             if self._silent_until and time.monotonic() > self._silent_until:
-                self._silent_until = None
-                self.report(self._where_people_are())
+                self._silent_until = time.monotonic() + SILENT
+                self._explain_silence()
             if time.monotonic() - self._diagnosed >= DIAGNOSE:
                 self._diagnosed, arguments = (
                     time.monotonic(),
@@ -256,8 +257,14 @@ class ForecastingNode(abc.ABC):
                 )
                 self._diagnostics.publish(diagnostics_message, self._new, *arguments)
 
-    def _where_people_are(self) -> str:
-        """Why no message has come, in words."""
+    def _explain_silence(self) -> None:
+        """Report why no message has come, once for each reason."""
+        reason = self._reason_of_silence()
+        if reason != self._reason:
+            self.report(reason)
+        self._reason = reason
+
+    def _reason_of_silence(self) -> str:
         published = self._published()
         kind = published.get(self.topic)
         if kind is None:
