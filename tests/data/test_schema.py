@@ -218,6 +218,18 @@ def test_nothing_is_proposed_for_what_are_no_tracks(tmp_path):
             read_any(path)
 
 
+def test_a_label_that_a_user_names_may_be_of_each_person(tmp_path):
+    """Others are not looked at then, whatever they say."""
+    path = tmp_path / "a.csv"
+    names = [f"guest{person}" for person in CROWD.id]
+    path.write_text(
+        lines("{t},{id},{x},{y},{name},robot", head="t,id,x,y,name,seen_by\n", name=names)
+    )
+    read = ReadOptions(columns=("label=name",), keep=("guest1", "guest2"))
+    (tracks,) = read_any(path, read)
+    assert set(tracks.id) == {1, 2}
+
+
 def test_question_marks_are_people_who_are_not_seen(tmp_path):
     """As in the tests of the TrajNet challenge, whose futures are withheld."""
     part = CROWD.step % 20 < 8
@@ -284,9 +296,10 @@ def test_stanford_boxes(tmp_path):
         u, v, angle = 200 + 55 * person, 300 + 20 * person, person / 2
         for step in range(300):
             at = min(step, 200)
+            pace = 0.6 + 0.05 * person  # Some stay at a pixel for a frame.
             x, y = (
-                round(u + 1.2 * np.cos(angle) * at),
-                round(v + 1.2 * np.sin(angle) * at),
+                round(u + pace * np.cos(angle) * at),
+                round(v + pace * np.sin(angle) * at),
             )
             rows.append(
                 (
@@ -472,6 +485,16 @@ def test_commas_are_decimal_between_digits_alone(tmp_path, text, commas):
     path.write_text(f"t;id;x;y;note\n0;1;2;3;{text}\n1;1;3;3;{text}\n")
     (tracks,) = read_any(path)
     assert ("decimal commas" in tracks.reading.notes) == commas
+
+
+def test_velocities_are_in_the_unit_of_the_file(tmp_path):
+    rows = []
+    for step, who in itertools.product(range(100), (1, 2, 3)):
+        rows.append(f"{step},{100 * who},{who},{step / 25 * 120},120,0")
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["frame,y_cm,id,x_cm,vx,vy", *sorted(rows)]))
+    (tracks,) = read_any(path)
+    assert tracks.reading.notes[1].startswith("25 frames a second (columns vx, vy")
 
 
 @pytest.mark.parametrize("rate", [29.97, 23.976, 59.94, 12.5])

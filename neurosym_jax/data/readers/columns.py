@@ -1,6 +1,6 @@
 """Readers of tables: by their columns, and of layouts that have no names of columns."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -73,7 +73,6 @@ class NoPeople(InputError):
 
 LOOKED_AT = 50  # columns whose words are looked at
 MANY_KINDS = 10  # of which there may be as many as people
-SHARED = 3  # rows at one place that may stand for none
 LEAP = 5  # usual steps that people leap there and back
 
 # Tables whose columns have roles: a user's own, and layouts that are known by their
@@ -292,13 +291,12 @@ def _parts(table: Table, schema: Schema) -> tuple[list[str], np.ndarray]:
 def shared_places(rows: Rows) -> np.ndarray:
     """[R] bool: rows at a place that stands for none, as 0, 0 or -9999, -9999.
 
-    People share it; rows of a person repeat it; and people leap there and back, so that
-    a door or a seat is none.
+    People share it, and leap there and back, so that a door or a seat is none.
     """
     points = pl.DataFrame(rows.position, schema=["x", "y"]).with_columns(id=rows.ids)
     count, people = pl.len().alias("count"), pl.col("id").n_unique().alias("people")
     places = points.group_by("x", "y").agg(count, people)
-    places = places.filter(pl.col("count") >= SHARED, pl.col("people") > 1)
+    places = places.filter(pl.col("people") > 1)
     # The most frequent are enough: a recording has one or two such values.
     places = places.sort("count", "x", "y", descending=True).head(5)
 
@@ -416,8 +414,7 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
     """
     people, others = vocabulary()["people"], vocabulary()["others"]
     kinds = [kind.lower() for kind in keep]
-    columns = _kinds(table, schema, people | others | set(kinds))
-    columns = columns or kinds_beside(table, schema)
+    columns = _kinds(table, schema) or kinds_beside(table, schema)
     if keep and not columns:
         raise InputError(
             f"{option('keep')}: no column is a label, class, type or category"
@@ -447,10 +444,8 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
     return table.take(is_person, hint)
 
 
-def _kinds(
-    table: Table, schema: Schema, words: Collection[str]
-) -> dict[str, pl.Series]:
-    """The columns of kinds by their names or `words`, in lower-case letters, by name."""
+def _kinds(table: Table, schema: Schema) -> dict[str, pl.Series]:
+    """The columns of kinds by their names or words, in lower-case letters, by name."""
     labels = schema.columns.get("label", [])
     if "label" in schema.declared:
         return {table.names[at][:30]: table.words(at) for at in labels}
@@ -461,7 +456,7 @@ def _kinds(
         texts = table.words(at)
         is_kind = texts.is_in(vocabulary()["others"]).any() and at not in used
         if at in labels:
-            is_kind = texts.is_in(words).any() or texts.n_unique() < people
+            is_kind = texts.n_unique() < people
         if is_kind:
             columns[table.names[at][:30]] = texts
     return columns
