@@ -742,7 +742,7 @@ def _tables_beside(path: Path) -> Iterator[Table]:
     """Tables of metadata beside a table: 00_tracks.csv has 00_tracksMeta.csv."""
     stem = path.stem.rpartition("_")[0] or path.stem
     for other in sorted(path.parent.glob(f"{glob.escape(stem)}*[mM]eta*.csv")):
-        if path.suffix and other != path:
+        if path.suffix:
             with contextlib.suppress(InputError):
                 yield read_table(other)
 

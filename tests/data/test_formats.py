@@ -65,12 +65,13 @@ def test_folders(tmp_path):
         "c.ndjson",
     ]
     (tmp_path / "goals.csv").write_text("goal,x,y\n1,2,3\n")
+    (tmp_path / "d.txt").write_text("# id frame x y z\n1 0 1 2 0\n1 10 2 2 0\n")
     with pytest.warns(
         InputWarning, match=r"goals\.csv: left out: it has no columns of tracks"
     ):
-        assert len(data_files(tmp_path)) == 3
-    assert len(data_files(tmp_path, ReadOptions(columns=("id=goal",)))) == 4
-    for name in ("b.tsv", "a.CSV", "c.ndjson"):
+        assert len(data_files(tmp_path)) == 4
+    assert len(data_files(tmp_path, ReadOptions(columns=("id=goal",)))) == 5
+    for name in ("b.tsv", "a.CSV", "c.ndjson", "d.txt"):
         (tmp_path / name).unlink()
     with (
         pytest.warns(InputWarning),

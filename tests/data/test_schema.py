@@ -218,12 +218,29 @@ def test_nothing_is_proposed_for_what_are_no_tracks(tmp_path):
             read_any(path)
 
 
+def test_another_run_of_the_same_people_is_no_other_camera(tmp_path):
+    """They stand where they stood, ten seconds later; a camera that goes on does so at once."""
+    path = tmp_path / "a.csv"
+    for gap, warned in ((10, False), (0.4, True)):
+        rows = []
+        for run, step, who in itertools.product((0, 1), range(5), range(3)):
+            seconds = 0.4 * step + run * (1.6 + gap)
+            rows.append(f"{seconds:.1f},{who},{5 * who},{0.1 * step},{run}")
+        path.write_text("\n".join(["t,id,x,y,run", *rows]))
+        recordings = read_any(path)
+        assert len(recordings) == 2
+        lines = " ".join(recordings[0].reading.warnings)
+        assert ("goes on in another recording" in lines) == warned
+
+
 def test_a_label_that_a_user_names_may_be_of_each_person(tmp_path):
     """Others are not looked at then, whatever they say."""
     path = tmp_path / "a.csv"
     names = [f"guest{person}" for person in CROWD.id]
     path.write_text(
-        lines("{t},{id},{x},{y},{name},robot", head="t,id,x,y,name,seen_by\n", name=names)
+        lines(
+            "{t},{id},{x},{y},{name},robot", head="t,id,x,y,name,seen_by\n", name=names
+        )
     )
     read = ReadOptions(columns=("label=name",), keep=("guest1", "guest2"))
     (tracks,) = read_any(path, read)
