@@ -30,7 +30,7 @@ from neurosym_jax.data.tables import (
     read_table,
     read_text_file,
 )
-from neurosym_jax.data.tracks import Tracks, common, make_tracks
+from neurosym_jax.data.tracks import Tracks, common, fields_at, make_tracks
 from neurosym_jax.errors import InputError, option
 
 __all__ = [
@@ -789,14 +789,9 @@ class Rows:
 
     def take(self, rows: np.ndarray, others: str = "") -> "Rows":
         """The rows of a mask or of indices, as `Table.take`."""
-        return dataclasses.replace(
-            self,
-            table=self.table.take(rows, others),
-            ids=self.ids[rows],
-            clock=self.clock[rows],
-            position=self.position[rows],
-            raw=self.raw[rows],
-        )
+        arrays = fields_at(self, ("ids", "clock", "position", "raw"), rows)
+        table = self.table.take(rows, others)
+        return dataclasses.replace(self, table=table, **arrays)
 
 
 def rows_of(
