@@ -299,8 +299,8 @@ def _refuse_seen(use: str, windows: Windows, training: Windows, seen: str) -> No
     where = f"windows in {names}, and that is what the model is {use} on"
     waived = f"({option('allow', ('seen',))} waives this)"
     # Of shapes that are alike by chance, not more than four deviations beyond what is
-    # expected.
-    if shared > max(0.01 * total, expected + 4 * math.sqrt(expected)):
+    # expected; one is chance in a recording however short.
+    if shared > max(1, 0.01 * total, expected + 4 * math.sqrt(expected)):
         chance = f", {expected:.0f} by chance," if expected >= 1 else ""
         raise InputError(
             f"the training data has {shared}{chance} of the {total} shapes of {where} {waived}"

@@ -1,5 +1,6 @@
 """One preparation of data: clock, lengths, parts for validation, folds, and what was seen."""
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -152,6 +153,22 @@ def test_up_to_one_shape_of_a_hundred_is_no_leak(steps, leak):
         prepare(CONFIG, RECIPE, learned, mixed)
 
 
+@pytest.mark.parametrize(("steps", "shared"), [(8, 1), (9, 2)])
+def test_one_shape_of_a_short_recording_is_chance_and_two_are_a_leak(steps, shared):
+    """Fine-tuning on tracks of a minute was refused for one shape of 27."""
+    learned, other = walk("a", 400), walk("b", 12)
+    copied = learned.take((learned.id == 0) & (learned.stamp < 0.4 * steps - 0.1))
+    other = dataclasses.replace(other, recording="other")
+    copied = dataclasses.replace(copied, recording="copied")
+    validation = nj.windows_from([other, copied], 4, 4, min_agents=1)
+    count, total = shared_shapes(validation, nj.windows_from(learned, 4, 4))
+    assert count == shared
+    assert total < 100
+    refused = pytest.raises(InputError, match="that is what the model is validated on")
+    with refused if shared > 1 else contextlib.nullcontext():
+        prepare(CONFIG, RECIPE, learned, validation)
+
+
 def test_the_last_windows_validate_a_window_apart():
     learned, validated = prepare(CONFIG, RECIPE, [walk("a", 100), walk("b", 100)])
     for name in ("a", "b"):
@@ -235,7 +252,7 @@ def test_one_person_is_enough_where_the_network_allows_it():
     learned, validated = prepare(CONFIG, recipe, alone)
     assert set(learned.sizes) == set(validated.sizes) == {1}
     with pytest.raises(
-        InputError, match=r"at least 2 people.*; min_agents=1 in the recipe learns"
+        InputError, match=r"at least 2 people.*; min_agents=1 in the recipe .* learns"
     ):
         prepare(CONFIG, RECIPE, alone)
     mixed = [alone, walk("pair", 100, people=2)]
