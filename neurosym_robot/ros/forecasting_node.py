@@ -260,12 +260,14 @@ class ForecastingNode(abc.ABC):
     def _explain_silence(self) -> None:
         """Report why no message has come, once for each reason."""
         reason = self._reason_of_silence()
-        if reason != self._reason:
+        if reason not in ("", self._reason):
             self.report(reason)
         self._reason = reason
 
     def _reason_of_silence(self) -> str:
         published = self._published()
+        if not published:
+            return ""  # There is no master, which was said.
         kind = published.get(self.topic)
         if kind is None:
             people = [name for name in sorted(published) if published[name] in KINDS]
