@@ -788,7 +788,7 @@ class Rows:
         return np.diff(self.ids) == 0
 
     def take(self, rows: np.ndarray, others: str = "") -> "Rows":
-        """The rows of a mask or of indices, as `Table.take`."""
+        """The rows of a mask [R] or of indices [n], as `Table.take`."""
         arrays = fields_at(self, ("ids", "clock", "position", "raw"), rows)
         table = self.table.take(rows, others)
         return dataclasses.replace(self, table=table, **arrays)
