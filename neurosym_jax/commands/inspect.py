@@ -67,8 +67,7 @@ def run(
         InputError: for a single file that cannot be read, a folder without files, or a
             figure that cannot be written.
     """
-    place = str(path.resolve())
-    source = hashlib.sha256(place.encode()).hexdigest()
+    source = hashlib.sha256(bytes(path.resolve())).hexdigest()
     if figure:
         figure = _figure_of(figure, path, source)
         refuse_unwritable(figure)
