@@ -135,7 +135,7 @@ def _run(
         warnings.showwarning = _show
         words = sys.argv[1:] if arguments is None else arguments
         words = current_names(options, words)
-        _refuse_repeated(options, words)
+        _refuse_odd_lists(options, words)
         arguments = load_plugins(with_file(options, prepare(words)))
         everything = "--help-all" in arguments
         if everything or {"-h", "--help"} & set(arguments):
@@ -227,21 +227,31 @@ def _is_rule(line: str) -> bool:
     return not line.strip(" -─╰╯")
 
 
-def _refuse_repeated(options: Command, arguments: Sequence[str]) -> None:
-    """Refuse a list of values that stands twice: the parser would drop those of the first.
+def _refuse_odd_lists(options: Command, arguments: Sequence[str]) -> None:
+    """Refuse an option of several values that stands twice, or without one where it needs one.
 
-    Of an option with one value the last counts, as everywhere.
+    The parser would drop the values of the first, or ignore the option. Of an option
+    with one value the last counts, as everywhere. Where the default is not empty, as of
+    `--baselines`, no value means an empty list.
 
     Raises:
         InputError: naming the first.
     """
     names = flag_names(arguments)
-    for _, flag, *_ in every_option(options):
+    for _, flag, _meaning, default in every_option(options):
         name, *value = flag.split()
-        if value[-1:] == ["..."] and names.count(name) > 1:
+        if value[-1:] != ["..."] or name not in names:
+            continue
+        if names.count(name) > 1:
             raise InputError(
                 f"{name}: is given twice; give it once, with all its values"
             )
+        place = names.index(name)
+        has_value = "=" in arguments[place]
+        following = arguments[place + 1 : place + 2]
+        is_empty = not has_value and (not following or following[0].startswith("--"))
+        if is_empty and default == ():
+            raise InputError(f"{name}: its value is missing")
 
 
 def print_completion(modules: Mapping[str, str], shell: str) -> None:

@@ -331,6 +331,8 @@ REFUSED = {
     "train --set ema=0.5 ema=0.9": "set ema=0.9: ema is given twice",
     "train --set ema=0.5 --set rotate=0": "--set: is given twice; give it once",
     "evaluate --test-on=a --test_on b": "--test-on: is given twice",
+    "train --freeze": "--freeze: its value is missing",
+    "evaluate --model --samples 3": "--model: its value is missing",
     "train --set learning_rate=0.1,0.01": "learning_rate must be a finite number",
     "sweep --set ema=0.5 ema=0.9": "set ema=0.9: ema is given twice",
     "train --init absent": "absent: no such model",
