@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, Positive, refuse
 from neurosym_jax.data.tracks import Reading, Tracks, make_tracks
-from neurosym_jax.errors import InputError, option, printable
+from neurosym_jax.errors import InputError, brief, option, printable
 from neurosym_jax.plugins import Registry
 from neurosym_jax.runtime.foreign import TIMES, UNPACKED
 
@@ -687,8 +687,9 @@ def read_table(
     if above and not header:
         notes += (f"{above} lines above the header",)
     lines, row = lines[above:], row[above:]
-    mark = separator_of(lines[0])
-    if lines[0].count(mark) > MOST:
+    first = lines[0]
+    mark = separator_of(first)
+    if first.count(mark) > MOST:
         raise InputError(f"row {row[0]}: has more than {MOST} columns")
     if mark == " ":
         lines = lines.str.replace_all(r"\s+", " ")
@@ -703,7 +704,8 @@ def read_table(
         if taken > 1:
             notes += ("units below the header",)
     if not len(lines):
-        raise InputError("the file has no rows")
+        taken_for = f" below its header: {brief(first)}" if names else ""
+        raise InputError(f"the file has no rows{taken_for}")
     fields = _split(path, lines, mark)
     if len(fields[0]) == len(names) + 1 and lines[0].endswith(mark):
         names = [*names, ""]  # The rows end in a separator.

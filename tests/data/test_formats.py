@@ -145,6 +145,7 @@ TABLE = "t,id,x,y\n"
 REFUSALS = [
     ("text", f"{2**54} 1 2 3\n", "is not a whole number"),
     ("text", "", "the file has no rows"),
+    ("columns", "Dear all,\n", "has no rows below its header: .Dear all,.$"),
     ("text", "0 1 2 3\n1 1 2\n", r"row 2: 3 columns, not 4: '1 1 2'"),
     (
         "text",
