@@ -82,6 +82,15 @@ def to_onnx(
     return model.SerializeToString()
 
 
+def _scan_counts(params: Mapping[str, Any]) -> tuple[int, int]:
+    """How many inputs of a loop are constants, and how many are carried from step to step."""
+    if "num_consts" in params:
+        return params["num_consts"], params["num_carry"]
+    # Later versions than 0.10 have a tree of all inputs instead.
+    constants, carry, _rows = params["ft_in"].unpack()
+    return len(constants), len(carry)
+
+
 class _Graph:
     """Nodes and constants of a graph that is being written; a loop's body shares its constants.
 
@@ -267,10 +276,10 @@ class _Graph:
     def _scan(self, eqn: Any, inputs: list[Any]) -> list[Any]:
         """A loop, written out, or a `Scan`, whose body reads the constants from outside."""
         length = eqn.params["length"]
-        count = eqn.params["num_consts"]
+        count, carried = _scan_counts(eqn.params)
         constants = inputs[:count]
         inputs = inputs[count:]
-        carry = inputs[: eqn.params["num_carry"]]
+        carry = inputs[:carried]
         rows = inputs[len(carry) :]
         # ONNX has no loop without an array to loop over.
         if isinstance(length, int) and (length <= UNROLLED or not rows):

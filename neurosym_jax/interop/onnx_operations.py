@@ -226,6 +226,13 @@ def _split(graph, eqn, x):
     return graph.add_many("Split", inputs, names, axis=eqn.params["axis"])
 
 
+@_translates("unstack")
+def _unstack(graph, eqn, x):
+    axis = eqn.params["axis"]
+    rows = range(len(eqn.outvars))
+    return [graph.add("Gather", x, np.int32(row), axis=axis) for row in rows]
+
+
 @_translates("slice")
 def _slice(graph, eqn, x):
     params = eqn.params

@@ -139,6 +139,7 @@ def test_operations_one_by_one():
         "booleans": lambda x: (x > 0) @ (x > 0).T,
         "reversed": lambda x: jnp.cumsum(x[:, ::-1], axis=1) + jnp.flip(x, 0),
         "padded": lambda x: jnp.pad(x, [(0, 0), (1, 2)], constant_values=3.0)[:, :-1],
+        "unstacked": lambda x: jnp.unstack(x, axis=1)[1],
         "last rows": lambda x: x[-1] + x[:1],
         "a product of three axes": lambda x: jnp.einsum(
             "ni,nj,ij->ij", x, x, x[0][:, None] * x[0]
