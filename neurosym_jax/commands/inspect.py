@@ -6,7 +6,7 @@ import shlex
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -88,13 +88,7 @@ def run(
     moment = _busiest_moment(recordings, read.max_gap)
     if figure:
         _draw(recordings, moment, underlay, style, figure, source)
-    if moment:
-        _print_next(path, [] if folder else recordings, len(moment.agent), read)
-    else:
-        print(
-            "no forecast: nobody is seen for 6 s, 16 steps. People who are seen for less: "
-            f"neurosym replay {shlex.quote(str(path))} --model {RECOMMENDED} --dashboard"
-        )
+    _print_next(path, [] if folder else recordings, moment, read)
     return 0
 
 
@@ -171,9 +165,31 @@ def _busiest_moment(recordings: Sequence[Tracks], max_gap: float) -> Windows | N
 
 
 def _print_next(
-    path: Path, recordings: Sequence[Tracks], people: int, read: ReadOptions
+    path: Path, recordings: Sequence[Tracks], moment: Windows | None, read: ReadOptions
 ) -> None:
     """Print the next commands for `path`, with what was guessed of its recordings."""
+    options = _options_of(recordings, read)
+    file = shlex.quote(str(path))
+    if moment is None:
+        print("no forecast: nobody is seen for 6 s, 16 steps")
+        if recordings:
+            words = shlex.join(["--dashboard", *flags(options), *plugin_flags()])
+            print("\nnext, for people who are seen for less:")
+            print(f"  neurosym replay {file} --model {RECOMMENDED} {words}")
+        return
+    people = len(moment.agent)
+    options = ({} if people > 1 else {"min_agents": 1}) | options
+    words = shlex.join([*flags(options), *plugin_flags()])
+    print("\nnext:")
+    print(f"  neurosym evaluate --data {file} --model {RECOMMENDED} {words}".rstrip())
+    if people > 1:
+        print(
+            f"  neurosym symbols {file} --model {RECOMMENDED} --forecast {words}".rstrip()
+        )
+
+
+def _options_of(recordings: Sequence[Tracks], read: ReadOptions) -> dict[str, Any]:
+    """The options that read `recordings` as they were read here, what was guessed among them."""
     options = given(read)
     reading = recordings[0].reading if recordings else None
     if reading and reading.format:
@@ -185,16 +201,8 @@ def _print_next(
         guesses = {
             name: guess for name, guess in guesses.items() if guess and name in uses
         }
-        options = guesses | options
-    options = ({} if people > 1 else {"min_agents": 1}) | options
-    words = shlex.join([*flags(options), *plugin_flags()])
-    file = shlex.quote(str(path))
-    print("\nnext:")
-    print(f"  neurosym evaluate --data {file} --model {RECOMMENDED} {words}".rstrip())
-    if people > 1:
-        print(
-            f"  neurosym symbols {file} --model {RECOMMENDED} --forecast {words}".rstrip()
-        )
+        return guesses | options
+    return options
 
 
 def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:

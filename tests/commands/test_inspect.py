@@ -102,6 +102,10 @@ def test_what_cannot_be_forecast_is_said(tmp_path, capsys):
     assert "people 1, points 3, duration 2.0 s, 1 points a second, 0 gaps" in out
     assert "warning: row 3: time runs backward for agent 1" in out
     assert "no forecast: nobody is seen for 6 s, 16 steps" in out
+    command = shlex.split(out.splitlines()[-1])
+    assert command[:3] == ["neurosym", "replay", str(tmp_path / "walk.csv")]
+    words = " ".join(command[3:])
+    assert words == "--model recommended --dashboard --columns time=when --unit mm"
     assert figure.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="it is a folder"):
         inspect.run(tmp_path / "walk.csv", tmp_path, read=read)

@@ -454,6 +454,7 @@ def test_a_file_is_a_command_line_that_options_override(data, inner, tmp_path, c
         set: {{ema: 0.5, rotate: 0, max_agents: null}}
         obs_len: 4
         resume: true
+        freeze: []
         seed: 7
         """
     )
