@@ -16,7 +16,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 import tyro
 
@@ -132,7 +132,8 @@ def _run(
 ) -> object:
     """Parse the options and call the action; returns what it returns."""
     with warnings.catch_warnings():
-        warnings.showwarning = _show
+        # To this stream: that of the parser is read, which prints a refusal in a box.
+        warnings.showwarning = functools.partial(_show, stream=sys.stderr)
         words = sys.argv[1:] if arguments is None else arguments
         words = current_names(options, words)
         _refuse_odd_lists(options, words)
@@ -304,6 +305,8 @@ def load_plugins(arguments: Sequence[str]) -> list[str]:
     return others
 
 
-def _show(message: Warning | str, *_where: Any, **_more: Any) -> None:
+def _show(
+    message: Warning | str, *_where: Any, stream: TextIO, **_more: Any
+) -> None:
     """Show a warning in one line."""
-    print(f"warning: {printable(str(message))}", file=sys.stderr)
+    print(f"warning: {printable(str(message))}", file=stream)

@@ -81,7 +81,8 @@ def run(options: Options) -> int:
     print(expected_power(options.seeds), file=sys.stderr)
     status = sweep.run_planned(planned, source, runs)
     if not options.dry_run:
-        print(compare_sweep(options.out, titles[1:]))
+        # The sweep has printed the table of errors.
+        print(compare_sweep(options.out, titles[1:], errors=False))
     return status
 
 

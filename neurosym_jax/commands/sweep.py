@@ -110,9 +110,10 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
     runs: dict[Path, SweepRun] = {}
     for run_options, label in _varied(options, options.dataset or source.scenes):
         config, *_ = train.configured(run_options)
+        variant = forecaster_of(config).variant
         parts = [
-            forecaster_of(config).variant,
-            *label,
+            variant,
+            *(change for change in label if not _says(variant, change)),
             run_options.dataset,
             config.obs_len,
             config.pred_len,
@@ -127,6 +128,11 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         title = ", ".join([forecaster_of(config).title, *label])
         runs[folder] = SweepRun(folder, text, ", ".join(label), title)
     return source, list(runs.values())
+
+
+def _says(variant: str, change: str) -> bool:
+    """Whether the name `variant` of a network has NAME_VALUE for the change NAME=VALUE."""
+    return f"_{change.replace('=', '_')}_" in f"{variant}_"
 
 
 def _varied(

@@ -94,6 +94,7 @@ def compare_sweep(
     *,
     pred_len: int | None = None,
     out: Path | None = None,
+    errors: bool = True,
 ) -> str:
     """Compare a sweep's models with some of them: Markdown, and all differences as CSV beside it.
 
@@ -105,6 +106,7 @@ def compare_sweep(
             first of two models.
         pred_len: steps forecast, where the sweep has several.
         out: the Markdown's file; default: report.md in the sweep's folder.
+        errors: whether the table of errors is returned too.
 
     Returns:
         The Markdown, the table of errors, and a line of the files that were written.
@@ -137,7 +139,10 @@ def compare_sweep(
     text = _report(runs, compared, table.name) + near
     write_text(target, text)
     write_text(table, csv_text(compared))
-    return f"{text}\n{format_table(rows, 'markdown')}\n\n{target}, {table}"
+    parts = [text]
+    if errors:
+        parts.append(f"{format_table(rows, 'markdown')}\n")
+    return "\n".join([*parts, f"{target}, {table}"])
 
 
 def _report(runs: Runs, compared: pl.DataFrame, table: str) -> str:

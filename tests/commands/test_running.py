@@ -1,17 +1,19 @@
 """Processes of commands: exit status and plugins."""
 
 import builtins
+import dataclasses
 import io
 import os
 import subprocess
 import sys
+import warnings
 
 import jax
 import pytest
 
 from neurosym_jax.commands._running import run_command
 from neurosym_jax.commands.evaluate import Options
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 from tests.repository import ROOT
 
 
@@ -49,6 +51,29 @@ def test_exit_status(capsys, action, status, line):
         run_command(Options, action, [])
     assert caught.value.code == status
     assert capsys.readouterr().err == line
+
+
+@dataclasses.dataclass(frozen=True)
+class Outdated:
+    """Options whose defaults warn while they are parsed."""
+
+    width: int = dataclasses.field(default_factory=lambda: warned(3))
+
+
+def warned(value):
+    warnings.warn("a default of old", InputWarning, stacklevel=2)
+    return value
+
+
+@pytest.mark.parametrize("words", [["--width", "x"], ["--widht", "3"]])
+def test_warnings_of_the_parser_stand_before_its_refusal(words, capsys):
+    with pytest.raises(SystemExit):
+        run_command(Outdated, print, words)
+    *shown, refusal = capsys.readouterr().err.splitlines()
+    assert set(shown) == {"warning: a default of old"}
+    assert refusal.startswith("error: --width: 'x' is not a whole number") or (
+        refusal.startswith("error: neurosym has no option --widht")
+    )
 
 
 def test_an_error_of_ours_is_a_traceback():

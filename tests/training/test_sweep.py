@@ -82,6 +82,19 @@ def test_lists_of_values_are_a_run_each(tmp_path):
     assert len(seen) == len(runs) == 4
 
 
+def test_a_change_stands_once_in_the_name_of_a_run(tmp_path):
+    """The name of an anchors network has what differs from the defaults."""
+    changes = {"network": ("hidden=8,80",), "set": ("ema=0,0.9",), "seed": (0,)}
+    changes |= {"family": ("anchors",), "weighting": (), "out": tmp_path}
+    _, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
+    assert [sweep_run.folder.name for sweep_run in runs] == [
+        f"anchors_hidden_{hidden}_ema={ema}_cross-path_8_8_seed0"
+        for ema, hidden in itertools.product(("0", "0.9"), (8, 80))
+    ]
+    # Tables say the change by its own name.
+    assert runs[0].label == "ema=0, hidden=8"
+
+
 @pytest.fixture
 def small_sweep(files, tmp_path):
     """Options of two trainings of a second each, of SGAN without pooling."""
@@ -267,6 +280,26 @@ def test_compared_weightings_are_a_sweep_of_them(tmp_path, capsys):
             compare_weightings.run(dataclasses.replace(chosen, **change))
     with pytest.raises(InputError, match="seeds must be at least 1"):
         compare_weightings.run(dataclasses.replace(chosen, seeds=0))
+
+
+def test_the_errors_of_a_sweep_are_printed_once(folder, capsys, monkeypatch):
+    """By the sweep: the comparison of weightings adds the differences."""
+    chosen = compare_weightings.Options(
+        weighting="cnd", against=("ones",), dataset=("cross-path",), out=folder
+    )
+
+    def finished(*_):
+        print("| NeuroSyM, cnd | 20 |")
+        return 0
+
+    monkeypatch.setattr(sweep, "run_sweep", finished)
+    assert compare_weightings.run(chosen) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("joint ADE / FDE") == 0
+    assert "Difference to NeuroSyM, ones" in printed
+    assert printed.endswith(f"{folder / 'report.md'}, {folder / 'report.csv'}\n")
+    # `report` has not printed them before.
+    assert "joint ADE / FDE" in compare_sweep(folder, ["ones"])
 
 
 def changed(folder, change):
