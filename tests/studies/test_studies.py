@@ -2,11 +2,9 @@
 
 import contextlib
 import io
-import itertools
 import json
 import re
 import runpy
-import types
 from unittest import mock
 
 import matplotlib.pyplot as plt
@@ -16,9 +14,7 @@ import pytest
 
 from neurosym_jax.data.recordings import read_any
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation import social_force
-from neurosym_robot.online.window import Window
-from studies import driving, place, results
+from studies import place, results
 from studies.distribution import table as distribution_table
 from studies.mistakes.__main__ import tell
 from studies.mistakes.corpus import MISTAKES
@@ -32,7 +28,6 @@ from studies.more_data import (
     write,
 )
 from studies.notebooks import FOLDER
-from studies.weighting_figure import PLACES, difference
 from tests.repository import ROOT, exhaustive
 
 DOCS = ROOT / "docs"
@@ -91,26 +86,6 @@ def test_pages_on_learning_a_place_have_what_the_study_prints():
     assert f"In the second half of a recording it is {numbers[row + 1]} %" in entrance
 
 
-def test_the_page_of_weighting_has_the_differences_of_its_table():
-    rows = pl.read_csv(DOCS / "weighting.csv")
-    page = (DOCS / "weighting.md").read_text(encoding="utf-8")
-    pairs = [
-        *(("papers, " + name, "papers") for name in ("quantised", "shuffled", "cnd")),
-        ("papers, quantised", "papers, shuffled"),
-        ("papers, quantised", "papers, cnd"),
-        ("anchors, symbols", "anchors, nothing"),
-        ("anchors, geometry", "anchors, nothing"),
-        ("anchors, both", "anchors, geometry"),
-    ]
-    lines = re.findall(r"(?m)^\| .* \| (−.* ± .*) \| (−.* ± .*) \|$", page)
-    for arm, reference in pairs:
-        cells = [difference(rows, place, arm, reference) for place in PLACES]
-        assert tuple(map(str, cells)) in lines, (arm, reference)
-    grey = difference(rows, "zara2", "anchors, symbols", "anchors, nothing")
-    assert not grey.answered
-    assert difference(rows, "zara2", "papers, cnd", "papers").answered
-
-
 def test_the_page_of_places_left_out_is_what_its_study_prints(capsys):
     run_module("studies.places")
     page = (ROOT / "studies" / "pages" / "left_out.md").read_text(encoding="utf-8")
@@ -153,85 +128,6 @@ def test_a_table_of_energy_scores_has_one_model_of_a_kind():
     rows.append({**rows[1], "checkpoint": "sgan_eth_8_again"})
     with pytest.raises(InputError, match="eth: two models are SGAN"):
         distribution_table(pl.DataFrame(rows))
-
-
-def test_a_robot_goes_round_those_it_believes_in_its_way():
-    start = driving.START
-    ahead = np.full((2, 1, driving.STEPS, 2), start + np.array([2.0, 0.0]))
-    ahead[1] += 5.0
-    for probability, straight_on in ((0.9, False), (0.01, True)):
-        belief = ahead, np.array([probability, 1 - probability])
-        velocity = driving.plan(start, belief, 2.0, driving.NEAR)
-        assert np.allclose(velocity, [1, 0]) == straight_on
-    assert not np.allclose(driving.plan(start, belief, 200.0, driving.NEAR), [1, 0])
-
-
-def test_people_are_pushed_as_in_the_social_force_model():
-    rng = np.random.default_rng(0)
-    position, velocity = rng.uniform(0, 3, (2, 5, 2))
-    heading = rng.uniform(-3, 3, 4)
-    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    arrays = position[:4], velocity[:4], ahead, position, velocity
-    expected = np.zeros((4, 2))
-    for n, m in itertools.permutations(range(5), 2):
-        if n < 4:
-            pair = position[n], position[m], heading[n], velocity[n], velocity[m]
-            expected[n] += social_force._repulsion(*pair)
-    with mock.patch.object(driving, "CONTACT", 0.0):
-        np.testing.assert_allclose(driving.repulsion(*arrays), expected, rtol=2e-3)
-
-
-def test_a_robot_crosses_and_its_episodes_are_compared_in_pairs(tmp_path):
-    window = Window(8, driving.PERIOD)
-    crowd = driving.begin(0, window)
-    predictor = types.SimpleNamespace(window=window)
-    setting = driving.Setting("constant velocity", 2.0, 0.7)
-    outcome = driving.cross(crowd, predictor, setting)
-    assert 8 < outcome.way < 14
-    assert 8.5 < outcome.seconds < 20
-    assert 0.3 < outcome.least < 2
-
-    # A pass of each second episode, and twice the time for none.
-    passes = {
-        n: driving.Outcome(0.6 + 0.2 * (n // 2 % 2), 10.0, 9.0) for n in range(40)
-    }
-    none = {n: driving.Outcome(0.8, 20.0, 9.0) for n in range(40)}
-    tables = {}
-    for belief in driving.BELIEFS:
-        tables[driving.Setting(belief, 1.0, 0.7)] = driving.table_of(passes)
-        tables[driving.Setting(belief, 8.0, 0.7)] = driving.table_of(none)
-    for price, weight, mean in ((5.0, 1.0, 12.5), (80.0, 8.0, 20.0)):
-        chosen, cost = driving.chosen_costs(tables, price)["20 draws"]
-        assert chosen.weight == weight
-        assert cost.mean() == mean
-        assert len(cost) == 20
-        assert f"20 draws | {weight:g}, 0.7 m | {mean:.1f}" in driving.comparison(
-            tables, price
-        )
-    assert "| 20 draws | 1 | 0.7 | 50 (35 to 65) | 10.0 (10.0 to 10.0) |" in (
-        driving.curves(tables)
-    )
-    for name in driving.SINGLE:
-        tables[driving.Setting(name, 4.0, 0.85)] = driving.table_of(none)
-    driving.draw(tables, tmp_path / "x.png")
-    assert (tmp_path / "x.png").stat().st_size > 10_000
-
-
-def test_the_page_says_what_forecasts_are_worth():
-    episodes = driving.read(DOCS / "driving.csv")
-    tables = {setting: driving.table_of(rows) for setting, rows in episodes.items()}
-    assert len({len(table) for table in tables.values()}) == 1
-    assert driving.comparison(tables, 20.0) in beside_studies("driving")
-    # Rows of belief, weight and margin, risk and time, without their intervals.
-    curves = re.sub(r" \([\d. to]+\)", "", driving.curves(tables))
-    rows = re.findall(
-        r"(?m)^\| ([^|]*) \| (\d), (0[.\d]+) m \| (\d+) \| ([\d.]+) \|$",
-        (DOCS / "nav2.md").read_text(),
-    )
-    assert len(rows) == 4
-    for belief, *cells in rows:
-        name = belief.removesuffix(" of `recommended`")
-        assert f"| {' | '.join([name, *cells])} |" in curves
 
 
 def test_the_page_of_the_distribution_has_its_table():
