@@ -6,6 +6,7 @@ of a list of NAME=VALUE, a table.
 
 import dataclasses
 import difflib
+import functools
 import inspect
 import itertools
 import json
@@ -175,9 +176,7 @@ def every_option(
     """Group, `--name VALUE` (no dashes if positional), meaning and default of each option."""
     hints = get_type_hints(command, include_extras=True)
     sources = reversed(command.__mro__[:-1]) if inspect.isclass(command) else [command]
-    parsed = [docstring_parser.parse_from_object(source).params for source in sources]
-    params = itertools.chain.from_iterable(parsed)
-    meaning = {param.arg_name: param.description for param in params}
+    meaning = dict(itertools.chain.from_iterable(map(_meanings, sources)))
     for name, parameter in inspect.signature(command).parameters.items():
         hint = hints[name]
         kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
@@ -198,6 +197,16 @@ def every_option(
             " ".join((meaning.get(name) or "").split()),
             parameter.default,
         )
+
+
+@functools.cache
+def _meanings(source: Command) -> list[tuple[str, str | None]]:
+    """Options of a dataclass or function, without those inherited, and what they mean.
+
+    Kept, because the source is parsed for it, which takes as long as all else.
+    """
+    params = docstring_parser.parse_from_object(source).params
+    return [(param.arg_name, param.description) for param in params]
 
 
 def _value(kind: Any) -> str:
