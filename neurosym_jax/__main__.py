@@ -26,7 +26,7 @@ COMMANDS = "neurosym_jax.commands"
 def commands() -> dict[str, str]:
     """Module of each command, by name in alphabetical order."""
     names = [file.name.removesuffix(".py") for file in files(COMMANDS).iterdir()]
-    modules = entry_points("commands")
+    modules = {**entry_points("commands")}
     for name in names:
         if not name.startswith("_"):
             modules[name.replace("_", "-")] = f"{COMMANDS}.{name}"

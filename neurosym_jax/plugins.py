@@ -140,8 +140,12 @@ class Registry(dict[str, T]):
         raise InputError(f"unknown {self.kind} {brief(name)}: {hint}{names}")
 
 
-def entry_points(group: str) -> dict[str, str]:
-    """Modules that installed packages declare as entry points of `neurosym_jax.GROUP`, by name."""
+@functools.cache
+def entry_points(group: str) -> Mapping[str, str]:
+    """Modules that installed packages declare as entry points of `neurosym_jax.GROUP`, by name.
+
+    Kept, because every installed package is asked.
+    """
     from importlib import metadata  # 20 ms, not spent on `import neurosym_jax`.
 
     points = metadata.entry_points(group=f"neurosym_jax.{group}")

@@ -9,6 +9,8 @@ that way, instead of this one.
 
 import functools
 import gc
+import importlib
+import itertools
 import os
 import shutil
 import subprocess
@@ -59,6 +61,8 @@ def accepted(flags: dict[str, str]) -> str:
 
 if "XLA_FLAGS" not in os.environ:
     os.environ["XLA_FLAGS"] = accepted(CHEAP)
+# Names of lines in programs that nobody reads.
+os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 if (
     "PYTEST_XDIST_WORKER" not in os.environ
 ):  # A worker takes what the first process has made.
@@ -80,6 +84,29 @@ from neurosym_jax.simulation import scenarios  # noqa: E402
 from tests.networks import random_model  # noqa: E402
 from tests.registrations import restored_registrations  # noqa: E402
 
+PROGRAMS_OF_A_CONTEXT = 200
+"""A context keeps what its programs have in common, constants too."""
+
+
+def share_contexts() -> None:
+    """Make MLIR's context once for many programs: it takes longer than lowering a small one."""
+    mlir = importlib.import_module("jax._src.interpreters.mlir")
+    make = getattr(mlir, "make_ir_context", None)
+    if make is None:  # A JAX that has another way.
+        return
+    calls = itertools.count()
+    contexts = []
+
+    def shared_context():
+        if next(calls) % PROGRAMS_OF_A_CONTEXT == 0:
+            contexts[:] = [make()]
+        return contexts[0]
+
+    mlir.make_ir_context = shared_context
+
+
+if os.environ["XLA_FLAGS"]:  # Else programs are made as those of users are.
+    share_contexts()
 jax.config.update("jax_debug_nans", True)
 # Tracing makes millions of objects that stay: a sixth of the time went into looking for garbage.
 gc.set_threshold(200_000, 20, 1_000)

@@ -29,9 +29,6 @@ TOOLS = {
 FAULTS = {
     "no environment": {"python3": "exit 1"},
     "pip": {"pip": "exit 1"},
-    "pip, the second time": {
-        "pip": '[ -e "$HOME/again" ] && exit 1; touch "$HOME/again"'
-    },
     "a formatter": {"ruff": '[ "$1" = check ]'},
     "a linter": {"ruff": '[ "$1" = format ]'},
     "types": {"pyright": "echo an error; exit 1"},

@@ -305,8 +305,6 @@ def load_plugins(arguments: Sequence[str]) -> list[str]:
     return others
 
 
-def _show(
-    message: Warning | str, *_where: Any, stream: TextIO, **_more: Any
-) -> None:
+def _show(message: Warning | str, *_where: Any, stream: TextIO, **_more: Any) -> None:
     """Show a warning in one line."""
     print(f"warning: {printable(str(message))}", file=stream)

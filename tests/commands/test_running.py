@@ -65,15 +65,19 @@ def warned(value):
     return value
 
 
-@pytest.mark.parametrize("words", [["--width", "x"], ["--widht", "3"]])
-def test_warnings_of_the_parser_stand_before_its_refusal(words, capsys):
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--width", "x"], "error: --width: 'x' is not a whole number"),
+        (["--widht", "3"], "error: neurosym has no option --widht"),
+    ],
+)
+def test_warnings_of_the_parser_stand_before_its_refusal(words, line, capsys):
     with pytest.raises(SystemExit):
         run_command(Outdated, print, words)
     *shown, refusal = capsys.readouterr().err.splitlines()
     assert set(shown) == {"warning: a default of old"}
-    assert refusal.startswith("error: --width: 'x' is not a whole number") or (
-        refusal.startswith("error: neurosym has no option --widht")
-    )
+    assert refusal.startswith(line)
 
 
 def test_an_error_of_ours_is_a_traceback():

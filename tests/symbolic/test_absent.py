@@ -25,6 +25,9 @@ from neurosym_jax.symbolic.weighting import WEIGHTINGS, Learned, make_weighting
 from tests.symbolic import literal
 
 GAP, STEPS = 3, 7
+# One program each, and not one for each operation.
+observe = jax.jit(observe, static_argnames=("calculus", "convention"))
+state_index = jax.jit(state_index, static_argnames="calculus")
 
 
 @pytest.fixture(autouse=True)
@@ -100,13 +103,14 @@ def test_soft_symbols_have_no_probability_and_gradients_of_zero(
     "text", [*WEIGHTINGS, "soft,learned=true", "quantised,learned=true"]
 )
 def test_alpha_is_zero_there_and_nobody_elses_changes(walks, text):
-    weigh = make_weighting(text)
+    weigh = jax.jit(make_weighting(text))
     complete, gappy = (np.asarray(weigh(positions)) for positions in walks)
     absent = pairs_of_the_second(STEPS + 1)
     assert not gappy[absent].any()
     if text != "shuffled":  # It gives a pair the weights of another one.
         np.testing.assert_array_equal(gappy[~absent], complete[~absent])
-    gradient = jax.grad(lambda positions: weigh(positions).sum())(jnp.asarray(walks[1]))
+    total = jax.jit(jax.grad(lambda positions: weigh(positions).sum()))
+    gradient = total(jnp.asarray(walks[1]))
     assert np.isfinite(gradient).all()
     assert not np.asarray(gradient[1, GAP]).any()
 
@@ -114,7 +118,7 @@ def test_alpha_is_zero_there_and_nobody_elses_changes(walks, text):
 def test_a_table_learns_nothing_from_what_is_absent(walks):
     weighting, positions = Learned(), jnp.asarray(walks[1])
     initial = {name: jnp.asarray(value) for name, value in weighting.start().items()}
-    total = jax.grad(lambda learned: weighting.alpha(learned, positions).sum())
+    total = jax.jit(jax.grad(lambda learned: weighting.alpha(learned, positions).sum()))
     pairs = ~np.eye(4, dtype=bool)[..., None] & ~pairs_of_the_second()
     codes = np.asarray(encode_state(observe(positions[:, None], positions)))[pairs]
     np.testing.assert_array_equal(

@@ -36,7 +36,7 @@ CONVENTIONS = literal.CONVENTIONS
 GRID = arrays(np.float32, (2, 6, 2), elements=st.integers(-20, 20).map(float))
 
 
-@functools.partial(jax.jit, static_argnames=("convention", "calculus"))
+@functools.partial(jax.jit, static_argnames=("convention", "calculus", "distances"))
 def c1(k, l, convention="distance", calculus="c1", **options):
     return observe(k, l, calculus, convention=convention, **options)
 
@@ -114,15 +114,14 @@ def test_qsrlibs_argument_distance_and_moving_or_stationary():
         people = stored["recordings"][case["recording"]]
         k, l = (np.array(people[case[name]]) for name in "kl")
         if case["calculus"] == "mos":
-            states = observe(
-                k, l, "mos", quantisation_factor=case["quantisation_factor"]
-            )
+            factors = {"quantisation_factor": case["quantisation_factor"]}
+            states = c1(k, l, calculus="mos", **factors)
             letters = np.array(["s", "m"])[np.asarray(states)]
             texts = ["".join(row) for row in letters]
         else:
             # Its first state is that of the first positions, before any step.
             k, l = (np.concatenate([path[:1], path]) for path in (k, l))
-            states = observe(k, l, "argd", distances=tuple(case["distances"]))
+            states = c1(k, l, calculus="argd", distances=tuple(case["distances"]))
             names = {-3: "close", -2: "near", -1: "far", 0: "veryfar"}
             texts = [names[symbol] for symbol in np.asarray(states)[:, 0].tolist()]
         assert texts == case["expected"].split(), case
@@ -188,9 +187,8 @@ def test_states_have_codes_rows_and_texts():
     assert int(encode_state(np.array([1, -1, -1, -1]))) == 54
     for calculus in (*literal.CALCULI, "argd", "mos"):
         rows = all_states(calculus)
-        np.testing.assert_array_equal(
-            state_index(calculus, jnp.asarray(rows)), range(len(rows))
-        )
+        codes = jax.jit(state_index, static_argnums=0)(calculus, rows)
+        np.testing.assert_array_equal(codes, range(len(rows)))
         with pytest.raises(
             ValueError, match="read-only"
         ):  # It is shared by all callers.
@@ -310,7 +308,7 @@ def test_refusals(call, arguments, message):
 def test_positions_of_lists_are_read_and_of_other_shapes_refused():
     way, other = np.cumsum(np.full((9, 2), 0.3), axis=0), np.zeros((9, 2))
     symbols = observe(way.tolist(), other.tolist())
-    np.testing.assert_array_equal(symbols, observe(way, other))
+    np.testing.assert_array_equal(symbols, c1(way, other))
     for wrong in (other[:8], np.zeros((9, 3))):
         with pytest.raises(InputError, match=r"\[\.\.\., T, 2\] of one length"):
             observe(way, wrong)
