@@ -11,8 +11,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import jax
 import numpy as np
 import polars as pl
+from jax import Array
 
 from neurosym_jax.commands._options import Positional, Reading, open_data, refuse_given
 from neurosym_jax.configuration import Count, Seed, component, refuse
@@ -207,8 +209,14 @@ def _show_weights(
     weighting, parameters = _weighting(model, text)
     observed = make_scene(example.position).observed
     period = example.period
-    codes = np.asarray(weighting.codes(parameters, observed, period=period))
-    alpha = np.asarray(weighting.alpha(parameters, observed, period=period))
+
+    # One program, and not one for each operation.
+    @jax.jit
+    def codes_and_alpha(parameters: Parameters) -> tuple[Array, Array]:
+        codes = weighting.codes(parameters, observed, period=period)
+        return codes, weighting.alpha(parameters, observed, period=period)
+
+    codes, alpha = map(np.asarray, codes_and_alpha(parameters))
     hint = " is constant here; try --weighting quantised" if is_constant(alpha) else ""
     print(f"{title}: {len(example.agent)} people, weighting {weighting.name}{hint}\n")
     print(format_pairs(codes, example.agent, example.period))

@@ -186,15 +186,19 @@ def test_padding_changes_no_draw(points):
 def test_samples_are_drawn_as_often_as_their_probabilities_say():
     samples = jnp.arange(3.0)[:, None, None, None] * jnp.ones((1, 2, 4, 2))
     probability = jnp.array([0.5, 0.125, 0.375])
+    draw = jax.jit(draw_samples, static_argnums=3)
     for count, expected in ((8, [4, 1, 3]), (1, None)):
-        drawn = draw_samples(samples, probability, KEY, count)
+        drawn = np.asarray(draw(samples, probability, KEY, count))
         assert drawn.shape == (count, 2, 4, 2)
         if expected:
             np.testing.assert_array_equal(
                 np.bincount(drawn[:, 0, 0, 0].astype(int)), expected
             )
-    often = jax.vmap(lambda key: draw_samples(samples, probability, key, 1)[0, 0, 0, 0])
-    counts = np.bincount(often(jax.random.split(KEY, 2000)).astype(int)) / 2000
+    often = jax.jit(
+        jax.vmap(lambda key: draw_samples(samples, probability, key, 1)[0, 0, 0, 0])
+    )
+    drawn = np.asarray(often(jax.random.split(KEY, 2000)))
+    counts = np.bincount(drawn.astype(int)) / 2000
     np.testing.assert_allclose(counts, probability, atol=0.04)
 
 

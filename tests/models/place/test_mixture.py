@@ -55,9 +55,10 @@ def test_draws_take_what_is_remembered_as_often_as_its_share_says():
     share = jnp.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.5]])
     scene = make_scene(np.zeros((2, 2, 2)))
     memory = Remembered(future, share, jnp.zeros((3, 2), bool))
-    mixed = memory.among(draws, scene, jax.random.key(0), 400)[:, :, 0, 0]
+    among = jax.jit(Remembered.among, static_argnums=4)
+    mixed = np.asarray(among(memory, draws, scene, jax.random.key(0), 400))[..., 0, 0]
     for person in range(2):
-        counts = np.bincount(np.asarray(mixed[:, person], int), minlength=4)
+        counts = np.bincount(mixed[:, person].astype(int), minlength=4)
         assert counts[1:] == pytest.approx(400 * np.asarray(share[:, person]), abs=1)
 
 
@@ -106,13 +107,14 @@ def test_each_part_of_a_distribution_has_the_whole_share():
     future = jnp.arange(4.0)[:, None, None, None] * jnp.ones((4, 2, 3, 2))
     share = jnp.array([[0.1, 0.0], [0.2, 0.0], [0.1, 0.0], [0.2, 0.6]])
     memory = Remembered(future, share, jnp.zeros((4, 2), bool))
+    beside = jax.jit(Remembered.beside, static_argnums=(2, 3))
     for part in range(2):
-        both, weight = memory.beside(points, part, 2)
+        both, weight = map(np.asarray, beside(memory, points, part, 2))
         assert both.shape == (7, 2, 3, 2)
         assert weight.shape == (2, 7)
-        assert np.asarray(weight).sum(1) == pytest.approx(1)
+        assert weight.sum(1) == pytest.approx(1)
         assert both[5:, 0, 0, 0].tolist() == [part, part + 2]
         assert weight[0, 5:].sum() == pytest.approx(0.6)
     # Somebody whose share has no point in this part has the network alone there.
-    both, weight = memory.beside(points, 0, 2)
+    both, weight = map(np.asarray, beside(memory, points, 0, 2))
     assert weight[1, :5].sum() == pytest.approx(1)

@@ -1,5 +1,7 @@
 """Networks against the same networks step by step, with nothing folded and nothing shared."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -67,8 +69,26 @@ def weights_of(config, scene):
     """Alpha of what was observed, and what gives that of predicted steps."""
     if not config.symbolic:
         return ()
-    weigh = make_weighting(config.weighting)
-    return weigh(scene.observed, scene.valid), weigh
+    alpha = weighed(config)(scene.observed, scene.valid)
+    return alpha, make_weighting(config.weighting)
+
+
+@functools.cache
+def weighed(config):
+    """The weighting of a network as one program."""
+    return jax.jit(make_weighting(config.weighting))
+
+
+@functools.cache
+def pooled_by(config, width):
+    """The pooling of hidden states of this width as one program."""
+    return jax.jit(pooling_network(config, width).apply)
+
+
+@functools.cache
+def perceptron(*sizes):
+    """A perceptron as one program."""
+    return jax.jit(Perceptron(sizes).apply)
 
 
 def sigmoid(x):
@@ -113,19 +133,18 @@ def unfolded(config, params, scene, noise):
         window = track[:, -config.obs_len :]
         available = {"hidden": hidden, "position": window[:, -1], "track": window}
         if config.symbolic:
-            available["alpha"] = jax.jit(make_weighting(config.weighting))(window)
+            available["alpha"] = weighed(config)(window)
         seen = {name: available[name] for name in config.pooling.inputs}
-        network = pooling_network(config, hidden.shape[1])
-        return jax.jit(network.apply)({"params": params}, valid=scene.valid, **seen)
+        apply = pooled_by(config, hidden.shape[1])
+        return apply({"params": params}, valid=scene.valid, **seen)
 
     if config.pools:
         pooled = pool(params["pooling"], context, observed)
         context = np.concatenate([context, pooled], axis=1)
     if "context_mlp" in params:
         width = config.decoder_h_dim - config.noise_dim
-        context = Perceptron((context.shape[1], config.mlp_dim, width)).apply(
-            {"params": params["context_mlp"]}, context
-        )
+        apply = perceptron(context.shape[1], config.mlp_dim, width)
+        context = apply({"params": params["context_mlp"]}, context)
     noises = np.broadcast_to(noise, (len(observed), config.noise_dim))
     hidden = np.concatenate([context, noises], axis=1)
     cell = np.zeros_like(hidden)
@@ -140,10 +159,8 @@ def unfolded(config, params, scene, noise):
         if config.pool_every_timestep:
             pooled = pool(decoder["pooling"], hidden, track)
             joined = np.concatenate([hidden, pooled], axis=1)
-            sizes = (joined.shape[1], config.mlp_dim, config.decoder_h_dim)
-            hidden = np.asarray(
-                Perceptron(sizes).apply({"params": decoder["mlp"]}, joined)
-            )
+            apply = perceptron(joined.shape[1], config.mlp_dim, config.decoder_h_dim)
+            hidden = np.asarray(apply({"params": decoder["mlp"]}, joined))
     return np.stack(steps, axis=1)
 
 
