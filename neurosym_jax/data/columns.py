@@ -4,13 +4,11 @@ what stands beside the table, positions in metres, and times.
 
 import contextlib
 import dataclasses
-import functools
 import glob
 import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +29,20 @@ from neurosym_jax.data.tables import (
     read_text_file,
 )
 from neurosym_jax.data.tracks import Tracks, common, fields_at, make_tracks
+from neurosym_jax.data.words import (
+    BOX,
+    CLOCKS,
+    DEGREES,
+    FLAGS,
+    POINT,
+    ROLES,
+    has_position,
+    plain_name,
+    role_of,
+)
 from neurosym_jax.errors import InputError, option
 
 __all__ = [
-    "BOX",
-    "FLAGS",
-    "ROLES",
     "SWAP",
     "Rows",
     "Schema",
@@ -44,21 +50,16 @@ __all__ = [
     "facts_in",
     "facts_of",
     "kinds_beside",
-    "names_in_comments",
-    "names_tracks",
     "outside",
     "parse_columns",
-    "plain_name",
     "positions_of",
     "project",
     "propose",
     "read_homography",
-    "role_of",
     "rows_of",
     "schema_of",
     "stamps_of",
     "usual_step",
-    "vocabulary",
 ]
 
 
@@ -210,17 +211,10 @@ def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
 # The schema of a table: which column has which role and unit, as a user or the names
 # say.
 #
-# The words of names stand in `vocabulary.tsv`. What names do not settle is proposed by
-# values, as a command to paste; it is never read without that.
+# What names do not settle is proposed by values, as a command to paste; it is never read
+# without that.
 
-CLOCKS = ("time", "frame")
-POINT = ("x", "y")
-BOX = ("left", "top", "right", "bottom", "width", "height")
-FLAGS = ("lost", "valid", "state", "confidence")  # rows that are no positions
-ROLES = (*CLOCKS, "id", *POINT, *BOX, *FLAGS, "label", "vx", "vy")
-DEGREES = "deg"  # unit of longitudes and latitudes
 Facts = Mapping[str, tuple[str, str]]  # what is said of `fps` and `unit`, and by whom
-_UNIT = re.compile(r"^(.*?\w)\s*(?:[\[(](.+?)[\])]|[\s_/.-]([^\W_]+))$")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -262,48 +256,6 @@ class Schema:
         return used
 
 
-@functools.cache
-def vocabulary() -> dict[str, frozenset[str]]:
-    """The words of each role, and of units, `recording`, `people` and others."""
-    path = files("neurosym_jax.data").joinpath("vocabulary.tsv")
-    words = {}
-    for line in path.read_text(encoding="utf-8").splitlines()[1:]:
-        role, texts = line.split("\t")
-        words[role] = frozenset(texts.split())
-    return words
-
-
-@functools.cache
-def _meanings(kind: str) -> dict[str, str]:
-    """The role of each word of a column's name, or where `kind` is "unit " its unit."""
-    meanings = {}
-    for role, words in vocabulary().items():
-        is_role = role in (*ROLES, "z", "recording")
-        if role.startswith(kind) and is_role == (not kind):
-            meanings = dict.fromkeys(words, role.removeprefix(kind)) | meanings
-    return meanings
-
-
-def plain_name(name: str) -> tuple[str, str]:
-    """A column's name in lower-case letters and digits, and its unit, else nothing."""
-    name = name.strip().lower()[:60]
-    unit = ""
-    match = _UNIT.match(name)
-    if match:
-        unit = _meanings("unit ").get((match[2] or match[3]).strip(), "")
-        name = match[1] if unit else name
-    word = re.sub(r"[\W_]", "", name)
-    return word, DEGREES if word in vocabulary()["globe"] else unit
-
-
-def role_of(name: str) -> str:
-    """The role that a column's name says, else nothing."""
-    name = name.removeprefix("field.")  # Of `rostopic echo -p`.
-    end = ".".join(name.split(".")[-2:])  # As `pose.position.x`.
-    roles = _meanings("")
-    return roles.get(plain_name(name)[0]) or roles.get(plain_name(end)[0], "")
-
-
 def parse_columns(columns: Iterable[str]) -> dict[str, str]:
     """The columns that a user gave by role; `header` and `table` may be among them.
 
@@ -323,30 +275,6 @@ def parse_columns(columns: Iterable[str]) -> dict[str, str]:
     if header not in ("yes", "no"):
         raise InputError(f"header={header}: say header=no or header=yes")
     return stated
-
-
-def names_tracks(names: Sequence[str]) -> bool:
-    """Whether a header names a clock, an id and positions."""
-    roles = set(map(role_of, names))
-    return "id" in roles and not roles.isdisjoint(CLOCKS) and _has_position(roles)
-
-
-def _has_position(roles: Iterable[str]) -> bool:
-    roles = set(roles)
-    has_width = not roles.isdisjoint({"right", "width"})
-    has_height = not roles.isdisjoint({"bottom", "height"})
-    is_box = {"left", "top"} <= roles and has_width and has_height
-    return roles.issuperset(POINT) or is_box
-
-
-def names_in_comments(comments: Sequence[str], width: int) -> list[str]:
-    """The names of `width` columns in the last comment that has them; none if none has."""
-    for comment in reversed(comments):
-        for mark in (None, ",", ";", "\t"):
-            names = comment.split(mark)
-            if len(names) == width and {"id", *POINT} <= set(map(role_of, names)):
-                return [name.strip() for name in names]
-    return []
 
 
 def schema_of(
@@ -413,7 +341,7 @@ def _other_roles(columns: Iterable[str], stated: Iterable[str]) -> set[str]:
     states_box = not stated.isdisjoint(BOX)
     if stated.intersection(POINT) or (not states_box and named.issuperset(POINT)):
         others.update(set(BOX) - stated)
-    elif states_box or _has_position(named - set(POINT)):
+    elif states_box or has_position(named - set(POINT)):
         others.update(POINT)
     return others
 
@@ -429,7 +357,7 @@ def _refuse_missing(
     if places.keys().isdisjoint(CLOCKS):
         required.append("time or frame")
     required += {"id"} - places.keys()
-    if not _has_position(places):
+    if not has_position(places):
         required += [role for role in POINT if role not in places]
     if not required:
         return
@@ -871,12 +799,11 @@ def _rates(
     rates = {option("fps"): options.fps_of(stem)}
     if options.eth_stride and stem.startswith("biwi_eth"):
         rates[option("eth_stride")] = options.eth_stride / period
-    if "fps" in facts:
-        text, witness = facts["fps"]
+    text, witness = facts.get("fps", ("", ""))
+    if text:
         rates[witness] = float(text)
     usable = {source: rate for source, rate in rates.items() if 0 < rate < math.inf}
-    if "fps" in facts and not usable:
-        text, witness = facts["fps"]
+    if text and not usable:
         raise InputError(
             f"{witness} says {text} frames a second: say {option('fps', 25)}, or what it is"
         )

@@ -13,12 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 from neurosym_jax.configuration import component
 from neurosym_jax.data.clock import on_grid, resample
-from neurosym_jax.data.columns import (
-    names_in_comments,
-    names_tracks,
-    role_of,
-    vocabulary,
-)
 from neurosym_jax.data.evidence import judge
 from neurosym_jax.data.readers import columns
 from neurosym_jax.data.readers.storage import FRAME, InMemory, is_frame
@@ -34,6 +28,7 @@ from neurosym_jax.data.tables import (
     read_head,
 )
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
+from neurosym_jax.data.words import names_tracks, role_of, vocabulary
 from neurosym_jax.errors import InputError, InputWarning, brief, option, printable
 from neurosym_jax.plugins import load_entry_points
 from neurosym_jax.runtime.foreign import reading
@@ -138,9 +133,10 @@ def read_any(
     Warns:
         InputWarning: of what looks wrong, which is in `reading` too.
     """
-    path = FRAME if is_frame(data) else Path(data)
+    is_path = isinstance(data, str | os.PathLike) or not is_frame(data)
+    path = Path(data) if is_path else FRAME
     with reading(path, "a recording"):
-        form = InMemory(data) if is_frame(data) else format_of(path, options)
+        form = format_of(path, options) if is_path else InMemory(data)
         if isinstance(form, InMemory) and options.format not in (None, "columns"):
             raise InputError(
                 f"it is a {form.title}, not {option('format', options.format)}"
@@ -209,8 +205,6 @@ def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
     """
     if isinstance(data, Tracks):
         return [data]
-    if is_frame(data):
-        return read_any(data, options)
     if isinstance(data, str | Path):
         path = Path(data)
         paths = data_files(path, options) if is_folder(path) else [path]
@@ -218,6 +212,8 @@ def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
         for path in paths:
             recordings += read_any(path, options)
         return recordings
+    if not isinstance(data, list | tuple) and is_frame(data):
+        return read_any(data, options)
     if not isinstance(data, Iterable):
         raise InputError(
             f"{brief(data)}: is no recording: give a file, table or `make_tracks`"
@@ -243,8 +239,7 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
         if isinstance(form, columns.Layout) or not isinstance(form, columns.Columns):
             continue
         head = read_head(path)
-        named = names_in_comments(head.comments, len(head.fields[0]))
-        if not names_tracks(head.names or named):
+        if not names_tracks(head.names):
             others[path] = "it has no columns of tracks"
         elif _has_no_people(path, head, options):
             others[path] = "it has no people"
@@ -260,8 +255,8 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
 def _has_no_people(path: Path, head: Head, options: ReadOptions) -> bool:
     """Whether all rows are of other kinds, which are looked for where the first ones are."""
     others = vocabulary()["others"]
-    for name, *kinds in zip(*head.fields):
-        if role_of(name) == "label" and others.issuperset(map(str.lower, kinds)):
+    for at, name in enumerate(head.names):
+        if role_of(name) == "label" and head.table.words(at).is_in(others).all():
             try:
                 columns.Columns().read(path, options, PERIOD)
             except columns.NoPeople:

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, Positive, refuse
 from neurosym_jax.data.tracks import Reading, Tracks, make_tracks
+from neurosym_jax.data.words import names_in_comments
 from neurosym_jax.errors import InputError, brief, option, printable
 from neurosym_jax.plugins import Registry
 from neurosym_jax.runtime.foreign import TIMES, UNPACKED
@@ -45,13 +46,11 @@ __all__ = [
     "Table",
     "Unsaid",
     "absent",
-    "header_in",
     "metres_in",
     "read_head",
     "read_table",
     "read_text_file",
     "register_format",
-    "separator_of",
 ]
 
 
@@ -119,17 +118,21 @@ class ReadOptions:
             InputError: naming the option.
         """
         refuse(Positive, {option("eth_stride"): self.eth_stride}, optional=True)
-        for part in [] if self.fps is None else str(self.fps).split(","):
-            if not 0 < _number(part.rpartition("=")[2]) < math.inf:
-                raise InputError(f"{option('fps')} must be positive, not {part}")
+        for rate in _by_recording(self.fps).values():
+            if not 0 < _number(rate) < math.inf:
+                raise InputError(f"{option('fps')} must be positive, not {rate}")
         refuse(NotNegative, {option("max_gap"): self.max_gap}, optional=True)
         for name in self.allow:
             if name not in GUARDS:
                 raise InputError(
                     f"{option('allow')} is one of {', '.join(GUARDS)}, not {name!r}"
                 )
-        for part in (self.unit or "m").split(","):
-            _refuse_unit(part.rpartition("=")[2])
+        for unit in _by_recording(self.unit).values():
+            if not 1e-6 <= (METRES.get(unit) or _number(unit)) <= 1e4:
+                raise InputError(
+                    f"{option('unit')} is one of {', '.join(METRES)}, or metres as a number, not "
+                    f"{unit!r} (pixels of 3.2 cm: {option('unit', '0.032')})"
+                )
 
     def unit_of(self, recording: str) -> str:
         """The unit that was given for a file's recordings, by the file's name without ending; else
@@ -152,24 +155,29 @@ class ReadOptions:
         return f"allowed {guard}: {line}"
 
 
-def _refuse_unit(unit: str) -> None:
-    metres = METRES.get(unit, 0.0)
-    with contextlib.suppress(ValueError):
-        metres = metres or float(unit)
-    if not 1e-6 <= metres <= 1e4:
-        raise InputError(
-            f"{option('unit')} is one of {', '.join(METRES)}, or metres as a number, not "
-            f"{unit!r} (pixels of 3.2 cm: {option('unit', '0.032')})"
-        )
-
-
-def _value_of(option: str | float | None, recording: str) -> str:
-    """The value of a recording in `VALUE` or `RECORDING=VALUE,...`; else nothing."""
+def _by_recording(value: str | float | None) -> dict[str, str]:
+    """The values in `VALUE` or `RECORDING=VALUE,...` by recording; "" has that of all others."""
+    if value is None:
+        return {}
     values = {}
-    for part in str(option or "").split(","):
-        name, _, value = part.rpartition("=")
-        values[name] = value
+    for part in str(value).split(","):
+        recording, _, text = part.rpartition("=")
+        values[recording] = text
+    return values
+
+
+def _value_of(value: str | float | None, recording: str) -> str:
+    """The value of a recording, else nothing."""
+    values = _by_recording(value)
     return values.get(recording) or values.get("", "")
+
+
+def _number(text: str) -> float:
+    """The number that a text is; else NaN."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def metres_in(unit: str) -> float:
@@ -204,41 +212,32 @@ class Head:
     comments: tuple[str, ...] = ()  # lines with #, without that
 
     @functools.cached_property
-    def fields(self) -> list[list[str]]:
-        """The fields of the first 50 lines."""
-        mark = separator_of(self.lines[0])
-        rows = []
-        for line in self.lines[:50]:
-            fields = line.split() if mark == " " else line.split(mark)
-            rows.append([field.strip(' "') for field in fields])
-        return rows
+    def table(self) -> "Table":
+        """The table of its first lines, which may differ in width; without columns if it is none."""
+        import polars as pl
+
+        lines = pl.Series(self.lines[:FIRST])
+        with contextlib.suppress(InputError):
+            return _table_in(Path(), lines, np.arange(len(lines)), self.comments)
+        return Table(Path(), [], lines.str.split("\n"), np.arange(len(lines)))
 
     @property
-    def names(self) -> list[str]:
-        """The fields of a header line; none if the file begins otherwise."""
-        names = self.fields[0]
-        is_text = self.lines[0].replace("\t", "").isprintable()
-        has_word = any(name[:1].isalpha() for name in names)
-        return names if is_text and has_word and header_in(self.fields) else []
+    def names(self) -> Sequence[str]:
+        """The names in a header; none if the file begins otherwise."""
+        return self.table.names if self.table.has_names else []
 
     @functools.cached_property
     def rows(self) -> np.ndarray:
-        """[R, columns] numbers of the first lines, up to one of another width; NaN where a field is
+        """[R, columns] numbers of the first rows, up to one of another width; NaN where a field is
         none."""
-        width = len(self.fields[0])
-        rows = []
-        for fields in self.fields:
-            if len(fields) != width:
-                break
-            rows.append([_number(field) for field in fields])
-        return np.array(rows).reshape(len(rows), width)
+        import polars as pl
 
-
-def _number(field: str) -> float:
-    try:
-        return float(field.replace(",", "."))
-    except ValueError:
-        return math.nan
+        width = len(self.table.names)
+        is_row = self.table.fields.list.len().to_numpy() == width
+        count = int(np.argmin(np.append(is_row, False)))
+        texts = self.table.fields.head(count).explode().str.strip_chars(BLANKS)
+        values = texts.cast(pl.Float64, strict=False).fill_null(math.nan)
+        return values.to_numpy().reshape(count, width)
 
 
 def header_in(rows: Sequence[Sequence[str]]) -> bool:
@@ -324,10 +323,12 @@ FORMATS: Registry[type[Format]] = Registry(
         "trajnet": f"{_READERS}.trajnet:Trajnet",
     },
 )
-"""The last is asked first whether it knows a file; `text` takes what no other format knows."""
+"""The last is asked first whether it knows a file; `columns` takes what no format knows."""
 SIGNATURES = {
     "qtm": r"^Frame[\t,].*Helmet",
     "tracklets": r"tracklet_id",
+    "storage": r"^$",  # no text
+    "json": r"^\s*[{\[]",
     "trajnet": r"^\{\s*\"(track|scene)\"",
 }
 """What stands in a line that a file of some formats begins with: others are not imported for it."""
@@ -393,12 +394,12 @@ def _unpacked(path: Path, size: int) -> bytes:
 
 def read_head(path: Path) -> Head:
     """How the file at `path` begins."""
-    content = _bytes_of(path, 1 << 16)
+    content = _bytes_of(path, HEAD)
     text = _text_in(content) or ""  # The reader explains it; here it fits no format.
-    lines = [line.strip() for line in text.split("\n")]
-    comments = tuple(line.strip("# ") for line in lines if line.startswith("#"))
-    lines = [line for line in lines if line and not line.startswith("#")]
-    return Head(lines or [""], content[:16], comments)
+    lines, _, comments = _lines_in(text)
+    if len(content) == HEAD and len(lines) > 1:
+        lines = lines[:-1]  # It is cut.
+    return Head(lines.to_list() or [""], content[:16], comments)
 
 
 def separator_of(line: str) -> str:
@@ -417,6 +418,8 @@ def separator_of(line: str) -> str:
 # So the first field that does not fit is reported with its line in the file, its column
 # and its text.
 
+FIRST = 50  # lines that say how a table is divided, and what a file is
+HEAD = 1 << 16  # bytes of a file's beginning
 MOST = 1_000_000  # columns of a table
 BLANKS = ' "\t\r'  # around a field
 UNITS = {"", *METRES, "m/s", "s", "sec", "ms", "us", "ns", "deg", "rad", "frame"}
@@ -440,6 +443,11 @@ class Table:
     notes: tuple[str, ...] = ()  # how it was read, a line each
     warnings: tuple[str, ...] = ()  # what looks wrong in it, a line each
     left_out: tuple[str, ...] = ()  # rows that were left out, and why, a line each
+
+    @property
+    def has_names(self) -> bool:
+        """Whether its columns have other names than 1, 2, ..."""
+        return list(self.names) != [str(at + 1) for at in range(len(self.names))]
 
     def noted(self, line: str) -> "Table":
         """The table with one more of the notes."""
@@ -568,33 +576,31 @@ class Table:
         position: np.ndarray,
         extras: Mapping[str, np.ndarray] = MappingProxyType({}),
         *,
-        row: np.ndarray | None = None,
         parts: tuple[Sequence[str], np.ndarray] | None = None,
-        clock: int | None = None,
+        frame: np.ndarray | None = None,
         columns: Sequence[str] = (),
         unused: Sequence[str] = (),
         people: Sequence[str] = (),
     ) -> list[Tracks]:
-        """The recordings in the lines `row` [R'] of the file (default: all), in any order.
+        """The recordings in its rows, which may be in any order.
 
-        `stamp`, `id` [R'], `position` [R', 2] and `extras` name: [R'] are those of the
-        lines; `parts` has the names of the recordings and [R'] the index of each line's
-        (default: one). Rows that stand twice count once. `clock` is the column of frame
-        numbers, if there is one; `columns` has ROLE=COLUMN of all, `unused` the others.
-        `people` are the texts of ids.
+        `stamp`, `id` [R], `position` [R, 2] and `extras` name: [R] are those of the rows;
+        `parts` has the names of the recordings and [R] the index of each row's (default:
+        one). Rows that stand twice count once. `frame` [R] are the numbers of frames, if
+        there are any; `columns` has ROLE=COLUMN of all, `unused` the others. `people` are
+        the texts of ids.
         """
-        row = self.row if row is None else row
         person = np.array(people)[id] if people else id
         rate = None
         last = int(np.argmax(np.abs(stamp)))
-        if clock is not None and stamp[last]:
-            rate = round(float(self.whole_numbers(clock)[last] / stamp[last]), 6)
-        names, part = parts or ([printable(self.path.stem)], np.zeros(len(row), int))
-        is_first, is_back = _order_of(part, id, stamp, position, row)
+        if frame is not None and stamp[last]:
+            rate = round(float(frame[last] / stamp[last]), 6)
+        names, part = parts or ([printable(self.path.stem)], np.zeros(len(stamp), int))
+        is_first, is_back = _order_of(part, id, stamp, position, self.row)
         recordings = []
         for number, name in enumerate(names):
             is_here = part == number
-            table = self._told(is_here & ~is_first, is_here & is_back, row, person)
+            table = self._told(is_here & ~is_first, is_here & is_back, person)
             at = np.flatnonzero(is_here & is_first)
             reading = Reading(
                 name,
@@ -608,29 +614,29 @@ class Table:
                 unused=tuple(unused),
             )
             points = stamp[at], person[at], position[at]
-            others = {key: extras[key][at] for key in extras}
-            tracks = make_tracks(name, *points, others, reading=reading, row=row[at])
+            others = {key: values[at] for key, values in extras.items()}
+            tracks = make_tracks(
+                name, *points, others, reading=reading, row=self.row[at]
+            )
             recordings.append(tracks)
         return recordings
 
     def _told(
-        self, repeats: np.ndarray, back: np.ndarray, row: np.ndarray, person: np.ndarray
+        self, repeats: np.ndarray, back: np.ndarray, person: np.ndarray
     ) -> "Table":
         """The table with warnings of all that is left out, and of the rows of two masks [R]: those
         that stand twice, and those before which time runs on."""
-        table = self
+        left_out = self.left_out
         if repeats.any():
-            line = f"{repeats.sum()} rows that stand twice"
-            table = dataclasses.replace(self, left_out=(*self.left_out, line))
-        left_out = tuple(f"{line} are left out" for line in table.left_out)
-        table = dataclasses.replace(table, warnings=left_out + table.warnings)
-        if not back.any():
-            return table
-        at = back.argmax()
-        return table.warned(
-            f"row {row[at]}: time runs backward for agent {person[at]} ({back.sum()} times in "
-            "all); the rows are sorted"
-        )
+            left_out += (f"{repeats.sum()} rows that stand twice",)
+        warnings = tuple(f"{line} are left out" for line in left_out) + self.warnings
+        if back.any():
+            at = back.argmax()
+            warnings += (
+                f"row {self.row[at]}: time runs backward for agent {person[at]} ({back.sum()} times "
+                "in all); the rows are sorted",
+            )
+        return dataclasses.replace(self, left_out=left_out, warnings=warnings)
 
 
 def _order_of(
@@ -677,19 +683,60 @@ def read_table(
     Raises:
         InputError: naming file, row and reason.
     """
-    lines, row, comments = _lines_of(path)
+    lines, row, comments = _lines_in(read_text_file(path))
+    if len(lines) and re.match(r"<\?xml|<[^<>,;\t]*>$", lines[0]):
+        raise InputError("XML is not read: write rows of time, id, x and y")
     starts = lines[:200].str.contains(f"^{header}").arg_true()
     if not len(starts):
         without = f", or no header {header!r}" if header else ""
         raise InputError(f"the file has no rows{without}")
+    if header:
+        lines, row, has_header = lines[starts[0] :], row[starts[0] :], True
+    table = _table_in(path, lines, row, comments, names, has_header)
+    if not len(table.row):
+        raise InputError(f"the file has no rows below its header: {brief(lines[-1])}")
+    _refuse_other_widths(table, lines.tail(len(table.row)))
+    return table
+
+
+def _lines_in(text: str) -> "tuple[pl.Series, np.ndarray, tuple[str, ...]]":
+    """[R] lines that are no comments nor empty, their [R] numbers from 1, and the comments before
+    the first, without #."""
+    import polars as pl
+
+    lines = pl.Series([text]).str.split("\n").explode().str.strip_chars(" \r")
+    is_comment = lines.str.starts_with("#")
+    is_row = ((lines != "") & ~is_comment).to_numpy()
+    first = int(np.argmax(is_row))
+    comments = lines.head(first).filter(is_comment.head(first))
+    comments = tuple(comments.str.strip_chars("# ").to_list())
+    return lines.filter(is_row), 1 + np.flatnonzero(is_row), comments
+
+
+def _table_in(
+    path: Path,
+    lines: "pl.Series",
+    row: np.ndarray,
+    comments: tuple[str, ...] = (),
+    names: Sequence[str] | None = None,
+    has_header: bool | None = None,
+) -> Table:
+    """The table in the lines `row` [R] of a file, below its comments; rows may differ in width.
+
+    Columns without `names` have those of a header, which is the first line that is as
+    wide as most, unless it has numbers where others have (or `has_header` says); else
+    those of a comment, else 1, 2, ...
+
+    Raises:
+        InputError: for quotes that do not end, and too many columns.
+    """
     notes = ()
-    above = starts[0] if header else _lines_above(lines.head(50).to_list())
-    if above and not header:
+    above = _lines_above(lines.head(FIRST).to_list())
+    if above:
         notes += (f"{above} lines above the header",)
     lines, row = lines[above:], row[above:]
-    first = lines[0]
-    mark = separator_of(first)
-    if first.count(mark) > MOST:
+    mark = separator_of(lines[0])
+    if lines[0].count(mark) > MOST:
         raise InputError(f"row {row[0]}: has more than {MOST} columns")
     if mark == " ":
         lines = lines.str.replace_all(r"\s+", " ")
@@ -697,53 +744,29 @@ def read_table(
         lines = lines.str.replace_all(r"([0-9]),([0-9])", "$1.$2")
         notes += ("decimal commas",)
 
+    fields = _split(lines, mark)
     if names is None:
-        rows = list(_split(path, lines.head(50).str.strip_suffix(mark), mark))
-        names, taken = _header(rows, bool(header), has_header)
-        lines, row = lines[taken:], row[taken:]
+        names, taken = _header(fields.head(FIRST).to_list(), has_header)
+        fields, row = fields[taken:], row[taken:]
         if taken > 1:
             notes += ("units below the header",)
-    if not len(lines):
-        taken_for = f" below its header: {brief(first)}" if names else ""
-        raise InputError(f"the file has no rows{taken_for}")
-    fields = _split(path, lines, mark)
-    if len(fields[0]) == len(names) + 1 and lines[0].endswith(mark):
+        said = names_in_comments(comments, len(names))
+        if said and not taken:
+            names = said
+            notes += (f"columns named in a comment: {' '.join(said)}",)
+    if len(row) and len(fields[0]) == len(names) + 1 and not fields[0][-1]:
         names = [*names, ""]  # The rows end in a separator.
-    table = Table(path, names, fields, row, comments=comments, notes=notes)
-    _refuse_other_widths(table, lines)
-    return table
-
-
-def _lines_of(path: Path) -> "tuple[pl.Series, np.ndarray, tuple[str, ...]]":
-    """[R] lines of a file that are no comments nor empty, their [R] numbers from 1, and the
-    comments before the first, without #.
-
-    Raises:
-        InputError: for XML, and what is no text.
-    """
-    import polars as pl
-
-    text = pl.Series([read_text_file(path)])
-    lines = text.str.split("\n").explode().str.strip_chars(" \r")
-    is_comment = lines.str.starts_with("#")
-    is_row = ((lines != "") & ~is_comment).to_numpy()
-    first = int(np.argmax(is_row))
-    comments = lines.head(first).filter(is_comment.head(first))
-    comments = tuple(comments.str.strip_chars("# ").to_list())
-    lines = lines.filter(is_row)
-    if len(lines) and re.match(r"<\?xml|<[^<>,;\t]*>$", lines[0]):
-        raise InputError("XML is not read: write rows of time, id, x and y")
-    return lines, 1 + np.flatnonzero(is_row), comments
+    return Table(path, names, fields, row, comments, notes=notes)
 
 
 def _header(
-    rows: Sequence[Sequence[str]], begins_with_names: bool, has_header: bool | None
+    rows: Sequence[Sequence[str]], has_header: bool | None
 ) -> tuple[list[str], int]:
     """The names of columns whose first rows of fields are `rows`, and how many of them name these."""
-    names = [re.sub(r"^\$\w+:", "", name.strip()) for name in rows[0]]
+    rows = [_stripped(fields) for fields in rows]
+    names = [re.sub(r"^\$\w+:", "", name) for name in rows[0]]
     if has_header is None:
-        rows = [_stripped(fields) for fields in rows]
-        has_header = begins_with_names or header_in(rows)
+        has_header = header_in(rows)
     if not has_header:
         return [str(place) for place in range(1, len(names) + 1)], 0
     below = _lines_below(rows, len(names))
@@ -751,7 +774,9 @@ def _header(
 
 
 def _stripped(fields: Sequence[str]) -> list[str]:
-    return [field.strip(BLANKS) for field in fields]
+    """The fields without blanks and quotes around them, and without what follows a last separator."""
+    stripped = [field.strip(BLANKS) for field in fields]
+    return stripped if stripped[-1] else stripped[:-1]
 
 
 def _refuse_other_widths(table: Table, lines: "pl.Series") -> None:
@@ -813,7 +838,7 @@ def _are_decimal_commas(text: str) -> bool:
     return commas > 0 and commas == text.count(",") and not has_points
 
 
-def _split(path: Path, lines: "pl.Series", mark: str) -> "pl.Series":
+def _split(lines: "pl.Series", mark: str) -> "pl.Series":
     """[R] lists of the fields of `lines` [R], which may be quoted."""
     import polars as pl
 

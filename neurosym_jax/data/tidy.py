@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.columns import names_in_comments, plain_name, role_of
 from neurosym_jax.data.tables import Table, absent
+from neurosym_jax.data.words import plain_name, role_of
 
 __all__ = ["axes_of", "tidy"]
 
@@ -39,7 +39,6 @@ DIGITS = {"ns": 9, "us": 6, "ms": 3}
 def tidy(table: Table) -> Table:
     """The table with a row for each person and moment, and columns of names, if it says how."""
     steps: tuple[Callable[[Table], Table], ...] = (
-        _named_by_comments,
         _with_points_of_cells,
         _with_whole_times,
         _unfolded,
@@ -64,16 +63,6 @@ def axes_of(x: np.ndarray, y: np.ndarray) -> tuple[str, str]:
     if (high - low).max() > PEOPLE_SPAN:
         return "x", "y"
     return "longitude", "latitude"
-
-
-def _named_by_comments(table: Table) -> Table:
-    """The table with the names that a comment before its first row has, if it has no header."""
-    width = len(table.names)
-    names = names_in_comments(table.comments, width)
-    if not names or list(table.names) != [str(at + 1) for at in range(width)]:
-        return table
-    notes = (*table.notes, f"columns named in a comment: {' '.join(names)}")
-    return dataclasses.replace(table, names=names, notes=notes)
 
 
 def _with_points_of_cells(table: Table) -> Table:

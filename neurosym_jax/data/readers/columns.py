@@ -8,19 +8,16 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.data.columns import (
-    ROLES,
     Rows,
     Schema,
     column_name,
     facts_of,
     kinds_beside,
-    names_in_comments,
     parse_columns,
     positions_of,
     rows_of,
     schema_of,
     stamps_of,
-    vocabulary,
 )
 from neurosym_jax.data.evidence import doubts_of, roughness
 from neurosym_jax.data.tables import (
@@ -35,6 +32,7 @@ from neurosym_jax.data.tables import (
 )
 from neurosym_jax.data.tidy import tidy
 from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.words import ROLES, vocabulary
 from neurosym_jax.errors import InputError, option, printable
 
 __all__ = [
@@ -90,13 +88,6 @@ class Columns(Format):
     decimals: ClassVar[int | None] = None  # to which positions are rounded
     people: ClassVar[tuple[str, ...]] = ()  # kinds that are kept if no option says
 
-    def knows(self, head: Head) -> bool:
-        """Names in a header or a comment, a column of texts, or more than four columns."""
-        width = head.rows.shape[1]
-        texts = (np.isnan(head.rows).mean(axis=0) > 0.5).any()
-        named = head.names or names_in_comments(head.comments, width)
-        return bool(named or texts or width > 4)
-
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in one table.
 
@@ -109,22 +100,13 @@ class Columns(Format):
         return self.take(read_table(path, has_header=has_header), options, period)
 
     def take(self, table: Table, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in a table of any shape that was read.
+        """The recordings in a table of any shape that was read: people at positions in metres, on
+        its clock.
 
         Raises:
             InputError: as `read`.
         """
-        return self.take_tidy(tidy(table), options, period)
-
-    def take_tidy(
-        self, table: Table, options: ReadOptions, period: float
-    ) -> list[Tracks]:
-        """The recordings in a table with a row for each person and moment: people at positions in
-        metres, on its clock.
-
-        Raises:
-            InputError: as `read`.
-        """
+        table = tidy(table)
         stated = parse_columns(options.columns)
         if stated.get("id") == "none":  # The whole table is one person.
             table = table.with_column("none", pl.Series([["0"]]))
@@ -156,7 +138,7 @@ class Columns(Format):
             rows.position,
             {name: table.extra(at) for name, at in schema.extras.items()},
             parts=(names, part),
-            clock=places["frame"] if schema.clock == "frame" else None,
+            frame=rows.clock if schema.clock == "frame" else None,
             columns=[f"{role}={column_name(table, at)}" for role, at in places.items()],
             unused=[column_name(table, at) for at in sorted(others)],
             people=rows.people,
@@ -207,7 +189,7 @@ class Layout(Columns):
     def knows(self, head: Head) -> bool:
         """Whether the first rows fit every role."""
         rows = head.rows
-        if rows.shape[1] != len(self.layout) or not len(rows):
+        if head.names or rows.shape[1] != len(self.layout) or not len(rows):
             return False
         column = dict(zip(self.layout, rows.T))
         for role, values in column.items():
@@ -224,7 +206,7 @@ class Layout(Columns):
         """The recordings in a file."""
         table = read_table(path, self.layout)
         self.check(table)
-        return self.take_tidy(table, options, period)
+        return self.take(table, options, period)
 
     def check(self, table: Table) -> None:
         """Refuse what is no such table after all."""
@@ -477,8 +459,9 @@ class Text(Layout):
     decimals = 4
 
     def knows(self, head: Head) -> bool:
-        """Anything, also binary files, which the reader refuses with the reason."""
-        return True
+        """Up to four columns of numbers without names."""
+        is_text = np.isnan(head.rows).mean(axis=0) > 0.5
+        return 0 < len(is_text) <= 4 and not (is_text.any() or head.names)
 
     def check(self, table: Table) -> None:
         """Refuse frames with fractions, and tracks that are smoother with frame and ped exchanged.

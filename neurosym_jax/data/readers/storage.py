@@ -13,7 +13,7 @@ import sqlite3
 import time
 import zipfile
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -21,12 +21,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.columns import (
-    facts_in,
-    names_tracks,
-    parse_columns,
-    role_of,
-)
+from neurosym_jax.data.columns import facts_in, parse_columns
 from neurosym_jax.data.readers.columns import SMOOTHER, Columns
 from neurosym_jax.data.tables import (
     Head,
@@ -37,6 +32,7 @@ from neurosym_jax.data.tables import (
     read_text_file,
 )
 from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.words import names_tracks, role_of
 from neurosym_jax.errors import InputError, brief, optional_module
 from neurosym_jax.runtime.foreign import (
     read_array,
@@ -65,8 +61,9 @@ MAGIC = {
 }
 
 
-Content = tuple[dict[str, pl.Series], dict[str, str]]
-"""Texts of columns by name, and the facts that a file says of them."""
+Content = tuple[Mapping[str, Any], Mapping[str, str]]
+"""Columns [R] by name (series, arrays or lists), and the facts that a file says of them."""
+NO_FACTS: Mapping[str, str] = MappingProxyType({})
 
 
 class Storage(Columns):
@@ -108,7 +105,7 @@ class InMemory(Columns):
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in it."""
-        return self.take(table_of(self.data), options, period)
+        return self.take(_table(*_content_of(self.data)), options, period)
 
 
 def is_frame(data: object) -> bool:
@@ -134,17 +131,17 @@ def _is_moving(data: Any) -> bool:
     )
 
 
-def table_of(data: Any) -> Table:
-    """The table in an object that `is_frame`; its rows count from 0, and named indices are columns.
+def _content_of(data: Any) -> Content:
+    """The columns of an object that `is_frame`; named indices are columns.
 
     Raises:
-        InputError: for an empty one.
+        InputError: for columns of several lengths or of one name.
     """
-    facts: dict[str, str] = {}
+    facts = NO_FACTS
     if isinstance(data, np.ndarray):
-        return columns_table(array_columns(data))
+        return array_columns(data), facts
     if isinstance(data, dict):
-        return columns_table(data)
+        return _alike(data), facts
     if _is_pedpy(data):
         facts = {"fps": str(float(data.frame_rate))}
         data = data.data
@@ -157,12 +154,12 @@ def table_of(data: Any) -> Table:
     if hasattr(data, "to_pydict"):
         data = pl.from_arrow(data)
     if hasattr(data, "itertuples"):
-        return _table(_columns_of_pandas(data), facts)
-    return _table(_columns_of_polars(data), facts)
+        return _columns_of_pandas(data), facts
+    return data.to_dict(), facts
 
 
-def columns_table(columns: Mapping[Any, Any]) -> Table:
-    """The table of columns [R] by name.
+def _alike(columns: Mapping[Any, Any]) -> dict[str, np.ndarray]:
+    """Columns [R] by name as arrays.
 
     Raises:
         InputError: for columns of several lengths.
@@ -174,8 +171,7 @@ def columns_table(columns: Mapping[Any, Any]) -> Table:
             f"columns of shapes {brief(shapes)}, not of one length: `make_tracks` takes "
             "arrays of stamps, ids and positions"
         )
-    texts = {name: _as_texts(values.tolist()) for name, values in arrays.items()}
-    return _table(texts)
+    return arrays
 
 
 def array_columns(array: np.ndarray) -> dict[str, np.ndarray]:
@@ -220,8 +216,8 @@ def _bend_along(array: np.ndarray, axis: int) -> float:
     return np.median(bend) if len(bend) else np.inf
 
 
-def _columns_of_pandas(frame: Any) -> dict[str, pl.Series]:
-    """The texts of columns by name; points become x and y, durations seconds.
+def _columns_of_pandas(frame: Any) -> dict[str, Any]:
+    """The columns by name; points become x and y, durations seconds.
 
     Raises:
         InputError: for two columns of one name.
@@ -236,47 +232,36 @@ def _columns_of_pandas(frame: Any) -> dict[str, pl.Series]:
     for at, name in enumerate(names):
         column = frame.iloc[:, at]
         if str(column.dtype) == "geometry":
-            columns["x"] = _as_texts(column.values.x)
-            columns["y"] = _as_texts(column.values.y)
+            columns |= {"x": column.values.x, "y": column.values.y}
         elif column.dtype.kind == "m":
-            columns[name] = _as_texts(column.dt.total_seconds())
+            columns[name] = column.dt.total_seconds()
         else:
-            columns[name] = _as_texts(column)
+            columns[name] = column
     return columns
 
 
-def _columns_of_polars(frame: pl.DataFrame) -> dict[str, pl.Series]:
-    """The texts of columns by name."""
-    return {name: _texts(frame[name]) for name in frame.columns}
-
-
-def _as_texts(values: Iterable[Any]) -> pl.Series:
-    """The values as Python writes them."""
-    return pl.Series([str(value) for value in values], dtype=pl.String)
-
-
-def _texts(column: pl.Series) -> pl.Series:
-    """A column as text; durations are seconds."""
-    if isinstance(column.dtype, pl.Duration):
-        column = column.dt.total_microseconds() / 1e6
-    others = (pl.Categorical, pl.Binary, pl.Object)
-    if column.dtype.is_nested() or column.dtype in others:
-        return _as_texts(column)
-    return column.cast(pl.String).fill_null("None")
-
-
-def _table(
-    columns: Mapping[str, pl.Series],
-    facts: Mapping[str, str] = MappingProxyType({}),
-) -> Table:
-    rows = 0
-    for texts in columns.values():
-        rows = len(texts)
+def _table(columns: Mapping[str, Any], facts: Mapping[str, str] = NO_FACTS) -> Table:
+    """The table of columns [R] of values by name; its rows count from 0."""
+    texts = [_texts(values) for values in columns.values()]
+    rows = len(texts[0]) if texts else 0
     if not rows:
         raise InputError("has no rows")
-    numbered = [texts.alias(str(at)) for at, texts in enumerate(columns.values())]
+    numbered = [values.alias(str(at)) for at, values in enumerate(texts)]
     fields = pl.DataFrame(numbered).select(pl.concat_list(pl.all())).to_series()
     return Table(FRAME, list(columns), fields, np.arange(rows), facts=facts)
+
+
+def _texts(values: Any) -> pl.Series:
+    """Values as Python writes them; durations are seconds."""
+    if isinstance(values, pl.Series):
+        if isinstance(values.dtype, pl.Duration):
+            values = values.dt.total_microseconds() / 1e6
+        others = (pl.Categorical, pl.Binary, pl.Object)
+        if not values.dtype.is_nested() and values.dtype not in others:
+            return values.cast(pl.String).fill_null("None")
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    return pl.Series([str(value) for value in values], dtype=pl.String)
 
 
 def _table_in_storage(path: Path, magic: bytes, name: str) -> Table:
@@ -296,32 +281,49 @@ def _table_in_storage(path: Path, magic: bytes, name: str) -> Table:
             "a pickle may run any code, so it is not read; if you trust it: "
             f'python -c "{code}" {shlex.quote(str(path))}'
         )
+    read = {
+        "npy": _in_npy,
+        "zip": _in_zip,
+        "mat": _in_mat,
+        "sqlite": _in_sqlite,
+        "hdf5": _in_hdf5,
+    }
     with reading(path, kind):
-        if kind == "npy":
-            return columns_table(array_columns(read_array(path)))
-        if kind == "mat" or (kind == "zip" and not _is_sheet(path)):
-            return _table_of_arrays(path, kind, name)
-        read = {"sqlite": _in_sqlite, "hdf5": _in_hdf5, "zip": _in_sheet}
         return _table(*read.get(kind, _in_columns)(path, name))
 
 
-def _table_of_arrays(path: Path, kind: str, name: str) -> Table:
-    """The table in one array of an `.npz` or `.mat`, or in columns that it holds as arrays."""
-    if kind == "zip":
-        arrays = read_arrays(path)
-    else:
-        from scipy.io import loadmat
+def _in_npy(path: Path, name: str) -> Content:
+    return _alike(array_columns(read_array(path))), NO_FACTS
 
-        arrays = {}
-        for key, values in loadmat(path).items():
-            if not key.startswith("_"):
-                arrays[key] = np.squeeze(values)
+
+def _in_zip(path: Path, name: str) -> Content:
+    """The first sheet of a workbook or the one called so, or the arrays of an `.npz`."""
+    with zipfile.ZipFile(path) as archive:
+        is_workbook = "xl/workbook.xml" in archive.namelist()
+    if not is_workbook:
+        return _in_arrays(read_arrays(path), name)
+    optional_module("fastexcel", "a workbook", "excel")
+    return pl.read_excel(path, sheet_name=name or None).to_dict(), NO_FACTS
+
+
+def _in_mat(path: Path, name: str) -> Content:
+    from scipy.io import loadmat
+
+    arrays = {}
+    for key, values in loadmat(path).items():
+        if not key.startswith("_"):
+            arrays[key] = np.squeeze(values)
+    return _in_arrays(arrays, name)
+
+
+def _in_arrays(arrays: Mapping[str, np.ndarray], name: str) -> Content:
+    """The columns in one of several arrays, or that they are."""
     if names_tracks(list(arrays)):
         columns = {key: np.ravel(values) for key, values in arrays.items()}
-        return columns_table(columns)
-    tables = [key for key, values in arrays.items() if values.ndim > 1]
-    chosen = _the_one(tables, name)
-    return columns_table(array_columns(arrays[chosen]))
+    else:
+        tables = [key for key, values in arrays.items() if values.ndim > 1]
+        columns = array_columns(arrays[_the_one(tables, name)])
+    return _alike(columns), NO_FACTS
 
 
 def _the_one(names: Collection[str], name: str) -> str:
@@ -337,17 +339,6 @@ def _the_one(names: Collection[str], name: str) -> str:
     )
 
 
-def _is_sheet(path: Path) -> bool:
-    with zipfile.ZipFile(path) as archive:
-        return "xl/workbook.xml" in archive.namelist()
-
-
-def _in_sheet(path: Path, name: str) -> Content:
-    """The first sheet of a workbook, or the one called so."""
-    optional_module("fastexcel", "a workbook", "excel")
-    return _columns_of_polars(pl.read_excel(path, sheet_name=name or None)), {}
-
-
 def _in_columns(path: Path, name: str) -> Content:
     # Polars takes the descriptor, which a buffer of ours would have moved.
     with path.open("rb", buffering=0) as file:
@@ -359,7 +350,7 @@ def _in_columns(path: Path, name: str) -> Content:
         rows = lazy.select(pl.len()).collect().item()
         refuse_dense(path, rows * len(lazy.collect_schema()))
         file.seek(0)
-        return _columns_of_polars(read(file)), {}
+        return read(file).to_dict(), NO_FACTS
 
 
 def _in_sqlite(path: Path, name: str) -> Content:
@@ -387,8 +378,7 @@ def _in_sqlite(path: Path, name: str) -> Content:
                 refuse_dense(path, len(rows) * len(row))
     if not rows:
         raise InputError(f"table {chosen} has no rows")
-    columns = zip(heads[chosen], zip(*rows))
-    return {key: _as_texts(values) for key, values in columns}, facts
+    return dict(zip(heads[chosen], zip(*rows))), facts
 
 
 def _quoted(table: str) -> str:
@@ -420,8 +410,7 @@ def _in_hdf5(path: Path, name: str) -> Content:
         refuse_dense(path, item.size * len(item.dtype.names or " "))
         refuse_dense(path, item.nbytes / 8)
         facts = facts_in([*file.attrs.items(), *item.attrs.items()])
-        columns = array_columns(item[()])
-    return {key: _as_texts(columns[key].tolist()) for key in columns}, facts
+        return array_columns(item[()]), facts
 
 
 def _table_in_json(path: Path) -> Table:
@@ -462,7 +451,7 @@ def _rows_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """The table of rows of values by name, which need not have the same names."""
     columns = {}
     for name in dict.fromkeys(itertools.chain(*rows)):
-        columns[name] = _as_texts(row.get(name) for row in rows)
+        columns[name] = [row.get(name) for row in rows]
     return _table(columns)
 
 

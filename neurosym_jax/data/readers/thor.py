@@ -50,7 +50,7 @@ class Tracklets(Format):
         ids, people = table.ids(helmet, prefix="Helmet_")
         order = np.lexsort((values[:, 0], values[:, 3]))
         time, x, y, tracklet = values[order].T
-        ids = ids[order]
+        table, ids = table.take(order), ids[order]
 
         run = 0
         latest = dict[int, float]()
@@ -67,7 +67,6 @@ class Tracklets(Format):
             time,
             ids,
             np.column_stack([x, y]),
-            row=table.row[order],
             parts=(names, runs),
             people=people,
         )
@@ -111,7 +110,7 @@ class Qtm(Format):
             raise InputError(f"none of its {len(places)} helmets is ever visible")
         ids = np.array(list(places))[body]
         position = points[frame, body, :2]
-        return table.tracks(stamp[frame], ids, position, row=table.row[frame])
+        return table.take(frame).tracks(stamp[frame], ids, position)
 
 
 def _helmets(names: Sequence[str]) -> dict[int, int]:

@@ -63,7 +63,8 @@ class Trajnet(Format):
         rate = options.fps_of(path.stem)
         if rate:
             stamp = frame / rate
-        return table.tracks(stamp, ids, table.numbers(2, 3), clock=0, people=people)
+        position = table.numbers(2, 3)
+        return table.tracks(stamp, ids, position, frame=frame, people=people)
 
 
 class OfficialScene(NamedTuple):
