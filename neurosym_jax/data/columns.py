@@ -145,6 +145,8 @@ def _possible(
     for x, y in itertools.product(xs, ys):
         if 0 < y - x <= 2 or not {x, y} & set(free):
             pairs.append((x, y))
+    if not pairs:
+        return
     people = choices([at for at in free if _repeats(table, at)], "id")
     for moment, person in itertools.product(choices(numbers, "time", "frame"), people):
         bends = _bends(table, (moment, person, *{*numbers, *xs, *ys}))
@@ -204,8 +206,8 @@ def as_box(table: Table, places: Mapping[str, int]) -> dict[str, int]:
         roles = ("left", "top", "width", "height")
     else:
         return {}
-    kept = {role: at for role, at in places.items() if role not in POINT}
-    return kept | dict(zip(roles, columns))
+    other_roles = {role: at for role, at in places.items() if role not in POINT}
+    return other_roles | dict(zip(roles, columns))
 
 
 # The schema of a table: which column has which role and unit, as a user or the names
@@ -623,11 +625,11 @@ def facts_of(table: Table, schema: Schema) -> Facts:
     """
     facts = dict[str, tuple[str, str]]()
     for key, value, witness in _said(table, schema):
-        known, first = facts.setdefault(key, (value, witness))
+        first_value, first = facts.setdefault(key, (value, witness))
         number = metres_in if key == "unit" else float
-        if number(known) != number(value):
+        if number(first_value) != number(value):
             raise InputError(
-                f"{first} says {key} {known}, {witness} {value}: which is right?"
+                f"{first} says {key} {first_value}, {witness} {value}: which is right?"
             )
     return facts
 

@@ -87,10 +87,11 @@ def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
     if owner:
         return owner
     head = read_head(path)
+    begins = [head.magic.decode("latin-1"), *head.lines]
     names = ["storage", "json"] if options.columns else reversed(list(FORMATS))
     for name in names:
         signature = SIGNATURES.get(name, "")
-        if any(re.search(signature, line) for line in head.lines):
+        if any(re.search(signature, line) for line in begins):
             form = FORMATS[name]()
             if form.knows(head):
                 return form
@@ -144,10 +145,10 @@ def read_any(
         refuse_useless(path, form, options)
 
         def take(answer: tuple[str, ...]) -> list[Tracks]:
-            asked = dataclasses.replace(options, columns=answer)
+            with_answer = dataclasses.replace(options, columns=answer)
             is_table = form.uses is not None and "columns" in form.uses
             reader = form if is_table else columns.Columns()
-            return reader.read(path, asked, frame_period)
+            return reader.read(path, with_answer, frame_period)
 
         try:
             recordings = form.in_metres(path, options, frame_period)

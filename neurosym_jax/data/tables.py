@@ -213,13 +213,13 @@ class Head:
 
     @functools.cached_property
     def table(self) -> "Table":
-        """The table of its first lines, which may differ in width; without columns if it is none."""
+        """The table of its first lines, which may differ in width; one column of them if it is none."""
         import polars as pl
 
         lines = pl.Series(self.lines[:FIRST])
         with contextlib.suppress(InputError):
             return _table_in(Path(), lines, np.arange(len(lines)), self.comments)
-        return Table(Path(), [], lines.str.split("\n"), np.arange(len(lines)))
+        return Table(Path(), ["line"], lines.str.split("\n"), np.arange(len(lines)))
 
     @property
     def names(self) -> Sequence[str]:
@@ -233,11 +233,13 @@ class Head:
         import polars as pl
 
         width = len(self.table.names)
-        is_row = self.table.fields.list.len().to_numpy() == width
+        is_row = (self.table.fields.list.len() == width).to_numpy() & (width > 0)
         count = int(np.argmin(np.append(is_row, False)))
         texts = self.table.fields.head(count).explode().str.strip_chars(BLANKS)
         values = texts.cast(pl.Float64, strict=False).fill_null(math.nan)
-        return values.to_numpy().reshape(count, width)
+        rows = values.to_numpy().reshape(count, width)
+        ends_in_separator = width > 0 and not self.table.names[-1]
+        return rows[:, :-1] if ends_in_separator else rows
 
 
 def header_in(rows: Sequence[Sequence[str]]) -> bool:
@@ -327,11 +329,12 @@ FORMATS: Registry[type[Format]] = Registry(
 SIGNATURES = {
     "qtm": r"^Frame[\t,].*Helmet",
     "tracklets": r"tracklet_id",
-    "storage": r"^$",  # no text
+    "storage": r"^MATLAB|[^\t\r\n -~]",  # bytes that are no plain letters
     "json": r"^\s*[{\[]",
     "trajnet": r"^\{\s*\"(track|scene)\"",
 }
-"""What stands in a line that a file of some formats begins with: others are not imported for it."""
+"""What stands in the first bytes or lines of a file of some formats: others are not imported for
+it."""
 
 register_format = FORMATS.register
 """Decorate a class of `Format` with its name."""
@@ -447,7 +450,8 @@ class Table:
     @property
     def has_names(self) -> bool:
         """Whether its columns have other names than 1, 2, ..."""
-        return list(self.names) != [str(at + 1) for at in range(len(self.names))]
+        names = [name for name in self.names if name]
+        return names != [str(at + 1) for at in range(len(names))]
 
     def noted(self, line: str) -> "Table":
         """The table with one more of the notes."""

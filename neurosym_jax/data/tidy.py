@@ -7,13 +7,13 @@ that has nothing of the kind stays as it is.
 
 import dataclasses
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import polars as pl
 
 from neurosym_jax.data.tables import Table, absent
-from neurosym_jax.data.words import plain_name, role_of
+from neurosym_jax.data.words import plain_name, role_of, vocabulary
 
 __all__ = ["axes_of", "tidy"]
 
@@ -40,6 +40,7 @@ def tidy(table: Table) -> Table:
     """The table with a row for each person and moment, and columns of names, if it says how."""
     steps: tuple[Callable[[Table], Table], ...] = (
         _with_points_of_cells,
+        _with_dates,
         _with_whole_times,
         _unfolded,
         _with_frames_of_names,
@@ -96,14 +97,25 @@ def _refuse_cells(
     table.refuse(wrong, lambda row: f"{reason}: {texts[row][:60]!r}")
 
 
+def _with_dates(table: Table) -> Table:
+    """The table with the times of a column of several dates and one of clocks."""
+    words = [plain_name(name)[0] for name in table.names]
+    dates = [at for at, word in enumerate(words) if word in vocabulary()["date"]]
+    clocks = [at for at, name in enumerate(table.names) if role_of(name) == "time"]
+    if len(dates) != 1 or len(clocks) != 1:
+        return table
+    date, clock = table.column(dates[0]), table.column(clocks[0])
+    if date.n_unique() == 1 or not clock.str.contains(r"^\d+:").all():
+        return table
+    return _with_times(table, (*dates, *clocks), date + " " + clock)
+
+
 def _with_whole_times(table: Table) -> Table:
     """The table with the times of two columns, of whole seconds and of the rest of a second."""
-    names = list(table.names)
-    if "%time" in names:  # As `rostopic echo -p` writes them.
-        names[names.index("%time")] = "time [ns]"
-        return dataclasses.replace(table, names=names)
+    if "%time" in table.names:  # As `rostopic echo -p` writes them.
+        return _renamed(table, {list(table.names).index("%time"): "time [ns]"})
     places = {}
-    for at, name in enumerate(names):
+    for at, name in enumerate(table.names):
         places.setdefault(plain_name(f"of_{name}"), at)
     for (stem, unit), at in places.items():
         for rest, digits in DIGITS.items():
@@ -115,24 +127,30 @@ def _with_whole_times(table: Table) -> Table:
 def _with_whole_time(table: Table, at: int, other: int, digits: int) -> Table:
     """The table with the time of the columns `at` and `other`, if these are whole seconds and the
     rest of a second, of so many digits; not where they are one time in two units."""
-    seconds = table.extra(at, texts=False)
-    rest = table.extra(other, texts=False)
-    missing = np.isnan(seconds) | np.isnan(rest)
-    values = np.array([seconds, rest])[:, ~missing]
-    is_whole = (np.rint(values) == values).all() and (values >= 0).all()
-    if missing.all() or not is_whole or (values[1] >= 10**digits).any():
-        return table
-    second_texts, rest_texts = (
-        pl.Series(np.nan_to_num(numbers).astype(np.int64)).cast(pl.String)
-        for numbers in (seconds, rest)
+    seconds, rest = (
+        table.column(place).str.strip_suffix(".0") for place in (at, other)
     )
-    names = list(table.names)
-    note = f"times are {names[at]} and {names[other]}"
-    names[at], names[other] = "whole seconds", "rest of seconds"
-    table = dataclasses.replace(table, names=names).noted(note)
-    times = second_texts + "." + rest_texts.str.zfill(digits)
-    times = times.set(pl.Series(missing), "")
-    return table.with_column("time [s]", times)
+    is_missing = absent(seconds) | absent(rest)
+    is_whole = seconds.str.contains(r"^\d+$")
+    is_rest = rest.str.contains(rf"^\d{{1,{digits}}}$")
+    if is_missing.all() or not (is_missing | is_whole & is_rest).all():
+        return table
+    times = (seconds + "." + rest.str.zfill(digits)).set(is_missing, "")
+    return _with_times(table, (at, other), times)
+
+
+def _with_times(table: Table, places: tuple[int, int], times: pl.Series) -> Table:
+    """The table with a column of `times` that two others make up."""
+    names = [table.names[at] for at in places]
+    others = {at: f"{table.names[at]} (part)" for at in places}
+    table = _renamed(table, others).with_column("time [s]", times)
+    return table.noted(f"times are {' and '.join(names)}")
+
+
+def _renamed(table: Table, others: Mapping[int, str]) -> Table:
+    """The table with other names of some columns."""
+    names = [others.get(at, name) for at, name in enumerate(table.names)]
+    return dataclasses.replace(table, names=names)
 
 
 def _unfolded(table: Table) -> Table:
@@ -199,9 +217,7 @@ def _with_frames_of_names(table: Table) -> Table:
         if not texts.str.contains(IMAGE).all():
             continue
         name = table.names[at]
-        names = list(table.names)
-        names[at] = f"name of {name}"
-        table = dataclasses.replace(table, names=names)
+        table = _renamed(table, {at: f"name of {name}"})
         if role == "frame" or not {"time", "frame"} & set(roles):
             table = table.with_column("frame", texts.str.extract(IMAGE, 2))
             table = table.noted(f"frames are in the names of {name!r}")

@@ -374,6 +374,48 @@ def test_cars_do_not_pass_as_people(tmp_path):
     assert set(tracks.id) == set(range(1, 24, 2))
 
 
+def test_the_first_word_of_a_kind_says_it(tmp_path):
+    """CARLA's and nuScenes' kinds: each actor may have a blueprint of its own."""
+    kinds = ["walker.pedestrian.00{}", "human.pedestrian.adult", "vehicle.tesla.no{}"]
+    for each in range(2):
+        rows = [
+            f"{who},{[kinds[each], kinds[2]][who % 2].format(who)},{0.4 * step},"
+            f"{0.5 * step},{3 * who}"
+            for who, step in itertools.product(range(8), range(20))
+        ]
+        path = tmp_path / "a.csv"
+        path.write_text("\n".join(["actor_id,type_id,timestamp,x,y", *rows]))
+        (tracks,) = read_any(path)
+        assert set(tracks.id) == {0, 2, 4, 6}
+        (line,) = tracks.reading.left_out
+        assert line.startswith("80 rows with type_id vehicle.tesla.no1, vehicle")
+        (tracks,) = read_any(path, ReadOptions(keep=("vehicle.tesla.no1",)))
+        assert set(tracks.id) == {1}
+
+
+def test_a_robot_among_the_ids_is_no_person(tmp_path):
+    """Logs of simulators call the robot so in the column of agents."""
+    path = tmp_path / "a.csv"
+    head = "time,agent,x,y\n"
+    rows = [
+        f"{0.4 * step:.1f},{who},{0.5 * step},{3 * at}"
+        for step, (at, who) in itertools.product(
+            range(20), enumerate(["human_1", "Robot", "human_2", ""])
+        )
+    ]
+    path.write_text(head + "\n".join(rows))
+    (tracks,) = read_any(path)
+    assert tracks.names == ("human_1", "human_2")
+    robots, nobody = tracks.reading.left_out
+    assert (robots[:16], nobody) == ("20 rows of robot", "20 rows with no id or -1")
+    columns = tuple(re.findall(r"'([^']+)'", robots))
+    (tracks,) = read_any(path, ReadOptions(columns=columns, keep=("robot", "human")))
+    assert tracks.names == ("Robot", "human_1", "human_2")
+    path.write_text(path.read_text().replace("human", "robot"))
+    (tracks,) = read_any(path)
+    assert len(tracks.names) == 3
+
+
 def test_a_number_is_no_kind_where_a_text_is(tmp_path):
     """Argoverse's object_category is a number beside object_type."""
     rows = [
@@ -396,6 +438,38 @@ def test_a_number_is_no_kind_where_a_text_is(tmp_path):
         InputError, match="'object_type' has nothing, van: say with keep"
     ):
         read_any(path, ReadOptions(keep=("tram",), fps=10.0))
+
+
+def test_objects_in_rows_are_columns(tmp_path):
+    """A position may be an object or a pair of numbers, in a frame or at any depth of JSON."""
+    places = np.column_stack([CROWD.x, CROWD.y])
+    objects = [dict(zip("xy", place)) for place in places.tolist()]
+    ids, times = CROWD.id.tolist(), CROWD.t.tolist()
+    for name, points in (("pairs", places.tolist()), ("objects", objects)):
+        frame = pl.DataFrame({"time": times, "track": ids, "position": points})
+        frame.write_parquet(tmp_path / f"{name}.parquet")
+        (tmp_path / f"{name}.json").write_text(json.dumps(frame.to_dicts()))
+        moments = []
+        for time, rows in frame.group_by("time", maintain_order=True):
+            people = rows.drop("time").to_dicts()
+            moments.append({"time": time[0], "people": people})
+        (tmp_path / f"deep_{name}.json").write_text(json.dumps({"all": moments}))
+    paths = sorted(tmp_path.iterdir())
+    assert len(paths) == 6
+    for path in paths:
+        (tracks,) = read_any(path)
+        order = np.lexsort((CROWD.t, CROWD.id))
+        np.testing.assert_allclose(tracks.position, places[order], atol=1e-9)
+        np.testing.assert_allclose(tracks.stamp, CROWD.t[order], atol=1e-9)
+
+
+def test_a_table_without_numbers_is_asked_for(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "time,id,place\n" + "".join(f"{t},{t % 2},here\n" for t in range(9))
+    )
+    with pytest.raises(InputError, match=r"which column is x, y\? There are 'time'"):
+        read_any(path)
 
 
 @pytest.mark.parametrize("kind", ["gz", "sqlite", "hdf5", "parquet", "arrow"])

@@ -131,6 +131,22 @@ def test_a_time_of_which_a_part_is_missing_is_named(tmp_path):
         read_any(path)
 
 
+def test_a_day_beside_a_time_of_day(tmp_path):
+    """Of two days: each has people of its own, who may have the other's numbers."""
+    for again in (0, 50):
+        lines = []
+        for day in (24, 25):
+            for t, who, x, y in rows():
+                clock = f"11:59:{50 + PERIOD * t:04.1f}"
+                lines.append((f"2024-03-{day}", clock, who + again * (day - 24), x, y))
+        path = written(tmp_path / "a.csv", ["Date", "Time", "id", "x", "y"], lines)
+        (tracks,) = read_any(path)
+        first = tracks.stamp < tracks.stamp.min() + 86_400
+        assert is_walk(tracks.take(first))
+        assert is_walk(tracks.take(~first))
+        assert tracks.reading.notes == ("times are Date and Time",)
+
+
 @pytest.mark.parametrize(
     ("seconds", "rest", "digits"),
     [

@@ -95,25 +95,28 @@ class Columns(Format):
             InputError: naming file, row and reason.
             Question: for columns that are missing or may mean another thing.
         """
+        return self.take(tidy(self.table(path, options)), options, period)
+
+    def table(self, path: Path, options: ReadOptions) -> Table:
+        """The table in a file, of any shape."""
         header = parse_columns(options.columns).get("header")
         has_header = None if header is None else header == "yes"
-        return self.take(read_table(path, has_header=has_header), options, period)
+        return read_table(path, has_header=has_header)
 
     def take(self, table: Table, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in a table of any shape that was read: people at positions in metres, on
-        its clock.
+        """The recordings in a table with a row for each person and moment: people at positions in
+        metres, on its clock.
 
         Raises:
             InputError: as `read`.
         """
-        table = tidy(table)
         stated = parse_columns(options.columns)
         if stated.get("id") == "none":  # The whole table is one person.
             table = table.with_column("none", pl.Series([["0"]]))
         schema = schema_of(table, stated, options.homography is not None)
         places = schema.places
         table = _people(_seen(table, schema), schema, options.keep or self.people)
-        table = _with_ids(table, places["id"])
+        table = _with_ids(table, places["id"], options.keep)
         facts = facts_of(table, schema)
         table, position, raw = positions_of(table, schema, options, facts)
         if self.decimals is not None:
@@ -313,8 +316,9 @@ def _warned_of_cameras(
     )
 
 
-def _with_ids(table: Table, at: int) -> Table:
-    """The rows of a person: an empty id is no person, nor is -1 if no other id is negative."""
+def _with_ids(table: Table, at: int, keep: Sequence[str]) -> Table:
+    """The rows of a person: an empty id is no person, nor is -1 if no other id is negative, nor a
+    robot or vehicle among others."""
     texts = table.words(at)
     numbers = texts.cast(pl.Float64, strict=False)
     is_nobody = absent(texts)
@@ -324,6 +328,13 @@ def _with_ids(table: Table, at: int) -> Table:
         raise InputError(
             "no row has an id: let a tracker say first which rows are one person"
         )
+    is_other = _first_words(texts).is_in(vocabulary()["others"])
+    if not keep and not (is_other | is_nobody).all():
+        name = column_name(table, at)
+        kinds = option("columns", (f"id={name}", f"label={name}"))
+        hint = f"of {_some(texts, is_other)} ({kinds} with {option('keep')} takes them)"
+        table = table.take(~is_other.to_numpy(), hint)
+        is_nobody = is_nobody.filter(~is_other)
     return table.take(~is_nobody.to_numpy(), "with no id or -1")
 
 
@@ -408,12 +419,14 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
             in_words[name] = texts
     is_person = np.ones(len(table.row), bool)
     reasons = []
+    wanted = kinds or people
     for name, texts in (in_words or columns).items():
-        mask = texts.is_in(kinds or people).to_numpy()
+        words = _first_words(texts)
+        mask = (texts.is_in(wanted) | words.is_in(wanted)).to_numpy()
         left = _some(texts, ~mask)
         if not mask.any():
             error = Unsaid
-            if not keep and texts.is_in(others).all():
+            if not keep and words.is_in(others).all():
                 error, left = NoPeople, f"{left} alone"
             raise error(
                 f"column {name!r} has {left}: say with {option('keep')} which are "
@@ -426,6 +439,11 @@ def _people(table: Table, schema: Schema, keep: Sequence[str]) -> Table:
     return table.take(is_person, hint)
 
 
+def _first_words(texts: pl.Series) -> pl.Series:
+    """[R] first words, as `walker` of `walker.pedestrian.0001`; texts that begin with none."""
+    return texts.str.extract(r"^([^\W\d_]+)").fill_null(texts)
+
+
 def _kinds(table: Table, schema: Schema) -> dict[str, pl.Series]:
     """The columns of kinds by their names or words, in lower-case letters, by name."""
     labels = schema.columns.get("label", [])
@@ -433,12 +451,14 @@ def _kinds(table: Table, schema: Schema) -> dict[str, pl.Series]:
         return {table.names[at][:30]: table.words(at) for at in labels}
     people = max(table.column(schema.places["id"]).n_unique(), MANY_KINDS)
     used = {schema.places[role] for role in schema.places if role in ROLES}
+    others = vocabulary()["others"]
     columns = {}
     for at in dict.fromkeys([*labels, *range(min(len(table.names), LOOKED_AT))]):
         texts = table.words(at)
-        is_kind = texts.is_in(vocabulary()["others"]).any() and at not in used
+        is_kind = texts.is_in(others).any() and at not in used
         if at in labels:
-            is_kind = texts.n_unique() < people
+            has_others = _first_words(texts).is_in(others).any()
+            is_kind = has_others or texts.n_unique() < people
         if is_kind:
             columns[table.names[at][:30]] = texts
     return columns
@@ -459,9 +479,9 @@ class Text(Layout):
     decimals = 4
 
     def knows(self, head: Head) -> bool:
-        """Up to four columns of numbers without names."""
+        """Up to four columns of numbers without names; also an empty file."""
         is_text = np.isnan(head.rows).mean(axis=0) > 0.5
-        return 0 < len(is_text) <= 4 and not (is_text.any() or head.names)
+        return len(is_text) <= 4 and not (is_text.any() or head.names)
 
     def check(self, table: Table) -> None:
         """Refuse frames with fractions, and tracks that are smoother with frame and ped exchanged.

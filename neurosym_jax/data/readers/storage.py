@@ -31,7 +31,6 @@ from neurosym_jax.data.tables import (
     read_head,
     read_text_file,
 )
-from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.words import names_tracks, role_of
 from neurosym_jax.errors import InputError, brief, optional_module
 from neurosym_jax.runtime.foreign import (
@@ -75,11 +74,10 @@ class Storage(Columns):
         """By the first bytes."""
         return head.magic.startswith(tuple(MAGIC))
 
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in its table of tracks, or in the one that `table=NAME` says."""
+    def table(self, path: Path, options: ReadOptions) -> Table:
+        """Its table of tracks, or the one that `table=NAME` says."""
         name = parse_columns(options.columns).get("table", "")
-        table = _table_in_storage(path, read_head(path).magic, name)
-        return self.take(dataclasses.replace(table, path=path), options, period)
+        return _table_in_storage(path, read_head(path).magic, name)
 
 
 class Json(Columns):
@@ -91,10 +89,9 @@ class Json(Columns):
         """By the first character, where no reader of another JSON knows it."""
         return head.lines[0][:1] in ("{", "[")
 
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in its rows."""
-        table = dataclasses.replace(_table_in_json(path), path=path)
-        return self.take(table, options, period)
+    def table(self, path: Path, options: ReadOptions) -> Table:
+        """Its rows."""
+        return _table_in_json(path)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,9 +100,9 @@ class InMemory(Columns):
 
     data: Any
 
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in it."""
-        return self.take(_table(*_content_of(self.data)), options, period)
+    def table(self, path: Path, options: ReadOptions) -> Table:
+        """The table itself."""
+        return _table(path, *_content_of(self.data))
 
 
 def is_frame(data: object) -> bool:
@@ -155,7 +152,7 @@ def _content_of(data: Any) -> Content:
         data = pl.from_arrow(data)
     if hasattr(data, "itertuples"):
         return _columns_of_pandas(data), facts
-    return data.to_dict(), facts
+    return _columns_of_polars(data), facts
 
 
 def _alike(columns: Mapping[Any, Any]) -> dict[str, np.ndarray]:
@@ -240,7 +237,16 @@ def _columns_of_pandas(frame: Any) -> dict[str, Any]:
     return columns
 
 
-def _table(columns: Mapping[str, Any], facts: Mapping[str, str] = NO_FACTS) -> Table:
+def _columns_of_polars(frame: pl.DataFrame) -> dict[str, Any]:
+    """The columns by name; of structs those of their fields."""
+    if any(dtype.is_nested() for dtype in frame.dtypes):
+        return _columns_of_rows(list(map(_side_by_side, frame.to_dicts())))
+    return frame.to_dict()
+
+
+def _table(
+    path: Path, columns: Mapping[str, Any], facts: Mapping[str, str] = NO_FACTS
+) -> Table:
     """The table of columns [R] of values by name; its rows count from 0."""
     texts = [_texts(values) for values in columns.values()]
     rows = len(texts[0]) if texts else 0
@@ -248,7 +254,7 @@ def _table(columns: Mapping[str, Any], facts: Mapping[str, str] = NO_FACTS) -> T
         raise InputError("has no rows")
     numbered = [values.alias(str(at)) for at, values in enumerate(texts)]
     fields = pl.DataFrame(numbered).select(pl.concat_list(pl.all())).to_series()
-    return Table(FRAME, list(columns), fields, np.arange(rows), facts=facts)
+    return Table(path, list(columns), fields, np.arange(rows), facts=facts)
 
 
 def _texts(values: Any) -> pl.Series:
@@ -256,8 +262,7 @@ def _texts(values: Any) -> pl.Series:
     if isinstance(values, pl.Series):
         if isinstance(values.dtype, pl.Duration):
             values = values.dt.total_microseconds() / 1e6
-        others = (pl.Categorical, pl.Binary, pl.Object)
-        if not values.dtype.is_nested() and values.dtype not in others:
+        if values.dtype not in (pl.Categorical, pl.Binary, pl.Object):
             return values.cast(pl.String).fill_null("None")
     if isinstance(values, np.ndarray):
         values = values.tolist()
@@ -289,7 +294,7 @@ def _table_in_storage(path: Path, magic: bytes, name: str) -> Table:
         "hdf5": _in_hdf5,
     }
     with reading(path, kind):
-        return _table(*read.get(kind, _in_columns)(path, name))
+        return _table(path, *read.get(kind, _in_columns)(path, name))
 
 
 def _in_npy(path: Path, name: str) -> Content:
@@ -303,7 +308,7 @@ def _in_zip(path: Path, name: str) -> Content:
     if not is_workbook:
         return _in_arrays(read_arrays(path), name)
     optional_module("fastexcel", "a workbook", "excel")
-    return pl.read_excel(path, sheet_name=name or None).to_dict(), NO_FACTS
+    return _columns_of_polars(pl.read_excel(path, sheet_name=name or None)), NO_FACTS
 
 
 def _in_mat(path: Path, name: str) -> Content:
@@ -350,7 +355,7 @@ def _in_columns(path: Path, name: str) -> Content:
         rows = lazy.select(pl.len()).collect().item()
         refuse_dense(path, rows * len(lazy.collect_schema()))
         file.seek(0)
-        return read(file).to_dict(), NO_FACTS
+        return _columns_of_polars(read(file)), NO_FACTS
 
 
 def _in_sqlite(path: Path, name: str) -> Content:
@@ -427,11 +432,13 @@ def _table_in_json(path: Path) -> Table:
         from neurosym_jax.data.readers.geojson import rows_of_features
 
         rows, notes = rows_of_features(content)
-        return dataclasses.replace(_rows_table(rows), notes=tuple(notes))
+        table = _table(path, _columns_of_rows(rows))
+        return dataclasses.replace(table, notes=tuple(notes))
     if isinstance(content, dict) and {"images", "annotations"} <= content.keys():
         content = _coco_rows(content)
     objects = content if isinstance(content, list) else _keyed(content)
-    return _rows_table([*itertools.chain(*map(_rows, objects))])
+    rows = list(itertools.chain(*map(_rows, objects)))
+    return _table(path, _columns_of_rows(rows))
 
 
 def _json_in(path: Path) -> Any:
@@ -447,12 +454,12 @@ def _json_in(path: Path) -> Any:
         raise InputError(f"no JSON ({str(error)[:60]})") from None
 
 
-def _rows_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The table of rows of values by name, which need not have the same names."""
+def _columns_of_rows(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """The columns of rows of values by name, which need not have the same names."""
     columns = {}
     for name in dict.fromkeys(itertools.chain(*rows)):
         columns[name] = [row.get(name) for row in rows]
-    return _table(columns)
+    return columns
 
 
 def _coco_rows(content: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -500,7 +507,7 @@ def _rows(item: Any) -> Iterator[dict[str, Any]]:
         )
     item = _side_by_side(item)
     lists = {key: value for key, value in item.items() if isinstance(value, list)}
-    if not lists:
+    if not lists or _is_point(*lists.values()):
         yield item
         return
     if len(set(map(len, lists.values()))) > 1:
@@ -516,9 +523,18 @@ def _rows(item: Any) -> Iterator[dict[str, Any]]:
         yield from _rows(row)
 
 
+def _is_point(first: list[Any], *others: list[Any]) -> bool:
+    """Whether the lists of an object are one of two or three numbers."""
+    are_numbers = all(isinstance(value, int | float) for value in first)
+    return not others and len(first) in (2, 3) and are_numbers
+
+
 def _side_by_side(item: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of an object and of objects in it, as PART.NAME where a name stands twice."""
-    parts = {key: value for key, value in item.items() if isinstance(value, dict)}
+    parts = {}
+    for key, value in item.items():
+        if isinstance(value, dict):
+            parts[key] = _side_by_side(value)
     fields = {key: value for key, value in item.items() if key not in parts}
     counts = Counter([*fields, *itertools.chain(*parts.values())])
     for key, part in parts.items():
