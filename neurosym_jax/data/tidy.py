@@ -107,7 +107,7 @@ def _with_dates(table: Table) -> Table:
     date, clock = table.column(dates[0]), table.column(clocks[0])
     if date.n_unique() == 1 or not clock.str.contains(r"^\d+:").all():
         return table
-    return _with_times(table, (*dates, *clocks), date + " " + clock)
+    return _with_times(table, (dates[0], clocks[0]), date + " " + clock)
 
 
 def _with_whole_times(table: Table) -> Table:
