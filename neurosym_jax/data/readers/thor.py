@@ -8,6 +8,7 @@ People wear helmets, whose numbers are their ids. Sources: A. Rudenko et al., "T
 RA-L 5(2), 2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024.
 """
 
+import dataclasses
 import itertools
 import re
 from collections.abc import Sequence
@@ -110,7 +111,9 @@ class Qtm(Format):
             raise InputError(f"none of its {len(places)} helmets is ever visible")
         ids = np.array(list(places))[body]
         position = points[frame, body, :2]
-        return table.take(frame).tracks(stamp[frame], ids, position)
+        # Only the numbers of the rows: a row is as wide as all helmets.
+        table = dataclasses.replace(table, row=table.row[frame])
+        return table.tracks(stamp[frame], ids, position)
 
 
 def _helmets(names: Sequence[str]) -> dict[int, int]:
