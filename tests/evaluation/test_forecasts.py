@@ -259,6 +259,7 @@ def test_partial_files_are_tested_on_the_windows_that_all_have(
     assert errors(rows, "changed") == errors(rows, "mine")
 
 
+@pytest.mark.slow
 def test_what_we_save_is_read_and_can_stand_alone(recording, tmp_path, capsys):
     """By the command: forecasts that it wrote, beside their model and without the recording."""
     where = {"json": tmp_path / "rows.json", "figures": False, "samples": 3}

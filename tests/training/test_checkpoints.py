@@ -192,6 +192,7 @@ for line in sys.stdin:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no fork")
 def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
     folder, saved, rng = tmp_path / "run", tmp_path / "saved", random.Random(0)

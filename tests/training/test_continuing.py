@@ -152,6 +152,7 @@ def test_what_is_frozen_keeps_its_bits(table):
 # Going on for longer.
 
 
+@pytest.mark.slow
 def test_more_steps_give_the_bits_of_one_run(table, done, tmp_path, final, capsys):
     """Where the schedule is constant, and validations fall on the end of the shorter run."""
     train_run(with_recipe(table, steps=8), tmp_path / "whole")

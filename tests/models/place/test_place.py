@@ -96,6 +96,7 @@ def test_forecasts_turn_where_people_turn(model, watched):
     assert error(taught) < 0.6 * error(alone)
 
 
+@pytest.mark.slow
 def test_the_best_of_twenty_samples_turns_and_the_most_probable_stays():
     model = nj.load_model("anchors_general_12")
     place = nj.Place(model)

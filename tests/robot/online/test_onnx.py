@@ -243,6 +243,7 @@ main(sys.argv[1:])
 """
 
 
+@pytest.mark.slow
 def test_it_needs_no_jax(model, file, tmp_path):
     """Another process, in which JAX cannot be imported: window, source, tracking, scores, a node."""
     frames = np.empty((95, 3), object)

@@ -117,6 +117,7 @@ def samples_by_stamp(bag):
     return {round(seconds_of(message.header.stamp), 6): message for message in messages}
 
 
+@pytest.mark.slow
 def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_path):
     path, recorded = tmp_path / "people.bag", tmp_path / "recorded.bag"
     # Of five people the nearest four are forecast, and some are lost for a moment.
