@@ -117,7 +117,7 @@ def test_a_file_of_the_place_is_where_it_begins(model, tmp_path):
 
 
 def test_rows_with_and_without_the_memory(model, tmp_path):
-    tracks = corner(people=20)
+    tracks = corner(people=12)
     test_set = TestSet("corner", OBSERVED, AHEAD)
     test = Test(test_set, [("mine", model)], cut(tracks), recordings=[tracks])
     names = ("joint_ade", "energy_score", "person_energy")
@@ -134,7 +134,7 @@ def test_rows_with_and_without_the_memory(model, tmp_path):
     assert "online: sees who was there before, and is compared with none" in table
     assert "significantly" not in table
     place = nj.Place(model)
-    place.watch_tracks(corner(people=20))
+    place.watch_tracks(tracks)
     place.save(tmp_path / "corner.npz")
     settings = dataclasses.replace(settings, place=tmp_path / "corner.npz")
     _, taught = (result.row for result in evaluate_tests([test], settings))
