@@ -48,15 +48,16 @@ QUIET = (
 def accepted(flags: dict[str, str]) -> str:
     """Those of `flags` that XLA accepts in a process of their own: it would end this one."""
     words = [f"--{name}={value}" for name, value in flags.items()]
-
-    def ends_well(*chosen: str) -> bool:
+    while words:
         command = [sys.executable, "-c", "import jax; jax.devices()"]
-        environment = {**os.environ, "XLA_FLAGS": " ".join(chosen)}
-        return not subprocess.run(
-            command, env=environment, capture_output=True
-        ).returncode
-
-    return " ".join(words if ends_well(*words) else filter(ends_well, words))
+        environment = {**os.environ, "XLA_FLAGS": " ".join(words)}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        if done.returncode == 0:
+            break
+        # XLA names all that it does not know.
+        known = [word for word in words if word not in done.stderr]
+        words = known if len(known) < len(words) else []
+    return " ".join(words)
 
 
 if "XLA_FLAGS" not in os.environ:
