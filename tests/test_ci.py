@@ -42,8 +42,8 @@ FAULTS = {
 }
 
 
-def run(folder, **faults):
-    """Run a copy of `.ci/run` among stubs, some of them replaced by shell code that fails."""
+def run(folder, *words, **faults):
+    """Run a copy of `.ci/run` among stubs, some of them replaced by other shell code."""
     checkout, tools = folder / "checkout", folder / "tools"
     for place in (checkout / ".ci", tools):
         place.mkdir(parents=True)
@@ -54,7 +54,7 @@ def run(folder, **faults):
         path.chmod(0o755)
     path = f"{tools}{os.pathsep}/usr/bin{os.pathsep}/bin"
     return subprocess.run(
-        ["bash", ".ci/run"],
+        ["bash", ".ci/run", *words],
         cwd=checkout,
         env={"PATH": path, "HOME": str(folder), "CI": "true"},
         stdin=subprocess.DEVNULL,
@@ -75,6 +75,16 @@ def test_all_steps_pass_without_what_is_optional(tmp_path):
 def test_a_step_that_fails_fails_the_run(tmp_path, fault):
     done = run(tmp_path, **FAULTS[fault])
     assert done.returncode != 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "extras"), [((), ".[test]"), (("-m", ""), ".[test,docs]")]
+)
+def test_the_site_is_installed_where_slow_tests_build_it(tmp_path, words, extras):
+    done = run(tmp_path, *words, pip='echo "$@" >>"$HOME/pip"')
+    assert done.returncode == 0, done.stdout + done.stderr
+    (line,) = (tmp_path / "pip").read_text().splitlines()
+    assert line.split()[-1] == extras
 
 
 def test_fewer_tests_than_the_floor_are_counted_aloud(tmp_path):
