@@ -10,12 +10,12 @@ that way, instead of this one.
 import functools
 import gc
 import importlib
-import itertools
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -95,13 +95,14 @@ def share_contexts() -> None:
     make = getattr(mlir, "make_ir_context", None)
     if make is None:  # A JAX that has another way.
         return
-    calls = itertools.count()
-    contexts = []
+    thread = threading.local()  # Threads compile ahead of use.
 
     def shared_context():
-        if next(calls) % PROGRAMS_OF_A_CONTEXT == 0:
-            contexts[:] = [make()]
-        return contexts[0]
+        calls = getattr(thread, "calls", 0)
+        if calls % PROGRAMS_OF_A_CONTEXT == 0:
+            thread.context = make()
+        thread.calls = calls + 1
+        return thread.context
 
     mlir.make_ir_context = shared_context
 
