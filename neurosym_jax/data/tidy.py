@@ -105,7 +105,8 @@ def _with_dates(table: Table) -> Table:
     if len(dates) != 1 or len(clocks) != 1:
         return table
     date, clock = table.column(dates[0]), table.column(clocks[0])
-    if date.n_unique() == 1 or not clock.str.contains(r"^\d+:").all():
+    are_times = date.str.contains(r"\d[-./]\d") & clock.str.contains(r"^\d+:")
+    if date.n_unique() == 1 or not are_times.all():
         return table
     return _with_times(table, (dates[0], clocks[0]), date + " " + clock)
 

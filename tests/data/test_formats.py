@@ -80,6 +80,17 @@ def test_folders(tmp_path):
         data_files(tmp_path)
 
 
+def test_a_folder_leaves_out_what_is_no_table_and_no_table_of_long_rows(tmp_path):
+    """The head of a file may end within a quoted field; a note has quotes of its own."""
+    note = "n" * 2000
+    rows = [f'{at},"ann",{at},0,"{note}"' for at in range(40)]
+    path = tmp_path / "long.csv"
+    path.write_text("\n".join(["time,id,x,y,note", *rows]))
+    (tmp_path / "notes.txt").write_text('"open, and\nno more\n')
+    with pytest.warns(InputWarning, match=r"notes\.txt: left out"):
+        assert data_files(tmp_path) == [path]
+
+
 bits = st.one_of(
     st.binary(max_size=30),
     st.sampled_from(

@@ -416,6 +416,35 @@ def test_a_robot_among_the_ids_is_no_person(tmp_path):
     assert len(tracks.names) == 3
 
 
+def test_simulators_name_their_robot_and_their_worlds(tmp_path):
+    """Rows of a robot are no person's; people of two worlds never meet."""
+    path = tmp_path / "a.csv"
+    rows = [
+        f"{world},{400_000 * step},{who + 10 * world},{0.5 * step},{3 * who + 20 * world},{who // 3}"
+        for world, step, who in itertools.product(range(2), range(20), range(4))
+    ]
+    head = "env_id,timestamp_micros,agent_id,x,y,is_robot\n"
+    path.write_text(head + "\n".join(rows))
+    first, second = read_any(path)
+    assert (set(first.id), set(second.id)) == ({0, 1, 2}, {10, 11, 12})
+    assert np.ptp(first.stamp) == pytest.approx(19 * 0.4)
+    assert first.reading.left_out == ("40 rows with is_robot 1",)
+    (tracks,) = read_any(path, ReadOptions(columns=("lost=none", "part=env_id")))
+    assert set(tracks.id) == {0, 1, 2, 3, 10, 11, 12, 13}
+
+
+def test_an_answer_shows_people_by_their_names(tmp_path):
+    path = tmp_path / "a.csv"
+    names = [f"ann_{person}" for person in CROWD.id]
+    path.write_text(lines("{t},{name},{x},{y}", head="time,who,x,y\n", name=names))
+    with pytest.raises(
+        InputError, match=r"say columns=\('time=time', 'id=who'"
+    ) as caught:
+        read_any(path)
+    (preview,) = caught.value.__notes__
+    assert f"id ann_{CROWD.id.min()}, x" in preview
+
+
 def test_a_number_is_no_kind_where_a_text_is(tmp_path):
     """Argoverse's object_category is a number beside object_type."""
     rows = [

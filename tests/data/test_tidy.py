@@ -147,6 +147,15 @@ def test_a_day_beside_a_time_of_day(tmp_path):
         assert tracks.reading.notes == ("times are Date and Time",)
 
 
+def test_one_day_need_not_be_told_from_a_month(tmp_path):
+    lines = []
+    for t, who, x, y in rows():
+        lines.append(("03/04/2024", f"11:59:{50 + PERIOD * t:04.1f}", who, x, y))
+    path = written(tmp_path / "a.csv", ["Date", "Time", "id", "x", "y"], lines)
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+
+
 @pytest.mark.parametrize(
     ("seconds", "rest", "digits"),
     [

@@ -253,7 +253,8 @@ def answered(
 def _preview(tracks: Tracks) -> str:
     """The first points of the first person of a recording, as it was read."""
     lines = ["the first points, read so:"]
-    for second, person, (x, y) in zip(tracks.stamp[:5], tracks.id, tracks.position):
+    ids = tracks.ids_as_given()
+    for second, person, (x, y) in zip(tracks.stamp[:5], ids, tracks.position):
         lines.append(f"  {second:g} s, id {person}, x {x:g} m, y {y:g} m")
     return "\n".join(lines)
 
