@@ -381,14 +381,14 @@ def test_the_first_word_of_a_kind_says_it(tmp_path):
         rows = [
             f"{who},{[kinds[each], kinds[2]][who % 2].format(who)},{0.4 * step},"
             f"{0.5 * step},{3 * who}"
-            for who, step in itertools.product(range(8), range(20))
+            for who, step in itertools.product(range(24), range(20))
         ]
         path = tmp_path / "a.csv"
         path.write_text("\n".join(["actor_id,type_id,timestamp,x,y", *rows]))
         (tracks,) = read_any(path)
-        assert set(tracks.id) == {0, 2, 4, 6}
+        assert set(tracks.id) == set(range(0, 24, 2))
         (line,) = tracks.reading.left_out
-        assert line.startswith("80 rows with type_id vehicle.tesla.no1, vehicle")
+        assert line.startswith("240 rows with type_id vehicle.tesla.no1, vehicle")
         (tracks,) = read_any(path, ReadOptions(keep=("vehicle.tesla.no1",)))
         assert set(tracks.id) == {1}
 
@@ -490,6 +490,26 @@ def test_objects_in_rows_are_columns(tmp_path):
         order = np.lexsort((CROWD.t, CROWD.id))
         np.testing.assert_allclose(tracks.position, places[order], atol=1e-9)
         np.testing.assert_allclose(tracks.stamp, CROWD.t[order], atol=1e-9)
+
+
+@pytest.mark.parametrize("clock", ["timestamps", "frames", None])
+def test_a_third_number_is_a_time_or_a_height(tmp_path, clock):
+    """It is a time in front where nothing else is a clock, and else a height behind."""
+    people = []
+    for person, way in PEOPLE.items():
+        places = np.column_stack([way["x"], way["y"], np.full(len(way["t"]), 0.9)])
+        if clock is None:
+            places = np.column_stack([way["t"], way["x"], way["y"]])
+        people.append({"id": person, "trajectory": places.tolist()})
+        if clock:
+            steps = np.array(way["t"]) / (0.4 if clock == "frames" else 1)
+            people[-1][clock] = steps.round(6).tolist()
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(people))
+    (tracks,) = read_any(path)
+    order = np.lexsort((CROWD.t, CROWD.id))
+    places = np.column_stack([CROWD.x, CROWD.y])
+    np.testing.assert_allclose(tracks.position, places[order], atol=1e-9)
 
 
 def test_a_table_without_numbers_is_asked_for(tmp_path):

@@ -512,15 +512,24 @@ def _rows(item: Any) -> Iterator[dict[str, Any]]:
         return
     if len(set(map(len, lists.values()))) > 1:
         raise InputError(f"lists of several lengths: {', '.join(lists)[:80]}")
+    has_clock = not {"time", "frame"}.isdisjoint(map(role_of, item))
+    axes = {}
+    for key, points in lists.items():
+        axes[key] = "txy" if not has_clock and _begin_with_times(points) else "xyz"
     for values in zip(*lists.values()):
         row = dict(item)
         for key, value in zip(lists, values):
             if isinstance(value, list) and len(value) in (2, 3):
-                value = dict(
-                    zip(("x", "y") if len(value) == 2 else ("t", "x", "y"), value)
-                )
+                value = dict(zip(axes[key], value))
             row[key] = value
         yield from _rows(row)
+
+
+def _begin_with_times(points: list[Any]) -> bool:
+    """Whether points are of three numbers of which the first goes up."""
+    triples = [point for point in points if isinstance(point, list) and len(point) == 3]
+    firsts = [triple[0] for triple in triples]
+    return len(triples) == len(points) and firsts == sorted(firsts)
 
 
 def _is_point(first: list[Any], *others: list[Any]) -> bool:
