@@ -369,15 +369,19 @@ def _refuse_missing(
             "semicolons, tabs or blanks"
         )
 
-    # Of columns with one role each is tried; their values are compared by who asks.
+    # Of columns with one role each is tried, of x and y those that stand alike; their
+    # values are compared by who asks.
     unclear = [role for role in (*CLOCKS, "id", *POINT) if role not in places]
     choices = [columns.get(role) or [None] for role in unclear]
+    xs, ys = (columns.get(role, []) for role in POINT)
     answers = {}
     for choice in itertools.islice(itertools.product(*choices), 16):
         guess = dict(places)
         for role, at in zip(unclear, choice):
             if at is not None and not (role == "frame" and "time" in guess):
                 guess[role] = at
+        if len(xs) == len(ys) > 1 and xs.index(guess["x"]) != ys.index(guess["y"]):
+            continue
         guess |= propose(table, guess)
         boxed = as_box(table, guess)
         if not (boxed and in_picture):
@@ -973,7 +977,7 @@ def _refuse_other_frames(rows: Rows, schema: Schema, part: np.ndarray) -> None:
     places = [at for at, name in enumerate(table.names) if role_of(name) == "frame"]
     if len(places) != 1:
         return
-    frame = table.numbers(*places, missing=True).ravel()
+    frame = table.extra(*places, texts=False)
     for number in np.unique(part):
         at = (part == number) & np.isfinite(frame)
         counts, moments = frame[at], rows.clock[at]

@@ -98,7 +98,7 @@ def _refuse_cells(
 
 
 def _with_dates(table: Table) -> Table:
-    """The table with the times of a column of several dates and one of clocks."""
+    """The table with the times of a column of dates and one of clocks."""
     words = [plain_name(name)[0] for name in table.names]
     dates = [at for at, word in enumerate(words) if word in vocabulary()["date"]]
     clocks = [at for at, name in enumerate(table.names) if role_of(name) == "time"]
@@ -106,7 +106,7 @@ def _with_dates(table: Table) -> Table:
         return table
     date, clock = table.column(dates[0]), table.column(clocks[0])
     are_times = date.str.contains(r"\d[-./]\d") & clock.str.contains(r"^\d+:")
-    if date.n_unique() == 1 or not are_times.all():
+    if not are_times.all():
         return table
     return _with_times(table, (dates[0], clocks[0]), date + " " + clock)
 

@@ -512,6 +512,47 @@ def test_a_third_number_is_a_time_or_a_height(tmp_path, clock):
     np.testing.assert_allclose(tracks.position, places[order], atol=1e-9)
 
 
+def test_messages_of_a_robot_as_json(tmp_path):
+    """As bridges write them: poses in poses, with orientations and velocities, and a frame's name."""
+    messages = []
+    for t, who, x, y in zip(
+        *(getattr(CROWD, name).tolist() for name in ["t", "id", "x", "y"])
+    ):
+        place = {
+            "position": {"x": x, "y": y, "z": 0},
+            "orientation": {"x": 0, "y": 0, "w": 1},
+        }
+        nanoseconds = round(1e9 * t)
+        stamp = {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
+        tracks = [
+            {
+                "track_id": who,
+                "pose": {"pose": place},
+                "twist": {"linear": {"x": 1, "y": 0}},
+            }
+        ]
+        messages.append(
+            {"header": {"stamp": stamp, "frame_id": "map"}, "tracks": tracks}
+        )
+    path = tmp_path / "a.jsonl"
+    path.write_text("\n".join(map(json.dumps, messages)))
+    (tracks,) = read_any(path)
+    order = np.lexsort((CROWD.t, CROWD.id))
+    places = np.column_stack([CROWD.x, CROWD.y])
+    np.testing.assert_allclose(tracks.position, places[order], atol=1e-9)
+    np.testing.assert_allclose(tracks.stamp, CROWD.t[order], atol=1e-6)
+
+
+def test_a_proposed_x_and_y_are_of_one_kind(tmp_path):
+    path = tmp_path / "a.csv"
+    rows = lines("{step}0,{id},{u},{v},{x},{y}", u=30 * CROWD.x, v=-30 * CROWD.y)
+    path.write_text("frame,id,x,y,x_world,y_world\n" + rows)
+    with pytest.raises(InputError, match="which column is x, y") as caught:
+        read_any(path)
+    pairs = re.findall(r"'x=(\w+)', 'y=(\w+)'", str(caught.value))
+    assert pairs == [("x", "y"), ("x_world", "y_world")]
+
+
 def test_a_table_without_numbers_is_asked_for(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(

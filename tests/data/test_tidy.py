@@ -147,10 +147,11 @@ def test_a_day_beside_a_time_of_day(tmp_path):
         assert tracks.reading.notes == ("times are Date and Time",)
 
 
-def test_one_day_need_not_be_told_from_a_month(tmp_path):
+@pytest.mark.parametrize("day", ["03/04/2024", "20240403", "Monday"])
+def test_one_day_need_not_be_told_from_a_month(tmp_path, day):
     lines = []
     for t, who, x, y in rows():
-        lines.append(("03/04/2024", f"11:59:{50 + PERIOD * t:04.1f}", who, x, y))
+        lines.append((day, f"11:59:{50 + PERIOD * t:04.1f}", who, x, y))
     path = written(tmp_path / "a.csv", ["Date", "Time", "id", "x", "y"], lines)
     (tracks,) = read_any(path)
     assert is_walk(tracks)

@@ -540,13 +540,24 @@ def _is_point(first: list[Any], *others: list[Any]) -> bool:
 
 def _side_by_side(item: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of an object and of objects in it, as PART.NAME where a name stands twice."""
-    parts = {}
-    for key, value in item.items():
-        if isinstance(value, dict):
-            parts[key] = _side_by_side(value)
+    parts = {
+        key: _dotted(value) for key, value in item.items() if isinstance(value, dict)
+    }
     fields = {key: value for key, value in item.items() if key not in parts}
     counts = Counter([*fields, *itertools.chain(*parts.values())])
     for key, part in parts.items():
         for name, value in part.items():
             fields[name if counts[name] == 1 else f"{key}.{name}"] = value
+    return fields
+
+
+def _dotted(item: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of an object, and those of objects in it as PART.NAME."""
+    fields = {}
+    for key, value in item.items():
+        if isinstance(value, dict):
+            for name, inner in _dotted(value).items():
+                fields[f"{key}.{name}"] = inner
+        else:
+            fields[key] = value
     return fields
