@@ -91,6 +91,17 @@ def test_a_folder_leaves_out_what_is_no_table_and_no_table_of_long_rows(tmp_path
         assert data_files(tmp_path) == [path]
 
 
+def test_a_header_is_read_though_its_numbers_fit_a_layout_without(tmp_path):
+    rows = [f"{0.4 * at},1,{at},0.5,1.25,0.1" for at in range(20)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows))
+    (without,) = read_any(path)
+    path.write_text("\n".join(["time,id,x,y,speed,heading", *rows]))
+    (tracks,) = read_any(path)
+    assert (without.reading.format, tracks.reading.format) == ("cliff", "columns")
+    assert tracks.position.tolist() == without.position.tolist()
+
+
 bits = st.one_of(
     st.binary(max_size=30),
     st.sampled_from(
