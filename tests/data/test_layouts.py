@@ -16,6 +16,7 @@ import pytest
 import tyro
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 from scipy.spatial import KDTree
 
 from neurosym_jax.data import ReadOptions, read_any
@@ -161,7 +162,9 @@ def test_arrays_are_recordings(tmp_path):
         assert says(tracks)
     np.save(tmp_path / "a.npy", grid())
     np.savez(tmp_path / "b.npz", **columns)
-    for name in ("a.npy", "b.npz"):
+    savemat(tmp_path / "c.mat", columns)
+    savemat(tmp_path / "d.mat", {"positions": grid(), "rate": 2.5})
+    for name in ("a.npy", "b.npz", "c.mat", "d.mat"):
         (tracks,) = read_any(tmp_path / name)
         assert says(tracks)
     with pytest.raises(InputError, match="which axis is time"):
