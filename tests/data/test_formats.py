@@ -102,6 +102,15 @@ def test_a_header_is_read_though_its_numbers_fit_a_layout_without(tmp_path):
     assert tracks.position.tolist() == without.position.tolist()
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("text", ["time,id,x,y\n", "name\n", "", '"\n', ",,\n"])
+def test_a_table_without_rows_is_refused_and_nothing_else_is_said(tmp_path, text):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_any(tmp_path / "a.csv")
+    assert "damaged" not in str(caught.value)
+
+
 bits = st.one_of(
     st.binary(max_size=30),
     st.sampled_from(
