@@ -22,6 +22,7 @@ from neurosym_jax.models.sgan.network import GeneratorConfig
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS
 from tests.networks import random_model
+from tests.repository import slow
 
 
 def offsets(errors):
@@ -339,7 +340,7 @@ def effect(bias: float, **changes):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"pooling": "as_described"}, {"noise_mix_type": "ped"}]
+    "changes", [{"pooling": "as_described"}, slow({"noise_mix_type": "ped"})]
 )
 def test_a_living_pooling_moves_people_and_a_dead_one_does_not(changes):
     share, near, move = effect(10.0, **changes)

@@ -57,7 +57,8 @@ def cut(tracks):
 def test_the_future_of_a_file_changes_no_earlier_forecast_by_a_bit(model, period):
     """With steps of 0.3 s positions are interpolated, of which a half is known later."""
     whole, short = (
-        on_grid(corner(period=period, until=until), PERIOD) for until in (np.inf, 30.0)
+        on_grid(corner(people=11, period=period, until=until), PERIOD)
+        for until in (np.inf, 30.0)
     )
     recalled, draws = [], []
     for tracks in (whole, short):

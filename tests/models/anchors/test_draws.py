@@ -234,6 +234,7 @@ def test_the_distribution_is_in_the_callers_frame_and_of_the_seed(model):
         jax.jit(functools.partial(predict_distribution, model))(observed)
 
 
+@pytest.mark.slow
 def test_the_distribution_of_a_mirrored_scene_is_the_mirrored_one(model):
     observed = np.random.default_rng(0).normal(0, 0.3, (3, 8, 2)).cumsum(1)
     # Everybody is alone and has all points.

@@ -183,6 +183,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
             )
 
 
+@pytest.mark.slow
 def test_the_master_is_restarted(graph, node):
     graph.core.end(signal.SIGINT)
     node.wait_for(lambda line: "waiting for the master" in line)
