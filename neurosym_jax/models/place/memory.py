@@ -14,7 +14,9 @@ A turned kernel compares how people move, whichever way they face. What followed
 turned to the way that a person faces now, and is recalled in a mirror, too.
 
 A moment also keeps the error of the forecast that the network made then. Where it errs
-in the same way again, its error is added to what it forecasts now.
+in the same way again, its error is added to what it forecasts now. And a way can be
+averaged with what the network expects: few ways that lie far apart say where people go
+better so.
 """
 
 import dataclasses
@@ -81,6 +83,9 @@ class Kernel:
     """Whether moments are compared in the directions of their own velocities."""
     errors: bool = False
     """Whether the network's errors are recalled, too; of a kernel that is not turned."""
+    halfway: bool = False
+    """Whether the points halfway between the ways and the network's mean are recalled, too; of a
+    kernel that is not turned."""
 
     def likeness(self, place: Array, motion: Array) -> Array:
         """[...] weights, 1 for the same moment and 0 beyond `FAR`, see `_gaps`."""
@@ -134,15 +139,17 @@ def _from_within(moment: Array) -> Array:
 
 
 KERNELS = (
-    Kernel("near", 1.5, 0.3, errors=True),
+    Kernel("near", 1.5, 0.3, errors=True, halfway=True),
     Kernel("around", 3.0, 0.5, errors=True),
     Kernel("manner", np.inf, 0.15),
     Kernel("gait", np.inf, 0.15, turned=True),
 )
 """The kernels of a place; `studies.place` says what they were chosen on."""
-COMPONENTS = {kernel.name: 1.0 for kernel in KERNELS} | {
-    f"errors {kernel.name}": 0.1 for kernel in KERNELS if kernel.errors
-}
+COMPONENTS = (
+    {kernel.name: 1.0 for kernel in KERNELS}
+    | {f"errors {kernel.name}": 0.1 for kernel in KERNELS if kernel.errors}
+    | {f"halfway {kernel.name}": 1.0 for kernel in KERNELS if kernel.halfway}
+)
 """First weights, in proportion, of the parts of a forecast that are recalled, by name. Errors help
 where many people pass, and there a small weight grows soon."""
 
@@ -173,21 +180,21 @@ class Recall(NamedTuple):
     """What people like N others did, U ways on for each."""
 
     onward: Array
-    """[N, U, T, 2] offsets from the last position, metres; or errors."""
+    """[N, U, T, 2] offsets from the last position, metres; or errors, or halves of offsets."""
     weight: Array
     """[N, C, U] probability of each by each component; sums to `min(1, people / ENOUGH)`, where
     a moment of one half-life ago counts for half a person, and one in a mirror for one
     more."""
-    is_error: Array
-    """[U] bool: which of the ways are errors, see `Memory.error`."""
+    mean_part: Array
+    """[U] the part of the network's mean that is added to each: 0 of ways, 1 of errors, see
+    `Memory.error`, and 1/2 of those halfway."""
 
     def ways(self, expected: Array) -> Array:
-        """[N, U, T, 2] offsets from the last position, with errors added to what is `expected`.
+        """[N, U, T, 2] offsets from the last position, with their part of what is `expected`.
 
         `expected [N, T, 2]` is the mean of the network's points.
         """
-        added = jnp.where(self.is_error[:, None, None], expected[:, None], 0)
-        return self.onward + added
+        return self.onward + self.mean_part[:, None, None] * expected[:, None]
 
 
 def empty_memory(moments: int, steps: int) -> Memory:
@@ -285,8 +292,8 @@ def recall(
 ) -> Recall:
     """What people did from moments like `moment [N, 6]`, by each component.
 
-    Components are the kernels, and then the errors of those that have them. A moment
-    counts for half after `half_life` [] seconds before `now` [].
+    Components are the kernels, then the errors of those that have them, and then what
+    lies halfway. A moment counts for half after `half_life` [] seconds before `now` [].
     """
     groups = [
         _recall_alike(kernels, is_turned, memory, moment, now, half_life)
@@ -295,19 +302,33 @@ def recall(
     onward = jnp.concatenate([group.onward for group in groups], axis=1)
     weight = jnp.concatenate([group.weight for group in groups], axis=2)
 
-    error = groups[0].error
-    is_known = jnp.isfinite(error).all(axis=(2, 3))
-    error = jnp.where(is_known[..., None, None], error, 0)
-    with_errors = [number for number, kernel in enumerate(kernels) if kernel.errors]
-    _, count, ways = weight.shape
-    further = [(0, 0), (0, len(with_errors)), (0, error.shape[1])]
-    alike = groups[0].weight[:, with_errors] * is_known[:, None]
-    weight = jnp.pad(weight, further).at[:, count:, ways:].set(alike)
+    alike = groups[0]
+    is_known = jnp.isfinite(alike.error).all(axis=(2, 3))
+    error = jnp.where(is_known[..., None, None], alike.error, 0)
+    errors = [number for number, kernel in enumerate(kernels) if kernel.errors]
+    halfway = [number for number, kernel in enumerate(kernels) if kernel.halfway]
+    blocks = [
+        weight,
+        alike.weight[:, errors] * is_known[:, None],
+        alike.weight[:, halfway],
+    ]
+    parts = [0.0] * onward.shape[1] + [1.0] * POINTS + [0.5] * POINTS
     return Recall(
-        onward=jnp.concatenate([onward, error], axis=1),
-        weight=weight,
-        is_error=jnp.arange(weight.shape[2]) >= ways,
+        onward=jnp.concatenate([onward, error, alike.onward / 2], axis=1),
+        weight=_block_diagonal(blocks),
+        mean_part=jnp.array(parts, onward.dtype),
     )
+
+
+def _block_diagonal(blocks: list[Array]) -> Array:
+    """[N, sum of K, sum of U] with `blocks [N, K, U]` along the diagonal, and zeros."""
+    total = sum(block.shape[2] for block in blocks)
+    rows, begin = [], 0
+    for block in blocks:
+        after = total - begin - block.shape[2]
+        rows.append(jnp.pad(block, [(0, 0), (0, 0), (begin, after)]))
+        begin += block.shape[2]
+    return jnp.concatenate(rows, axis=1)
 
 
 class _Alike(NamedTuple):

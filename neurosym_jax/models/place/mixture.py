@@ -1,7 +1,7 @@
 """The network's points and what people did here, as one distribution of each person.
 
 A component is the network alone (the first), or what one kernel recalls: the ways that
-people went, or the errors that the network made. Where a kernel recalls few people, the
+people went, the errors that the network made, or points halfway between both. Where a kernel recalls few people, the
 rest of its probability is the network's. Any mixture of the components has an energy
 score that follows from two small arrays: how far each component lies from the truth, and
 how far the components lie apart.
@@ -29,11 +29,12 @@ class Remembered(NamedTuple):
     """What people did here before, as an input of `Forecaster.distribution`."""
 
     future: AnyArray
-    """[U, N, T, 2] positions in the frame of the scene, or errors of the network, metres."""
+    """[U, N, T, 2] positions in the frame of the scene, errors of the network, or halves of
+    positions, metres."""
     share: AnyArray
     """[U, N] their probabilities for each person; what is left to 1 is the network's."""
-    is_error: AnyArray
-    """[U, N] bool: which are errors, and added to the mean of the network's points."""
+    mean_part: AnyArray
+    """[U, N] the part of the mean of the network's points that is added, see `Recall`."""
 
     def beside(
         self, points: Array, part: Array | int, parts: int
@@ -82,8 +83,8 @@ class Remembered(NamedTuple):
 
     def _positions(self, points: Array) -> Array:
         """[U, N, T, 2] where a person will be by the memory, beside `points [P, N, T, 2]`."""
-        is_error = jnp.asarray(self.is_error)[..., None, None]
-        return jnp.asarray(self.future) + jnp.where(is_error, points.mean(axis=0), 0)
+        part = jnp.asarray(self.mean_part)[..., None, None]
+        return jnp.asarray(self.future) + part * points.mean(axis=0)
 
 
 @jax.jit
@@ -95,15 +96,16 @@ def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
 
     Args:
         recall: of these people.
-        shares: [1 + K] probability of each component.
+        shares: [N, 1 + K] probability of each component.
         last: [N, 2] last positions in the frame of the scene.
     """
-    share = jnp.einsum("k,nku->nu", shares[1:], recall.weight)
+    share = jnp.einsum("nk,nku->nu", shares[:, 1:], recall.weight)
     share, kept = jax.lax.top_k(share, min(DRAWN, share.shape[1]))
     future = jnp.take_along_axis(recall.onward, kept[..., None, None], axis=1)
-    is_error = recall.is_error[kept]
-    start = jnp.where(is_error[..., None, None], 0, last[:, None, None])
-    return Remembered((future + start).swapaxes(0, 1), share.T, is_error.T)
+    mean_part = recall.mean_part[kept]
+    # The mean of the network's points begins at the last position itself.
+    start = (1 - mean_part)[..., None, None] * last[:, None, None]
+    return Remembered((future + start).swapaxes(0, 1), share.T, mean_part.T)
 
 
 @jax.jit
@@ -141,15 +143,15 @@ def errors(offsets: Array, recall: Recall, future: Array) -> Array:
 
 
 def energy(shares: np.ndarray, error: np.ndarray, distances: np.ndarray) -> np.ndarray:
-    """[N, E] energy scores of mixtures `shares [E, C]` of C components, metres.
+    """[N] energy scores of mixtures of C components, metres.
 
     Args:
-        shares: probabilities of the components.
+        shares: [N, C] probabilities of the components.
         error: [N, C] see `errors`.
         distances: [N, C, C] see `distances_apart`.
     """
-    within = np.einsum("ncd,ec,ed->ne", distances, shares, shares)
-    return error @ shares.T - within / 2
+    within = np.einsum("ncd,nc,nd->n", distances, shares, shares)
+    return (error * shares).sum(axis=1) - within / 2
 
 
 def _points(offsets: Array, recall: Recall) -> Array:

@@ -31,7 +31,13 @@ from neurosym_jax.models.place.mixture import (
     errors,
     remembered,
 )
-from neurosym_jax.models.place.shares import Commitment, Scored, new_ledger
+from neurosym_jax.models.place.shares import (
+    PACES,
+    Commitment,
+    Scored,
+    new_ledger,
+    pace_of,
+)
 from neurosym_jax.models.place.stream import Followed, Step, Steps
 from neurosym_jax.models.tracking_errors import was_repaired
 from neurosym_jax.runtime.files import new_file
@@ -40,8 +46,10 @@ from neurosym_jax.scene import Scene, make_scene, pad_scene
 
 __all__ = ["Place", "load_place", "steps_of", "write_place"]
 
-VERSION = 2
+VERSION = 3
 """Of the file that `Place.save` writes."""
+LEDGER = "shares", "people", "error", "distances"
+"""Arrays of the ledger that a file has."""
 BEFORE = 2 * memories.STRIDE + 1
 """Steps up to a moment from which its features are taken."""
 
@@ -109,7 +117,7 @@ class Place:
         self._params = jax.device_put(model.params)
         self._memory = memories.empty_memory(moments, model.config.pred_len)
         self._ledger = new_ledger(list(COMPONENTS.values()))
-        self._shares = np.eye(1 + len(COMPONENTS))[0]
+        self._shares = np.eye(1 + len(COMPONENTS))[[0] * PACES]
         self._origin: np.ndarray | None = None
         self._now, self._people = 0.0, 0
         self.begin()
@@ -118,10 +126,11 @@ class Place:
     def shares(self) -> dict[str, float]:
         """Probability of each part of a forecast, `network` and the `COMPONENTS` by name.
 
-        That of a component holds for a person for whom it recalls enough people.
+        That of a component holds for a person for whom it recalls enough people. People
+        who walk have other shares than those who stand; this is the mean.
         """
         names = "network", *COMPONENTS
-        return dict(zip(names, self._shares.tolist()))
+        return dict(zip(names, self._mean_shares().tolist()))
 
     @property
     def limit(self) -> float:
@@ -139,7 +148,7 @@ class Place:
         lines = [
             f"Place {self.frame}".rstrip(),
             f"  watched: {self.seconds / 60:.1f} minutes, {self.moments:,} moments",
-            f"  memory's share: {1 - self._shares[0]:.2f}",
+            f"  memory's share: {1 - self._mean_shares()[0]:.2f}",
         ]
         if people:
             change = f"{100 * (used / max(network, 1e-9) - 1):+.1f} %"
@@ -208,9 +217,9 @@ class Place:
         recall = self._recall(np.asarray(observed, np.float64), slots)
         last = np.zeros((slots, 2), np.float32)
         last[: len(observed)] = np.asarray(scene.observed)[: len(observed), -1]
-        return remembered(
-            recall, jnp.asarray(self._shares, jnp.float32), jnp.asarray(last)
-        )
+        shares = np.zeros((slots, self._shares.shape[1]), np.float32)
+        shares[: len(observed)] = self._shares[self._pace(observed)]
+        return remembered(recall, jnp.asarray(shares), jnp.asarray(last))
 
     def flows(self) -> Flows:
         """Where people go from here, and how many do."""
@@ -243,10 +252,11 @@ class Place:
         }
         arrays = {
             "facts": np.array(json.dumps(facts)),
-            "log_weight": ledger.log_weight,
             "shares": self._shares,
             "origin": np.zeros(0) if self._origin is None else self._origin,
         }
+        for name in LEDGER:
+            arrays[f"ledger_{name}"] = getattr(ledger, name)
         for name, field in self._memory._asdict().items():
             # A copy: the memory is used up by what is remembered next.
             arrays[f"memory_{name}"] = np.array(field)
@@ -326,8 +336,12 @@ class Place:
             return
         error = errors(awaited.offsets, awaited.recall, future)
         error = np.asarray(error, np.float64)[: len(seen)][seen]
-        distances = awaited.distances[seen]
-        self._ledger, scored = self._ledger.learn(awaited.commitment, error, distances)
+        self._ledger, scored = self._ledger.learn(
+            awaited.commitment,
+            error,
+            awaited.distances[seen],
+            awaited.commitment.pace[seen],
+        )
         self.scored = Scored(*np.add(self.scored, scored).tolist())
         self.change = self.change.add(self._now, scored.network, scored.used)
         if self._ledger.lost > self.limit:
@@ -386,7 +400,9 @@ class Place:
         distances = distances_apart(offsets, recall)
         distances = np.asarray(distances, np.float64)[: len(tracks)]
         filled = np.asarray(recall.weight, np.float64)[: len(tracks)].sum(axis=2)
-        self._ledger, commitment = self._ledger.commit(distances, filled)
+        self._ledger, commitment = self._ledger.commit(
+            distances, filled, self._pace(observed)
+        )
         self._shares = commitment.shares
         self._awaited.append(
             _Awaited(
@@ -399,6 +415,17 @@ class Place:
                 commitment=commitment,
             )
         )
+
+    def _pace(self, observed: np.ndarray) -> np.ndarray:
+        """[N] see `pace_of`, after `observed [N, S, 2]`."""
+        moment = memories.features(observed, self.model.config.period)
+        return pace_of(moment[:, 2:4])
+
+    def _mean_shares(self) -> np.ndarray:
+        """[1 + K] mean of the shares over the people who were scored."""
+        people = self._ledger.people
+        weight = people if people.any() else np.ones(PACES)
+        return weight @ self._shares / weight.sum()
 
     def _recall(self, observed: np.ndarray, slots: int) -> Recall:
         """What people did from moments like the last of `observed [N, S, 2]`, padded."""
@@ -479,7 +506,9 @@ def _restored(model: Model, facts: Any, arrays: dict[str, np.ndarray]) -> Place:
     """The place with these facts and arrays, whose shapes must be those of a new one."""
     moments = len(arrays["memory_person"])
     place = Place(model, frame=str(facts["frame"]), moments=moments)
-    expected = {"log_weight": place._ledger.log_weight, "shares": place._shares}
+    expected = {"shares": place._shares}
+    for name in LEDGER:
+        expected[f"ledger_{name}"] = getattr(place._ledger, name)
     for name, field in place._memory._asdict().items():
         expected[f"memory_{name}"] = field
     for name, field in expected.items():
@@ -497,7 +526,7 @@ def _restored(model: Model, facts: Any, arrays: dict[str, np.ndarray]) -> Place:
     place._memory = Memory(**fields)
     place._ledger = dataclasses.replace(
         place._ledger,
-        log_weight=arrays["log_weight"],
+        **{name: arrays[f"ledger_{name}"] for name in LEDGER},
         gain=float(facts["gain"]),
         most=float(facts["most"]),
         # Files of an earlier release know neither losses nor drops nor changes.

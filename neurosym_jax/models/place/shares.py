@@ -1,14 +1,16 @@
 """How much of a forecast comes from the memory: chosen by scores, with a bound.
 
-Experts are mixtures of the network and one kernel, in several shares, and the network
-alone. Each has the weight `exp(-RATE * its total energy score)`, times its weight
-before anything was scored. The forecast is the mixture of all of them. The energy score
-is convex in the forecast, so the forecast scores at least as well as the experts do on
-average, and without delay its total exceeds that of the best expert by at most
-`log(1 / weight before) / RATE + RATE / 8 * sum(range**2)`, with the range of the
-experts' scores in each step (N. Cesa-Bianchi and G. Lugosi, Prediction, Learning, and
-Games, 2006, theorem 2.2). The delay of
-the truth adds to it.
+A forecast is a mixture of components: the network, and what is recalled. Of all mixtures
+that one is taken whose total energy score so far is least, plus `1 / RATE` times its
+divergence from the shares before anything was scored (follow the regularised leader).
+The energy score is convex in the shares. So without delay the total exceeds that of any
+mixture in hindsight by at most `divergence / RATE + RATE * sum(slope**2)`, with the
+largest slope of the score of each step, up to a constant for all components
+(S. Shalev-Shwartz, Online Learning and Online Convex Optimization, 2012, theorem 2.11).
+The delay of the truth adds to it.
+
+People who stand or stroll are forecast with other shares than those who walk. Scores of
+the others count for `OTHERS`, so that a place is learned from everybody at first.
 
 That bound grows with time. Against the network alone there is one that does not: a
 ledger. When a forecast is made, its score can exceed that of the network by no more
@@ -29,15 +31,23 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.models.place.mixture import energy
 
-__all__ = ["LOSS", "RATE", "Commitment", "Ledger", "Scored", "experts", "new_ledger"]
-__all__ += ["risk_of"]
+__all__ = ["LOSS", "PACES", "RATE", "Commitment", "Ledger", "Scored", "best_mixture"]
+__all__ += ["new_ledger", "pace_of", "risk_of"]
 
-RATE = 0.7
-"""How fast weights follow scores, per metre."""
-ALONE = 0.2
-"""Weight of the network alone before anything was scored."""
-STEPS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
-"""Shares of the memory that experts have."""
+RATE = 2.0
+"""How fast shares follow scores, per metre."""
+ALONE = 1 / 3
+"""Share of the network before anything was scored."""
+WALKS = 0.5
+"""Speed in metres per second from which on a person walks."""
+PACES = 2
+"""People who stand or stroll, and people who walk."""
+OTHERS = 0.1
+"""How much the scores of people of another pace count."""
+LEAST = 1e-9
+"""Least share of a component in what scores choose."""
+ROUNDS = 40
+"""Steps of descent from the shares before to those now."""
 LOSS = 1.0
 """Scores, as the network expects them, that the forecasts of a horizon may lose."""
 
@@ -45,8 +55,10 @@ LOSS = 1.0
 class Commitment(NamedTuple):
     """What was decided when the forecasts of a step were made."""
 
+    pace: np.ndarray
+    """[N] int, see `pace_of`."""
     shares: np.ndarray
-    """[1 + K] probability of each component in the forecasts."""
+    """[PACES, 1 + K] probability of each component in forecasts of people of each pace."""
     risk: np.ndarray
     """[N] by how much each score can exceed that of the network, metres."""
     expected: float
@@ -61,26 +73,56 @@ class Scored(NamedTuple):
     used: float
 
 
-def experts(kernels: int) -> np.ndarray:
-    """[E, 1 + K] probability of each component for each expert; the network is first."""
-    alone = np.eye(1 + kernels)[0]
-    rows = [alone]
-    for kernel in np.eye(1 + kernels)[1:]:
-        for share in STEPS:
-            rows.append((1 - share) * alone + share * kernel)
-    return np.array(rows)
+def pace_of(velocity: np.ndarray) -> np.ndarray:
+    """[N] 1 for people who walk with `velocity [N, 2]`, m/s, 0 for those who stand or stroll."""
+    return (np.linalg.norm(velocity, axis=1) >= WALKS).astype(int)
+
+
+def best_mixture(
+    error: np.ndarray, distances: np.ndarray, first: np.ndarray, start: np.ndarray
+) -> np.ndarray:
+    """[G, C] shares with the least total energy score, not far from `first`.
+
+    Found by mirror descent from `start`, with steps that cannot overshoot: H. Lu et al.,
+    SIAM Journal on Optimization 28 (2018), theorem 3.1.
+
+    Args:
+        error: [G, C] summed distances of the components from the truth.
+        distances: [G, C, C] summed distances of the components from each other.
+        first: [C] positive shares.
+        start: [G, C] positive shares.
+    """
+    within = np.diagonal(distances, axis1=1, axis2=2)
+    apart = 2 * distances - within[:, :, None] - within[:, None]
+    curvature = apart.max(axis=(1, 2)).clip(0) / 4 + 1 / RATE
+    log_share = np.log(start)
+    share = start
+    for _ in range(ROUNDS):
+        slope = error - np.einsum("gcd,gd->gc", distances, share)
+        slope += (log_share - np.log(first)) / RATE
+        log_share = log_share - slope / curvature[:, None]
+        log_share -= log_share.max(axis=1, keepdims=True)
+        # A share that has vanished could not come back.
+        share = np.maximum(np.exp(log_share), LEAST)
+        share /= share.sum(axis=1, keepdims=True)
+        log_share = np.log(share)
+    return share
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ledger:
-    """Weights of the experts, and what the memory may still lose."""
+    """Scores of the components so far, and what the memory may still lose."""
 
-    experts: np.ndarray
-    """[E, 1 + K] see `experts`."""
     first: np.ndarray
-    """[E] logarithms of their weights before anything was scored."""
-    log_weight: np.ndarray
-    """[E] up to a constant."""
+    """[1 + K] shares before anything was scored."""
+    shares: np.ndarray
+    """[PACES, 1 + K] shares by the scores, of people of each pace."""
+    people: np.ndarray
+    """[PACES] how many forecasts were scored."""
+    error: np.ndarray
+    """[PACES, 1 + K] their summed errors, see `best_mixture`."""
+    distances: np.ndarray
+    """[PACES, 1 + K, 1 + K] and distances."""
     gain: float = 0.0
     """Metres won against the network, no more than may be lost at once."""
     reserved: float = 0.0
@@ -91,7 +133,6 @@ class Ledger:
     """The most that was awaited at once."""
     lost: float = 0.0
     """Metres lost against the network since the memory was last at its best."""
-    rate: float = RATE
     loss: float = LOSS
 
     @property
@@ -101,31 +142,35 @@ class Ledger:
 
     @property
     def wanted(self) -> np.ndarray:
-        """[1 + K] probability of each component by the weights of the experts."""
-        weight = np.exp(self.log_weight - self.log_weight.max())
-        return weight @ self.experts / weight.sum()
+        """[PACES, 1 + K] probability of each component by the scores so far."""
+        error, distances = (
+            (1 - OTHERS) * total + OTHERS * total.sum(axis=0)
+            for total in (self.error, self.distances)
+        )
+        return best_mixture(error, distances, self.first, self.shares)
 
     def commit(
-        self, distances: np.ndarray, filled: np.ndarray
+        self, distances: np.ndarray, filled: np.ndarray, pace: np.ndarray
     ) -> tuple["Ledger", Commitment]:
         """Decide on the forecasts of a step, and take their risk.
 
-        `distances [N, 1 + K, 1 + K]` and `filled [N, K]` are those of `risk_of`.
+        `distances [N, 1 + K, 1 + K]` and `filled [N, K]` are those of `risk_of`,
+        `pace [N]` that of `pace_of`.
         """
         # Half the distance between two draws is the score of a truth drawn likewise.
         expected = float(distances[:, 0, 0].sum() / 2)
         awaited = self.awaited + expected
-        ledger = dataclasses.replace(
-            self, awaited=awaited, most=max(self.most, awaited)
-        )
         shares = self.wanted
-        risk = risk_of(shares, distances, filled)
+        ledger = dataclasses.replace(
+            self, shares=shares, awaited=awaited, most=max(self.most, awaited)
+        )
+        risk = risk_of(shares[pace], distances, filled)
         left = max(ledger.limit + self.gain - self.reserved, 0.0)
         # The score is convex: part of the way to the mixture has part of its risk.
         part = min(left / max(risk.sum(), 1e-12), 1.0)
-        alone = np.eye(len(shares))[0]
+        alone = np.eye(len(self.first))[0]
         shares = part * shares + (1 - part) * alone
-        commitment = Commitment(shares, part * risk, expected)
+        commitment = Commitment(pace, shares, part * risk, expected)
         reserved = self.reserved + commitment.risk.sum()
         return dataclasses.replace(ledger, reserved=reserved), commitment
 
@@ -136,8 +181,12 @@ class Ledger:
         """
         if kept == 1:
             return self
-        log_weight = self.first + kept * (self.log_weight - self.first)
-        return dataclasses.replace(self, log_weight=log_weight)
+        return dataclasses.replace(
+            self,
+            people=kept * self.people,
+            error=kept * self.error,
+            distances=kept * self.distances,
+        )
 
     def release(self, commitment: Commitment) -> "Ledger":
         """Give back the risk of forecasts, whether their truth came or not."""
@@ -146,7 +195,11 @@ class Ledger:
         return dataclasses.replace(self, awaited=awaited, reserved=reserved)
 
     def learn(
-        self, commitment: Commitment, error: np.ndarray, distances: np.ndarray
+        self,
+        commitment: Commitment,
+        error: np.ndarray,
+        distances: np.ndarray,
+        pace: np.ndarray,
     ) -> tuple["Ledger", Scored]:
         """Score the forecasts of a step whose truth has come.
 
@@ -154,15 +207,20 @@ class Ledger:
             commitment: as it was made, already released.
             error: [N, 1 + K] of the people whose truth has come, see `errors`.
             distances: [N, 1 + K, 1 + K] of the same people.
+            pace: [N] as they were committed.
         """
-        score = energy(self.experts, error, distances)
-        log_weight = self.log_weight - self.rate * score.sum(axis=0)
-        used = energy(commitment.shares[None], error, distances)[:, 0].sum()
-        network = score[:, 0].sum()
+        used = energy(commitment.shares[pace], error, distances).sum()
+        network = (error[:, 0] - distances[:, 0, 0] / 2).sum()
         gain = min(self.gain + network - used, self.limit)
         lost = max(self.lost + used - network, 0.0)
+        is_of = pace == np.arange(PACES)[:, None]
         ledger = dataclasses.replace(
-            self, log_weight=log_weight - log_weight.max(), gain=gain, lost=lost
+            self,
+            people=self.people + is_of.sum(axis=1),
+            error=self.error + is_of @ error,
+            distances=self.distances + np.einsum("gn,ncd->gcd", is_of, distances),
+            gain=gain,
+            lost=lost,
         )
         return ledger, Scored(len(error), float(network), float(used))
 
@@ -170,13 +228,19 @@ class Ledger:
 def new_ledger(components: ArrayLike, loss: float = LOSS) -> Ledger:
     """The ledger of a place where nothing was scored yet.
 
-    `components [K]` are first weights of what is recalled, in proportion.
+    `components [K]` are first shares of what is recalled, in proportion.
     """
-    weight = np.repeat(np.asarray(components, float), len(STEPS))
-    weight = np.append(ALONE, (1 - ALONE) * weight / weight.sum())
-    first = np.log(weight)
-    rows = experts(np.size(components))
-    return Ledger(rows, first, first, loss=loss)
+    recalled = np.asarray(components, float)
+    first = np.append(ALONE, (1 - ALONE) * recalled / recalled.sum())
+    count = len(first)
+    return Ledger(
+        first=first,
+        shares=np.tile(first, (PACES, 1)),
+        people=np.zeros(PACES),
+        error=np.zeros((PACES, count)),
+        distances=np.zeros((PACES, count, count)),
+        loss=loss,
+    )
 
 
 def risk_of(
@@ -188,11 +252,11 @@ def risk_of(
     the distance of both. The rest of the score is known beforehand.
 
     Args:
-        shares: [1 + K] probability of each component.
+        shares: [N, 1 + K] probability of each component.
         distances: [N, 1 + K, 1 + K] see `distances_apart`.
         filled: [N, K] how much of each component is recalled; the rest is the network.
     """
     recalled = distances[:, 0, 1:] - (1 - filled) * distances[:, :1, 0]
-    farther = recalled @ shares[1:]
-    within = np.einsum("ncd,c,d->n", distances, shares, shares)
+    farther = (recalled * shares[:, 1:]).sum(axis=1)
+    within = np.einsum("ncd,nc,nd->n", distances, shares, shares)
     return np.maximum(farther - (within - distances[:, 0, 0]) / 2, 0.0)
