@@ -124,8 +124,9 @@ def test_a_memory_of_a_place():
     people, ways, steps = 3, 5, 8
     onward = jnp.zeros((people, ways, steps, 2))
     weight = jnp.full((people, 1, ways), 1 / ways)
-    recall = Recall(onward, weight, jnp.zeros(ways, bool))
-    offsets, shares = jnp.zeros((4, people, steps, 2)), jnp.array([0.5, 0.5])
+    recall = Recall(onward, weight, jnp.zeros(ways))
+    offsets = jnp.zeros((4, people, steps, 2))
+    shares = jnp.full((people, 2), 0.5)
     assert precisions(remembered, recall, shares, jnp.zeros((people, 2))) == ALL_BITS
     assert precisions(distances_apart, offsets, recall) == ALL_BITS
     assert precisions(errors, offsets, recall, onward[:, 0]) == ALL_BITS

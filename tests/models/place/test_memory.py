@@ -52,9 +52,10 @@ def weights(memory, moment):
 
 def test_nothing_is_recalled_of_an_empty_memory():
     found = recall(KERNELS, empty_memory(100, STEPS), moments([0, 0], RIGHT))
-    # As many ways on that are turned, and as many errors.
-    assert found.onward.shape == (1, 3 * POINTS, STEPS, 2)
-    assert found.is_error.tolist() == [False] * (2 * POINTS) + [True] * POINTS
+    # As many ways on that are turned, as many errors, and as many points halfway.
+    assert found.onward.shape == (1, 4 * POINTS, STEPS, 2)
+    parts = [0.0] * (2 * POINTS) + [1.0] * POINTS + [0.5] * POINTS
+    assert found.mean_part.tolist() == parts
     assert not np.any(found.weight)
 
 
@@ -85,7 +86,8 @@ def test_kernels_differ_in_place_and_velocity():
     one = pytest.approx(1)
     # Of these people there was no forecast that could be wrong.
     nothing = dict.fromkeys(NAMES, 0)
-    assert here == nothing | {"near": one, "around": one, "manner": one, "gait": one}
+    found = {"near": one, "around": one, "manner": one, "gait": one}
+    assert here == nothing | found | {"halfway near": one}
     assert elsewhere == nothing | {"manner": one, "gait": one}
     assert back == nothing | {"gait": one}
     assert faster == nothing
@@ -102,12 +104,26 @@ def test_errors_of_forecasts_are_recalled_where_they_were_made():
     for name in ("errors near", "errors around"):
         weight = np.asarray(found.weight[0, NAMES.index(name)])
         assert weight.sum() == pytest.approx(0.5)
-        assert found.is_error[weight > 0].all()
+        assert (found.mean_part[weight > 0] == 1).all()
         assert (np.asarray(found.onward[0])[weight > 0] == 0.25).all()
-    is_error = np.asarray(found.is_error)
+    is_error = np.asarray(found.mean_part) == 1
     assert not np.asarray(found.weight[0, : len(KERNELS), is_error]).any()
     elsewhere = weights(memory, moments([50, 0], RIGHT))
     assert elsewhere["errors near"] == elsewhere["errors around"] == 0
+
+
+def test_halfway_are_the_ways_with_half_of_what_the_network_expects():
+    memory = empty_memory(100, STEPS)
+    here = moments([0, 0], RIGHT, ENOUGH)
+    memory = after(memory, here, [1, 0], np.arange(ENOUGH))
+    found = recall(KERNELS, memory, moments([0.1, 0], RIGHT))
+    weight = np.asarray(found.weight[0, NAMES.index("halfway near")])
+    assert weight.sum() == pytest.approx(1)
+    expected = np.broadcast_to([3.0, 2.0], (1, STEPS, 2))
+    ways = np.asarray(found.ways(expected)[0])[weight > 0]
+    near = np.asarray(found.weight[0, NAMES.index("near")])
+    alike = np.asarray(found.onward[0])[near > 0]
+    assert ways == pytest.approx((alike + expected) / 2)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.5, -1.9])

@@ -435,7 +435,8 @@ def test_another_model_and_another_file_are_refused(model, watched, tmp_path):
     ("name", "reason"),
     [
         ("memory_onward", "memory_onward must be"),
-        ("shares", "shares must be [7] float"),
+        ("shares", "shares must be [2, 8] float"),
+        ("ledger_error", "ledger_error must be [2, 8] float"),
     ],
 )
 def test_a_file_with_arrays_of_another_shape_is_refused(

@@ -124,7 +124,7 @@ def test_a_scene_far_from_the_origin_loses_nothing():
     far = np.array([564_304.0, 5_933_435.0])
     samples = np.array([0.0, 1.0, 10.0])[:, None, None, None] * np.ones((3, 1, 4, 2))
     draws = np.full((8, 1, 4, 2), 5.0)
-    memory = Remembered(np.zeros((1, 2, 4, 2)), np.ones((1, 2)), np.zeros((1, 2), bool))
+    memory = Remembered(np.zeros((1, 2, 4, 2)), np.ones((1, 2)), np.zeros((1, 2)))
     probability = np.array([0.2, 0.6, 0.2])
     near = exchange_scene(samples, probability, draws, memory)
     assert sorted(near[:, 0, 0, 0].round(4).tolist()) == [1.0, 5.0, 10.0]
