@@ -11,6 +11,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models.baselines import ConstantVelocitySampled
 from neurosym_jax.models.place.place import steps_of
 from neurosym_jax.models.place.stream import Steps
+from neurosym_jax.scene import make_scene
 from tests.repository import exhaustive
 
 PERIOD = 0.4
@@ -361,6 +362,18 @@ def test_a_file_has_all_that_was_learned(model, watched, tmp_path):
     assert loaded.change == watched.change
     loaded.watch_tracks(crowd(3))
     assert loaded.moments > watched.moments
+
+
+def test_people_who_walk_are_forecast_with_their_own_shares(model):
+    place = nj.Place(model)
+    place.watch_tracks(crowd(4))
+    alone, *recalled = np.eye(place._shares.shape[1])
+    # Nothing is recalled for people who stand, and `near` alone for those who walk.
+    place._shares = np.array([alone, recalled[0]])
+    assert place.shares["near"] == 1  # Nobody stood.
+    observed = window(40, 6.0)
+    memory = place.recalled(observed, make_scene(observed), 2)
+    assert np.asarray(memory.share.sum(axis=0)) == pytest.approx([1, 0])
 
 
 def test_a_day_later_everything_can_be_forgotten(model):
