@@ -366,7 +366,7 @@ def test_a_file_has_all_that_was_learned(model, watched, tmp_path):
 
 def test_people_who_walk_are_forecast_with_their_own_shares(model):
     place = nj.Place(model)
-    place.watch_tracks(crowd(4))
+    place.watch_tracks(crowd(12))
     alone, *recalled = np.eye(place._shares.shape[1])
     # Nothing is recalled for people who stand, and `near` alone for those who walk.
     place._shares = np.array([alone, recalled[0]])
