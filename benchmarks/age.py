@@ -24,7 +24,7 @@ import sysconfig
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,8 +34,8 @@ from benchmarks.timing import OURS, row
 from neurosym_robot.tracking.following import Frame
 
 ROOT = Path(__file__).resolve().parents[1]
-WARM, SECONDS = 4.0, 12.0  # of a case: before it counts, and while it does
-MAKERS = ("neurosym", "baseline", "anchors")  # of forecasts, as topics name them
+WARM = 4.0
+"""Seconds of a case before it counts."""
 COUNT = """() => {
   window.drawn = [];
   const draw = CanvasRenderingContext2D.prototype.drawImage;
@@ -45,6 +45,9 @@ COUNT = """() => {
   };
 }"""
 """The page copies its background to the canvas once whenever it draws."""
+
+ABSENT = 3
+"""Exit status of a process whose software is not there."""
 
 Hear = Callable[[int, int], None]
 """Takes the stamp of a forecast, seconds and nanoseconds."""
@@ -58,13 +61,15 @@ class Case(NamedTuple):
     rate: float  # Hz
     jitter: float  # standard deviation of the stamps, seconds
     name: str
+    seconds: float = 12.0
+    """While it counts."""
 
     def frames(self) -> Iterator[Frame]:
         """Everybody from 0 s on."""
         rng, side = np.random.default_rng(0), 2.0 * self.people**0.5
         start = rng.uniform(0, side, (self.people, 2))
         speed = rng.normal(0, 0.8, (self.people, 2))
-        for now in np.arange(0, WARM + SECONDS, 1 / self.rate):
+        for now in np.arange(0, WARM + self.seconds, 1 / self.rate):
             xy = side - np.abs((start + speed * now) % (2 * side) - side)
             stamp = max(0.0, now + self.jitter * rng.normal())
             yield Frame(stamp, np.arange(self.people), xy)
@@ -98,14 +103,19 @@ def measure(options: Any) -> dict[str, Any]:
             text=True,
         )
         table += map(json.loads, done.stdout.splitlines())
-        if done.returncode:
+        if done.returncode == ABSENT:
             title += f"; {kind} cannot be run here"
+        elif done.returncode:
+            raise RuntimeError(f"{kind}: ended with status {done.returncode}")
     return {"title": title, "rows": table}
 
 
 def live(
-    join: Callable[[contextlib.ExitStack, Hear], Publish], command: list[str], kind: str
-):
+    join: Callable[[contextlib.ExitStack, Hear], Publish],
+    command: list[str],
+    kind: str,
+    cases: Sequence[Case] = CASES,
+) -> None:
     """All cases in a graph, one after the other; this process is the tracker and the planner."""
     heard: list[tuple[float, float]] = []
 
@@ -118,23 +128,25 @@ def live(
             with contextlib.ExitStack() as stack:
                 node = _Process(stack, [*command, "--topic", "/people"], is_open)
                 node.line("everything is compiled")
-                for case in CASES:
+                for case in cases:
                     began, stamps = time.monotonic(), []
                     for moment, ids, xy in case.frames():
                         time.sleep(max(0.0, began + moment - time.monotonic()))
                         stamps.append(time.time())
                         publish(Frame(stamps[-1], ids, xy))
                     time.sleep(1.0)
-                    since = stamps[-1] - SECONDS
+                    since = stamps[-1] - case.seconds
                     ages = [at - stamp for at, stamp in heard if stamp > since]
                     share = len(ages) / sum(stamp > since for stamp in stamps)
-                    _tell(kind, case, ages, node.drawn(stamps[-1]), answered=share)
+                    drawn = node.drawn(since, stamps[-1])
+                    _tell(kind, case, ages, drawn, answered=share)
 
 
 def ros1(stack: contextlib.ExitStack, hear: Hear) -> Publish:
     """Join a new graph of ROS 1."""
     from neurosym_robot.ros.definitions import (
         FORECAST,
+        FORECAST_TOPIC,
         PEOPLE,
         blank,
         ros1_name,
@@ -155,11 +167,10 @@ def ros1(stack: contextlib.ExitStack, hear: Hear) -> Publish:
         definition, md5 = store.generate_msgdef(kind, ros_version=1)
         return Topic(name, ros1_name(kind), md5, definition)
 
-    for maker in MAKERS:
-        samples = topic(f"/hri/human_poses_prediction_{maker}/samples", FORECAST)
-        node.subscribe(
-            samples, lambda data, header: hear(*struct.unpack_from("<II", data, 4))
-        )
+    samples = topic(f"{FORECAST_TOPIC}/samples", FORECAST)
+    node.subscribe(
+        samples, lambda data, header: hear(*struct.unpack_from("<II", data, 4))
+    )
     publisher = node.advertise(topic("/people", PEOPLE))
 
     def publish(frame: Frame) -> None:
@@ -176,6 +187,8 @@ def ros2(stack: contextlib.ExitStack, hear: Hear) -> Publish:
     from rclpy.executors import ExternalShutdownException  # pyright: ignore
     from visualization_msgs.msg import MarkerArray  # pyright: ignore
 
+    from neurosym_robot.ros.definitions import FORECAST_TOPIC
+
     own = str(1 + os.getpid() % 100)
     os.environ.update(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_DOMAIN_ID=own)
     rclpy.init()
@@ -184,9 +197,8 @@ def ros2(stack: contextlib.ExitStack, hear: Hear) -> Publish:
     def markers(data: bytes) -> None:
         hear(*struct.unpack_from("<II", data, 8))  # the header of the first
 
-    for maker in MAKERS:
-        topic = f"/hri/human_poses_prediction_{maker}/markers"
-        node.create_subscription(MarkerArray, topic, markers, 10, raw=True)
+    topic = f"{FORECAST_TOPIC}/markers"
+    node.create_subscription(MarkerArray, topic, markers, 10, raw=True)
     publisher = node.create_publisher(PoseArray, "/people", 10)
 
     def spin() -> None:
@@ -221,24 +233,20 @@ def replay(model: str, kind: str) -> None:
             with BagWriter(bag) as writer:
                 for frame in case.frames():
                     writer.write("/people", frame.stamp, make_people(writer.new, frame))
-            process = _Process(
-                stack, ["replay", str(bag), "--rate", "1", "--model", model], is_open
-            )
+            command = _ours("replay", str(bag), "--rate", "1", "--model", model)
+            process = _Process(stack, command, is_open)
             printed = re.findall(
                 r"p\d+ ([\d.]+) ms", process.line("age of information")
             )
-            _tell(
-                kind,
-                case,
-                [1e-3 * float(age) for age in printed],
-                process.drawn(time.time()),
-            )
+            ages = [1e-3 * float(age) for age in printed]
+            now = time.time()
+            _tell(kind, case, ages, process.drawn(now - case.seconds, now))
 
 
 KINDS: dict[str, Callable[[str, str], None]] = {
-    "ROS 1": lambda model, kind: live(ros1, ["ros1", "--model", model], kind),
+    "ROS 1": lambda model, kind: live(ros1, _ours("ros1", "--model", model), kind),
     "ROS 2": lambda model, kind: live(
-        ros2, ["ros2", "--message", "PoseArray", "--model", model], kind
+        ros2, _ours("ros2", "--message", "PoseArray", "--model", model), kind
     ),
     "replay": replay,
 }
@@ -249,14 +257,21 @@ def _tell(
 ) -> None:
     """Print the row of a case; of a replay, `ages` are the median and the 99th percentile."""
     name = f"{kind}, {case.name}{'' if drawn is None else ', page open'}"
-    print(name, "" if ages else ": no forecast was heard", file=sys.stderr, flush=True)
     if not ages:
-        return
+        raise RuntimeError(f"{name}: no forecast was heard")
+    print(name, file=sys.stderr, flush=True)
     columns |= {} if drawn is None else {"drawn": drawn}
     entry = row(name, OURS, ages, **columns, p99=float(np.percentile(ages, 99)))
     if kind == "replay":
         entry |= {"median": ages[0], "p99": ages[1]}
     print(json.dumps(entry), flush=True)
+
+
+def _ours(*words: str) -> list[str]:
+    """A command of ours that forecasts everybody of all cases."""
+    most = max(case.people for case in CASES)
+    every = ["--max-people", str(most)]
+    return [sys.executable, "-m", "neurosym_jax", *words, *every]
 
 
 class _Process:
@@ -265,13 +280,10 @@ class _Process:
     def __init__(
         self, stack: contextlib.ExitStack, command: list[str], is_open: bool = False
     ):
-        """Start `command`, one of ours unless it is a program's name; open its page."""
-        if shutil.which(command[0]) is None:
-            options = ["--max-people", str(max(case.people for case in CASES))]
-            command = [sys.executable, "-m", "neurosym_jax", *command, *options]
-        command += ["--dashboard", "--port", "0"] if is_open else []
+        """Start `command`, and open its page."""
+        page = ["--dashboard", "--port", "0"] if is_open else []
         into = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-        self._process: Any = subprocess.Popen(command, **into)
+        self._process: Any = subprocess.Popen([*command, *page], **into)
         stack.callback(self._process.wait)
         stack.callback(self._process.send_signal, signal.SIGINT)
         self._lines: list[str] = []
@@ -303,12 +315,13 @@ class _Process:
         page.evaluate(COUNT)
         return page
 
-    def drawn(self, end: float) -> float | None:
-        """Drawings a second of the page in the `SECONDS` before `end`; None if it is not open."""
+    def drawn(self, start: float, end: float) -> float | None:
+        """Drawings a second of the page from `start` to `end`; None if it is not open."""
         if self._page is None:
             return None
         times = np.array(self._page.evaluate("drawn"))
-        return float(((times > end - SECONDS) & (times <= end)).sum() / SECONDS)
+        count = ((times > start) & (times <= end)).sum()
+        return float(count / (end - start))
 
 
 if __name__ == "__main__":
@@ -316,4 +329,5 @@ if __name__ == "__main__":
     try:
         KINDS[kind](model, kind)
     except (ImportError, FileNotFoundError) as error:
-        sys.exit(f"{kind}: {error}")
+        print(f"{kind}: {error}", file=sys.stderr)
+        sys.exit(ABSENT)

@@ -10,6 +10,7 @@ import pytest
 from flax.traverse_util import flatten_dict
 
 from benchmarks import scaling
+from benchmarks.age import ABSENT
 from benchmarks.page import document
 from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import cut_windows
@@ -19,6 +20,7 @@ from neurosym_jax.models.anchors.loss import AnchorStream, anchor_loss, company
 from neurosym_jax.models.anchors.network import AnchorConfig
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from tests.repository import ROOT, run_python
+from tests.robot.ros.ros1_graph import start_graph
 
 
 @pytest.mark.slow
@@ -33,6 +35,36 @@ def test_a_benchmark_and_its_page(tmp_path):
     text = page.read_text()
     assert text.startswith("# Benchmarks")
     assert "QTC and alpha" in text
+
+
+AGE = """
+import sys
+from benchmarks.age import Case, live, ros1
+
+def deaf(stack, hear):
+    ros1(stack, hear)
+    return lambda frame: None
+
+command = [sys.executable, "-m", "neurosym_jax", "ros1", "--model", "recommended"]
+case = Case(2, 10.0, 0.0, "two", 3.0)
+live(JOIN, [*command, "--max-people", "8"], "ROS 1", [case])
+"""
+
+
+@pytest.mark.slow
+def test_forecasts_are_heard_in_a_graph_or_it_fails(tmp_path, browser):
+    """It once listened to topics that had another name, and wrote no row in silence."""
+    start_graph(tmp_path).close()  # skips without ROS 1
+    rows = run_python("-c", AGE.replace("JOIN", "ros1")).stdout
+    alone, with_page = map(json.loads, rows.splitlines())
+    for row in (alone, with_page):
+        assert row["answered"] > 0.9
+        assert 0 < row["median"] < 1
+    assert with_page["drawn"] > 5
+
+    failed = run_python("-c", AGE.replace("JOIN", "deaf"), check=False)
+    assert failed.returncode not in (0, ABSENT)
+    assert "no forecast was heard" in failed.stderr
 
 
 def test_the_page_is_what_its_numbers_give_and_names_their_commits():
