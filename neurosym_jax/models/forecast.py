@@ -1012,9 +1012,14 @@ def _forecast(forecaster, params, scenes, noise):
 
 @program((0, 4), compiler_options=options_of)
 def _draws(forecaster, params, scenes, key, count, memory):
-    axes = (None, 0, None, None, 0)
-    drawn = jax.vmap(forecaster.independent_draws, in_axes=axes, out_axes=1)
-    return drawn(params, scenes, key_of(key), count, memory)
+    key = key_of(key)
+
+    def drawn(scene_and_memory):
+        scene, memory = scene_and_memory
+        return forecaster.independent_draws(params, scene, key, count, memory)
+
+    # One after the other: what a scene's pairs say is large, and most pairs say nothing.
+    return jax.lax.map(drawn, (scenes, memory)).swapaxes(0, 1)
 
 
 @program((0,))

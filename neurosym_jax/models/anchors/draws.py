@@ -31,6 +31,10 @@ __all__ = ["couple", "draw_apart", "draw_samples", "draw_scenes", "equal_points"
 __all__ += ["nearest", "pair_terms"]
 
 
+PART = 8
+"""Pairs of people whose points are compared at once, in memory that is near."""
+
+
 def draw_samples(
     samples: Array, probability: Array, key: Array, count: int, even: bool = True
 ) -> Array:
@@ -90,9 +94,8 @@ def draw_scenes(
         chosen = (ends[:, :-1] <= place).sum(axis=2)
     if points.shape[1] > 1:
         near, present = nearest(points, jnp.asarray(scene.valid), weight)
-        overlap, parting = pair_terms(points, scene, near, present, period)
-        table = REPULSION * overlap + COHESION * parting
-        chosen = couple(chosen, near, table, coupled, weight, even)
+        table, rows = pair_terms(points, scene, near, present, period)
+        chosen = couple(chosen, near, table, rows, coupled, weight, even)
     return _take(points, chosen)
 
 
@@ -122,21 +125,21 @@ def couple(
     chosen: Array,
     near: Array,
     table: Array,
+    rows: Array,
     key: Array,
     weight: Array | None = None,
     even: bool = True,
 ) -> Array:
     """[n, N] points of each person in n draws, chosen anew from `chosen [n, N]`, given the others'.
 
-    `near [N, M]` are the people on whom a person depends, `table [N, M, P, P]` how many
-    nats less probable each point of theirs (third axis) makes each of the person's
-    (fourth). `weight [N, P]` says how probable each point is for a person alone.
+    `near [N, M]` are the people on whom a person depends, see `pair_terms` for `table
+    [L, P, P]` and `rows [N, M]`. `weight [N, P]` says how probable each point is for a
+    person alone.
     """
     count, agents = chosen.shape
-    slots = jnp.arange(near.shape[1])
     up_to = jnp.triu(jnp.ones(table.shape[-2:]))
     # A person whom no neighbour influences is not drawn again.
-    is_bound = table.any(axis=(1, 2, 3))
+    is_bound = (rows < len(table) - 1).any(axis=1)
     turns = jnp.argsort(~is_bound)
     number = is_bound.sum()
 
@@ -146,7 +149,7 @@ def couple(
         def choose(turn: Array, chosen: Array) -> Array:
             agent = turns[turn]
             others = chosen[:, near[agent]]
-            cost = table[agent, slots, others].sum(1)  # [n, P]
+            cost = table[rows[agent], others].sum(1)  # [n, P]
             if weight is not None:
                 cost = jnp.where(weight[agent] > 0, cost, jnp.inf)
             share = jnp.exp(cost.min(1, keepdims=True) - cost)
@@ -186,21 +189,59 @@ def _lots(key: Array, agents: int, count: int, even: bool) -> Array:
 def pair_terms(
     points: Array, scene: Scene, near: Array, present: Array, period: float
 ) -> tuple[Array, Array]:
-    """[N, M, P, P] twice, 0 to 1: how far two people overlap, and how far companions part.
+    """How many nats less probable two people's points make each other: [L, P, P], and [N, M] rows.
 
-    Of each point of `near [N, M]` (third axis) and of the person itself (fourth), where
+    Of each point of `near [N, M]` (second axis) and of the person itself (third), where
     `present [N, M]`; `points` are [P, N, T, 2] metres, with steps of `period` seconds.
+    Most pairs neither meet nor walk together: theirs is the last row, of zeros.
     """
     observed, offset, _ = repair_tracks(jnp.asarray(scene.observed), period)
     companionship = jnp.where(present, _companionship(observed, near, period), 0)
     total = jnp.maximum(companionship.sum(1), 1)
     # Of a stream of people, all hold a person as one companion does.
-    share = companionship / jnp.maximum(total[:, None], total[near])
-    parting = _partings(points - offset[:, None], observed[:, -1], near)
-    parted = jnp.minimum(parting / FAR, 1)
-    overlap = _overlaps(points, near)
-    overlap = jnp.where(present[..., None, None], overlap, 0)
-    return overlap, share[..., None, None] * parted
+    together = companionship / jnp.maximum(total[:, None], total[near])
+    moved = points - offset[:, None] - observed[:, -1, None]
+
+    agents, most = near.shape
+    related = present & (_can_meet(points, near) | (together > 0))
+    # Two who are near to each other are compared once.
+    backward = near[near] == jnp.arange(agents)[:, None, None]
+    twice = backward.any(axis=2) & (near < jnp.arange(agents)[:, None])
+    compared = (related & ~twice).ravel()
+    number = jnp.cumsum(compared)
+    pairs = jnp.searchsorted(number, jnp.arange(1, agents * most + PART))
+    pairs = jnp.minimum(pairs, agents * most - 1)
+    person, other = pairs // most, near.ravel()[pairs]
+    hold = jnp.where(compared, together.ravel(), 0)[pairs]
+
+    half = agents * most + PART
+    count = len(points)
+
+    def compare(part: Array, terms: tuple[Array, Array]) -> tuple[Array, Array]:
+        table, acts = terms
+        begin = part * PART
+        slots = begin + jnp.arange(PART)
+        first, second = person[slots], other[slots]
+        overlap = _overlaps(points, first, second)
+        parted = jnp.minimum(_partings(moved, first, second) / FAR, 1)
+        cost = REPULSION * overlap + COHESION * hold[slots, None, None] * parted
+        table = jax.lax.dynamic_update_slice_in_dim(table, cost, begin, 0)
+        back = cost.swapaxes(1, 2)
+        table = jax.lax.dynamic_update_slice_in_dim(table, back, half + begin, 0)
+        some = cost.any(axis=(1, 2))
+        return table, jax.lax.dynamic_update_slice_in_dim(acts, some, begin, 0)
+
+    table = jnp.zeros((2 * half + 1, count, count))
+    parts = -(-number[-1] // PART)
+    start = table, jnp.zeros(half, bool)
+    table, acts = jax.lax.fori_loop(0, parts, compare, start)
+
+    rows = number.reshape(near.shape) - 1
+    turned = jnp.take_along_axis(rows[near], backward.argmax(axis=2)[..., None], 2)
+    turned = turned[..., 0]
+    acts_there = related & acts[jnp.where(twice, turned, rows)]
+    rows = jnp.where(twice, half + turned, rows)
+    return table, jnp.where(acts_there, rows, 2 * half)
 
 
 @full_precision
@@ -240,32 +281,44 @@ def _companionship(observed: Array, near: Array, period: float) -> Array:
     return jnp.where(companionship > 0.02, companionship, 0)
 
 
-def _partings(points: Array, last: Array, near: Array) -> Array:
-    """[N, M, P, P] metres by which the offset of two people changes, root mean square over steps.
+def _can_meet(points: Array, near: Array) -> Array:
+    """[N, M] whether boxes around the ways of a person and of `near [N, M]` overlap."""
+    low, high = points.min(axis=0), points.max(axis=0)  # [N, T, 2]
+    # From each step to the next.
+    low = low.at[:, 1:].min(low[:, :-1])
+    high = high.at[:, 1:].max(high[:, :-1])
+    gap = jnp.maximum(low[:, None] - high[near], low[near] - high[:, None])
+    square = jnp.square(jnp.maximum(gap, 0)).sum(axis=-1)
+    return (square < DISTANCE**2).any(axis=-1)
 
-    Of each point of `near [N, M]`, third axis, and of the person itself.
+
+def _partings(moved: Array, first: Array, second: Array) -> Array:
+    """[L, P, P] metres by which the offset of two people changes, root mean square over steps.
+
+    Of each point of the `second [L]` (second axis) and the `first [L]`; `moved [P, N, T,
+    2]` are from the last position.
     """
-    count, agents, steps, _ = points.shape
-    moved = (points - last[:, None]).swapaxes(0, 1)
-    moved = moved.reshape(agents, count, -1)
-    square = jnp.square(moved).sum(-1)
-    product = jnp.einsum("nmqd,npd->nmqp", moved[near], moved)
-    squares = square[near][..., None] + square[:, None, None]
+    count, people, steps, _ = moved.shape
+    ways = moved.swapaxes(0, 1).reshape(people, count, -1)
+    square = jnp.square(ways).sum(-1)
+    product = jnp.einsum("lqd,lpd->lqp", ways[second], ways[first])
+    squares = square[second][..., None] + square[first][:, None]
     gap = jnp.maximum(squares - 2 * product, 0)
     return jnp.sqrt(gap / steps)
 
 
-def _overlaps(points: Array, near: Array) -> Array:
-    """[N, M, P, P] how far each point of `near [N, M]`, third axis, and of a person overlap.
+def _overlaps(points: Array, first: Array, second: Array) -> Array:
+    """[L, P, P] how far each point of the `second [L]` (second axis) and the `first` overlap.
 
-    Between two steps, offsets change along a straight line.
+    `points` are [P, N, T, 2] metres. Between two steps, offsets change along a straight
+    line.
     """
-    own = jnp.transpose(points, (2, 3, 1, 0))  # [T, 2, N, P]
-    own, others = computed_once((own, own[:, :, near]))
+    ways = jnp.transpose(points, (2, 3, 1, 0))  # [T, 2, N, P]
+    own, others = computed_once((ways[:, :, first], ways[:, :, second]))
     least: Any = jnp.inf
     before = None
     for step, other in zip(own, others):
-        x, y = step[:, :, None, None] - other[..., None]
+        x, y = step[:, :, None] - other[..., None]
         before_x, before_y = before or (x, y)
         dx = before_x - x
         dy = before_y - y

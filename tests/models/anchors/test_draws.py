@@ -14,12 +14,15 @@ from neurosym_jax.evaluation.metrics import collisions
 from neurosym_jax.evaluation.scores import DRAWS, score, score_forecaster
 from neurosym_jax.models.anchors.config import AnchorConfig
 from neurosym_jax.models.anchors.draws import (
+    _companionship,
     _overlaps,
     _partings,
     couple,
     draw_samples,
     draw_scenes,
     equal_points,
+    nearest,
+    pair_terms,
 )
 from neurosym_jax.models.anchors.forecaster import apply_anchors
 from neurosym_jax.models.disk import load_model
@@ -106,40 +109,75 @@ def test_scenes_are_as_probable_as_the_pairs_say():
     expected = np.exp(-np.array(nats)) / np.exp(-np.array(nats)).sum()
     near = np.array([[1, 2], [2, 0], [0, 1]])
     both = cost | {(j, i): table.T for (i, j), table in cost.items()}
-    table = [[both[int(other), i] for other in near[i]] for i in range(3)]
+    table = [both[int(other), i] for i in range(3) for other in near[i]]
+    table = jnp.asarray([*table, np.zeros((3, 3))], jnp.float32)
+    rows = jnp.arange(6).reshape(3, 2)
     start = jnp.asarray(rng.integers(0, 3, (30000, 3)))
-    chosen = jax.jit(couple)(
-        start, jnp.asarray(near), jnp.asarray(table, jnp.float32), KEY
-    )
+    chosen = jax.jit(couple)(start, jnp.asarray(near), table, rows, KEY)
     often = np.bincount(np.asarray(chosen) @ [9, 3, 1], minlength=27) / 30000
     np.testing.assert_allclose(often, expected, atol=0.006)
     assert np.abs(expected - 1 / 27).max() > 0.05
 
 
+def test_pairs_that_are_left_out_say_nothing():
+    """Thirty people of whom nine stand close by: some are near to one who has others nearer."""
+    rng = np.random.default_rng(4)
+    start = rng.uniform(0, 4, (30, 2))
+    start[:9] = 2 + rng.uniform(-0.4, 0.4, (9, 2))
+    speed = rng.normal(0, 0.6, (30, 2))
+    speed[20:] = [1.0, 0.2]  # They walk together.
+    time = 0.4 * np.arange(16)[:, None]
+    ways = start[:, None] + speed[:, None] * time
+    points = ways[:, 8:] + rng.normal(0, 0.2, (6, 30, 8, 2)).cumsum(axis=2)
+    scene = make_scene(ways[:, :8])
+    points = jnp.asarray(points - scene.origin, jnp.float32)
+    valid = jnp.asarray(scene.valid).at[3].set(False)
+    near, present = jax.jit(nearest)(points, valid)
+    table, rows = jax.jit(pair_terms, static_argnums=4)(
+        points, scene.bare(), near, present, 0.4
+    )
+    rows = np.asarray(rows)
+    assert 0.2 < (rows < len(table) - 1).mean() < 0.8
+    assert not np.asarray(table[-1]).any()
+    backward = (np.asarray(near)[np.asarray(near)] == np.arange(30)[:, None, None]).any(
+        2
+    )
+    assert 0.1 < backward.mean() < 0.95
+
+    first = jnp.repeat(jnp.arange(30), 16)
+    second = near.ravel()
+    last = jnp.asarray(ways[:, 7] - scene.origin, jnp.float32)
+    moved = points - last[:, None]
+    overlap = jax.jit(_overlaps)(points, first, second)
+    parted = np.minimum(jax.jit(_partings)(moved, first, second), 1)
+    together = np.where(present, _companionship(scene.bare().observed, near, 0.4), 0)
+    total = np.maximum(together.sum(axis=1), 1)
+    most = np.maximum(total[np.asarray(first)], total[np.asarray(second)])
+    hold = together.ravel() / most
+    expected = 8 * np.asarray(overlap) + 3 * hold[:, None, None] * parted
+    expected = np.where(np.asarray(present).ravel()[:, None, None], expected, 0)
+    np.testing.assert_allclose(np.asarray(table)[rows.ravel()], expected, atol=1e-5)
+
+
 @pytest.mark.slow
 def test_what_two_people_do_is_that_of_sums_over_loops(points):
     """The overlap of their nearest moment, between two steps, too; and how far they part."""
-    near = jnp.array([[1, 3], [0, 4], [3, 1], [2, 4], [0, 1]])
+    first, second = jnp.array([0, 2, 4, 3, 1]), jnp.array([1, 1, 0, 2, 0])
     last = jnp.asarray(np.random.default_rng(3).normal(size=(5, 2)), jnp.float32)
-    table = np.asarray(_overlaps(points, near))
-    partings = np.asarray(_partings(points, last, near))
+    table = np.asarray(_overlaps(points, first, second))
+    moved = points - last[:, None]
+    partings = np.asarray(_partings(moved, first, second))
     places = np.asarray(points, np.float64)
     parts = np.linspace(0, 1, 201)[:, None, None]
     between = places[:, :, None, :-1] * (1 - parts) + places[:, :, None, 1:] * parts
-    for i, slot, a, b in (
-        (0, 0, 3, 7),
-        (2, 1, 19, 0),
-        (4, 0, 5, 5),
-        (3, 0, 8, 2),
-        (1, 1, 0, 1),
-    ):
-        other = int(near[i, slot])
+    for pair, (a, b) in enumerate([(3, 7), (19, 0), (5, 5), (8, 2), (0, 1)]):
+        i, other = int(first[pair]), int(second[pair])
         offset = between[b, i] - between[a, other]
         expected = max(0, 1 - np.linalg.norm(offset, axis=-1).min() / 0.3)
-        assert table[i, slot, a, b] == pytest.approx(expected, abs=2e-4)
+        assert table[pair, a, b] == pytest.approx(expected, abs=2e-4)
         change = places[b, i] - places[a, other] - np.asarray(last[i] - last[other])
         rms = np.sqrt(np.square(change).sum(-1).mean())
-        assert partings[i, slot, a, b] == pytest.approx(rms, abs=1e-4)
+        assert partings[pair, a, b] == pytest.approx(rms, abs=1e-4)
     assert 0.02 < (table > 0).mean() < 0.9
 
 
