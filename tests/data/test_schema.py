@@ -416,6 +416,28 @@ def test_a_robot_among_the_ids_is_no_person(tmp_path):
     assert len(tracks.names) == 3
 
 
+@pytest.mark.parametrize(
+    ("names", "left"),
+    [
+        (["van Dijk", "Bus", "Jansen"], ["bus"]),
+        (["van Dijk", "Vanessa", "Carter"], []),
+        (["car_3", "Vehicle 12", "anna"], ["car_3", "vehicle 12"]),
+    ],
+)
+def test_people_may_be_called_as_vehicles_begin(tmp_path, names, left):
+    rows = [
+        f"{t / 10},{name},{t / 10},{y}"
+        for y, name in enumerate(names)
+        for t in range(40)
+    ]
+    path = tmp_path / "names.csv"
+    path.write_text("\n".join(["time,id,x,y", *rows]))
+    (tracks,) = read_any(path, ReadOptions())
+    assert len(tracks.names) == len(names) - len(left)
+    assert all(name in str(tracks.reading.left_out) for name in left)
+    assert bool(tracks.reading.left_out) == bool(left)
+
+
 def test_simulators_name_their_robot_and_their_worlds(tmp_path):
     """Rows of a robot are no person's; people of two worlds never meet."""
     path = tmp_path / "a.csv"

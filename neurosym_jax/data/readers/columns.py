@@ -329,11 +329,15 @@ def _with_ids(table: Table, at: int, keep: Sequence[str]) -> Table:
         raise InputError(
             "no row has an id: let a tracker say first which rows are one person"
         )
-    is_other = _first_words(texts).is_in(vocabulary()["others"])
+    # Such as `car_3` or `vehicle.audi`; people may be called `van Dijk`.
+    kinds = texts.str.extract(r"^([^\W\d_]+)(?:$|[._/:#-]|\s*\d)").fill_null("")
+    is_other = kinds.is_in(vocabulary()["others"])
     if not keep and not (is_other | is_nobody).all():
         name = column_name(table, at)
-        kinds = option("columns", (f"id={name}", f"label={name}"))
-        hint = f"of {_some(texts, is_other)} ({kinds} with {option('keep')} takes them)"
+        as_label = option("columns", (f"id={name}", f"label={name}"))
+        hint = (
+            f"of {_some(texts, is_other)} ({as_label} with {option('keep')} takes them)"
+        )
         table = table.take(~is_other.to_numpy(), hint)
         is_nobody = is_nobody.filter(~is_other)
     return table.take(~is_nobody.to_numpy(), "with no id or -1")
