@@ -1,10 +1,10 @@
 """The network's points and what people did here, as one distribution of each person.
 
 A component is the network alone (the first), or what one kernel recalls: the ways that
-people went, the errors that the network made, or points halfway between both. Where a kernel recalls few people, the
-rest of its probability is the network's. Any mixture of the components has an energy
-score that follows from two small arrays: how far each component lies from the truth, and
-how far the components lie apart.
+people went, the errors that the network made, or points halfway between both. Where a
+kernel recalls few people, the rest of its probability is the network's. Any mixture of
+the components has an energy score that follows from two small arrays: how far each
+component lies from the truth, and how far the components lie apart.
 """
 
 from typing import NamedTuple
