@@ -13,7 +13,7 @@ from benchmarks.timing import OURS
 HEAD = """# Benchmarks, all rows
 
 How long does each part take, beside torch and the released code? Evaluation and training steps are
-as fast or faster, single scenes of few people are not. In the tables `anchors` is [`recommended`](../../docs/benchmarks.md).
+as fast or faster, and so are single scenes but those of ten people. In the tables `anchors` is [`recommended`](../../docs/benchmarks.md).
 
 {commits}
 """
