@@ -244,7 +244,7 @@ def draw(table: pl.DataFrame) -> None:
     axis.axhline(0, color="0.5", linewidth=0.8)
     axis.set_xlabel("minutes watched")
     axis.set_ylabel("energy score so far,\n% of that without memory")
-    axis.legend(fontsize=7, ncols=2)
+    axis.legend(fontsize=7, loc="upper right")
     figure.savefig(FIGURE, dpi=200)
 
 
