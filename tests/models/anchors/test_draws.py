@@ -139,10 +139,9 @@ def test_pairs_that_are_left_out_say_nothing():
     rows = np.asarray(rows)
     assert 0.2 < (rows < len(table) - 1).mean() < 0.8
     assert not np.asarray(table[-1]).any()
-    backward = (np.asarray(near)[np.asarray(near)] == np.arange(30)[:, None, None]).any(
-        2
-    )
-    assert 0.1 < backward.mean() < 0.95
+    others = np.asarray(near)
+    is_mutual = (others[others] == np.arange(30)[:, None, None]).any(axis=2)
+    assert 0.1 < is_mutual.mean() < 0.95
 
     first = jnp.repeat(jnp.arange(30), 16)
     second = near.ravel()
