@@ -11,6 +11,7 @@ from tests.repository import ROOT
 PYTHON = """
 mkdir -p "$3/bin"
 touch "$3/bin/activate"
+ln -s "$(command -v pip)" "$3/bin/pip"
 """
 """Of `python3 -m venv FOLDER`: an environment whose tools are those of the path."""
 PASSED = 'echo "SKIPPED [2] tests/test_a.py:3: no ROS here"; echo "2100 passed, 2 skipped in 9.1s"'
@@ -47,7 +48,8 @@ def run(folder, *words, **faults):
     checkout, tools = folder / "checkout", folder / "tools"
     for place in (checkout / ".ci", tools):
         place.mkdir(parents=True)
-    shutil.copy(ROOT / ".ci/run", checkout / ".ci/run")
+    for name in ("run", "install"):
+        shutil.copy(ROOT / ".ci" / name, checkout / ".ci" / name)
     for name, code in (TOOLS | faults).items():
         path = checkout / ".ci/matrix" if name == "matrix" else tools / name
         path.write_text(f"#!/bin/sh\n{code}\n")
@@ -83,8 +85,24 @@ def test_a_step_that_fails_fails_the_run(tmp_path, fault):
 def test_the_site_is_installed_where_slow_tests_build_it(tmp_path, words, extras):
     done = run(tmp_path, *words, pip='echo "$@" >>"$HOME/pip"')
     assert done.returncode == 0, done.stdout + done.stderr
-    (line,) = (tmp_path / "pip").read_text().splitlines()
-    assert line.split()[-1] == extras
+    lines = (tmp_path / "pip").read_text().splitlines()
+    assert [line.split()[-1] for line in lines if "-e" in line.split()] == [extras]
+
+
+@pytest.mark.parametrize(
+    ("uv", "tools"), [("", {"uv"}), ("; exit 1", {"uv", "pip"})], ids=["uv", "pip"]
+)
+def test_uv_installs_or_else_pip(tmp_path, uv, tools):
+    said = f"""echo pip "$@" >>"$HOME/said"
+if [ "$3" = uv ]; then
+  echo '#!/bin/sh' >"$(dirname "$0")/uv"
+  echo 'echo uv "$@" >>"$HOME/said"{uv}' >>"$(dirname "$0")/uv"
+  chmod +x "$(dirname "$0")/uv"
+fi"""
+    done = run(tmp_path, pip=said)
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = (tmp_path / "said").read_text().splitlines()
+    assert {line.split()[0] for line in lines if ".[test]" in line} == tools
 
 
 def test_fewer_tests_than_the_floor_are_counted_aloud(tmp_path):
