@@ -1,12 +1,14 @@
 """What a place costs a robot: a frame of sixty people, with and without what was learned.
 
 People walk at random, ten frames a second. Measured is the time from a frame to the
-draws of everybody, and then that of learning, which comes after. The memory is full: a
-hundred thousand moments at random, where people walk.
+draws of everybody, and then that of learning, which comes after. Each frame is forecast
+without the memory and with it, one after the other, so that what else the machine does
+falls on both. The memory is full: a hundred thousand moments at random, where people
+walk.
 """
 
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,43 +25,64 @@ MODEL = "recommended"
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
+    moments = 0, MOMENTS
+    costs = apart(_frames, moments, FRAMES * options.repeats)
     table: list[Row] = []
-    count = FRAMES * options.repeats
-    for case, moments in (("no place", 0), (f"{MOMENTS:,} moments", MOMENTS)):
-        forecast, learn = apart(_frames, moments, count)
-        table.append(_row(f"{PEOPLE} people, {case}, to the draws", forecast))
-        if moments:
-            table.append(_row(f"{PEOPLE} people, {case}, learning", learn))
+    for number, cost in zip(moments, costs):
+        place = f"{number:,} moments" if number else "no place"
+        table.append(_row(f"{PEOPLE} people, {place}, to the draws", cost.draws))
+        if number:
+            table.append(_row(f"{PEOPLE} people, {place}, learning", cost.learning))
     return {"title": "a frame where a place is watched", "rows": table}
 
 
-def _row(case: str, seconds: list[float]) -> Row:
-    return row(case, OURS, seconds, p99=float(np.percentile(seconds, 99)))
+class Cost(NamedTuple):
+    """What frames cost: [n, 2] seconds of the clock and of the processor."""
+
+    draws: np.ndarray
+    """Up to the draws of everybody."""
+    learning: np.ndarray
+    """After them."""
 
 
-def _frames(moments: int, frames: int) -> tuple[list[float], list[float]]:
-    """Seconds to the draws of each frame, and seconds of learning from it."""
+def _row(case: str, seconds: np.ndarray) -> Row:
+    wall, cpu = seconds.T
+    cpu_median, p99 = float(np.median(cpu)), float(np.percentile(wall, 99))
+    return row(case, OURS, wall.tolist(), cpu=cpu_median, p99=p99)
+
+
+def _frames(moments: tuple[int, ...], frames: int) -> list[Cost]:
+    """The costs of the same frames with places of so many moments, in turns."""
     from neurosym_jax.models.disk import find_model, load_model
     from neurosym_robot.online.predictor import Predictor
 
     model = load_model(find_model(MODEL))
-    place = _full(model, moments) if moments else None
-    predictor = Predictor(model, max_people=PEOPLE, place=place)
+    predictors, costs = [], []
+    for number in moments:
+        place = _full(model, number) if number else None
+        predictors.append(Predictor(model, max_people=PEOPLE, place=place))
+        costs.append(Cost(np.zeros((frames, 2)), np.zeros((frames, 2))))
     rng = np.random.default_rng(0)
     position = rng.uniform(-10, 10, (PEOPLE, 2))
     velocity = rng.normal(0, 1, (PEOPLE, 2))
-    forecast_seconds, learn_seconds = [], []
-    for frame in range(WARM + frames):
+    for frame in range(-WARM, frames):
         velocity += rng.normal(0, 0.05, velocity.shape)
         position = position + 0.1 * velocity
-        began = time.perf_counter()
-        predictor.window.push(frame / 10, np.arange(PEOPLE), position)
-        for result in predictor.forecast().models.values():
-            result.draws  # noqa: B018
-        forecast_seconds.append(time.perf_counter() - began)
-        predictor.learn()
-        learn_seconds.append(time.perf_counter() - began - forecast_seconds[-1])
-    return forecast_seconds[WARM:], learn_seconds[WARM:]
+        for predictor, cost in zip(predictors, costs):
+            began = _clocks()
+            predictor.window.push(frame / 10, np.arange(PEOPLE), position)
+            for result in predictor.forecast().models.values():
+                result.draws  # noqa: B018
+            drawn = _clocks()
+            predictor.learn()
+            if frame >= 0:
+                cost.draws[frame] = drawn - began
+                cost.learning[frame] = _clocks() - drawn
+    return costs
+
+
+def _clocks() -> np.ndarray:
+    return np.array([time.perf_counter(), time.process_time()])
 
 
 def _full(model: Any, moments: int) -> Any:

@@ -314,13 +314,16 @@ class Predictor:
         pending = {}
         for name, network in self._networks.items():
             pending[name] = network.start(observed, self.recording, frame, slots)
+        # At once, for later the place has seen more; and beside the networks.
+        memories: dict[str, Remembered] = {}
+        if recall is not None:
+            for name in filter(self._learns, pending):
+                scene = pending[name].scene
+                memories[name] = recall(observed.positions, scene, slots)
         models = {}
         for name, network in self._networks.items():
             result = _summary(*network.finish(pending[name]))
-            memory = None
-            if recall is not None and self._learns(name):
-                # At once: later the place has seen more.
-                memory = recall(observed.positions, pending[name].scene, slots)
+            memory = memories.get(name)
             central = result.central if result.probability is None else None
             arguments = pending[name], result.samples, central, self.recording, memory
             draw = network.drawing(*arguments)

@@ -24,7 +24,7 @@ from neurosym_jax.models.forecaster import Forecaster
 from neurosym_jax.models.place import memory as memories
 from neurosym_jax.models.place.change import Change
 from neurosym_jax.models.place.flows import Flows, flows_of
-from neurosym_jax.models.place.memory import COMPONENTS, KERNELS, Memory, Recall
+from neurosym_jax.models.place.memory import COMPONENTS, KERNELS, Kernel, Memory, Recall
 from neurosym_jax.models.place.mixture import (
     Remembered,
     distances_apart,
@@ -214,12 +214,12 @@ class Place:
             scene: the same people, relative to its origin.
             slots: to which the scene is padded.
         """
-        recall = self._recall(np.asarray(observed, np.float64), slots)
         last = np.zeros((slots, 2), np.float32)
         last[: len(observed)] = np.asarray(scene.observed)[: len(observed), -1]
         shares = np.zeros((slots, self._shares.shape[1]), np.float32)
         shares[: len(observed)] = self._shares[self._pace(observed)]
-        return remembered(recall, jnp.asarray(shares), jnp.asarray(last))
+        alike = self._alike(np.asarray(observed, np.float64), slots)
+        return _recalled(KERNELS, self._memory, *alike, shares, last)
 
     def flows(self) -> Flows:
         """Where people go from here, and how many do."""
@@ -429,12 +429,17 @@ class Place:
 
     def _recall(self, observed: np.ndarray, slots: int) -> Recall:
         """What people did from moments like the last of `observed [N, S, 2]`, padded."""
+        return memories.recall(KERNELS, self._memory, *self._alike(observed, slots))
+
+    def _alike(
+        self, observed: np.ndarray, slots: int
+    ) -> tuple[np.ndarray, np.float32, np.float32]:
+        """Arguments of `memories.recall` after the memory, for `observed [N, S, 2]`, padded."""
         origin = observed[0, -1] if self._origin is None else self._origin
         feature = np.full((slots, memories.FEATURES), np.inf, np.float32)
         past = observed[:, -BEFORE:] - origin
         feature[: len(observed)] = memories.features(past, self.model.config.period)
-        times = np.float32(self._now), np.float32(self.half_life)
-        return memories.recall(KERNELS, self._memory, feature, *times)
+        return feature, np.float32(self._now), np.float32(self.half_life)
 
 
 def _consistent(
@@ -450,6 +455,21 @@ def _consistent(
         return people, group
     whole = ~was_repaired(group, period)
     return people[whole], group[whole]
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _recalled(
+    kernels: tuple[Kernel, ...],
+    memory: Memory,
+    moment: jax.Array,
+    now: jax.Array,
+    half_life: jax.Array,
+    shares: jax.Array,
+    last: jax.Array,
+) -> Remembered:
+    """`memories.recall` and `remembered` as one program: a frame waits for it."""
+    recall = memories.recall(kernels, memory, moment, now, half_life)
+    return remembered(recall, shares, last)
 
 
 @functools.partial(jax.jit, static_argnums=0)
