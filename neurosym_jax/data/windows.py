@@ -404,6 +404,8 @@ def seen_before(stored: str, windows: Windows) -> tuple[int, int]:
     A copy may have been resampled between the steps of the original: of several phases
     the one at which most are found counts.
     """
+    if not stored:  # A network without a fingerprint: nothing is to be looked for.
+        return 0, 0
     stored_hashes = _decoded(stored)
     counts = []
     for phase in PHASES:

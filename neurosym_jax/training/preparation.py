@@ -293,7 +293,7 @@ def _refuse_seen(use: str, windows: Windows, training: Windows, seen: str) -> No
     """Refuse to learn from what the model is tested or validated on, by what is in it."""
     shared, total = shared_shapes(windows, training)
     expected = total * chance_shapes(training)
-    before, looked = seen_before(seen, windows) if seen else (0, 0)
+    before, looked = seen_before(seen, windows)
     recordings = [printable(reading.recording) for reading in windows.reading]
     names = ", ".join(dict.fromkeys(recordings)) or "these windows"
     where = f"windows in {names}, and that is what the model is {use} on"
