@@ -26,19 +26,22 @@ from jax.typing import ArrayLike
 from neurosym_jax.errors import InputError, brief, refuse_masked
 
 __all__ = [
+    "WIDEST",
     "AnyArray",
     "Scene",
     "checked_positions",
     "displacements",
     "make_scene",
     "model_dtype",
+    "origin_of",
 ]
 __all__ += ["pad_scene", "relative_positions", "scene_identity", "to_world"]
 __all__ += ["moves_of", "turned", "with_steps"]
 
 DECIMALS = 8
 """Decimals of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
-
+WIDEST = 400.0
+"""Metres along a side of a scene up to which all agents are near its centre."""
 FAR = 1e9
 """Largest coordinate in metres; float32 could not hold what is computed of far larger ones."""
 
@@ -149,7 +152,7 @@ def make_scene(
         )
         return scene.replace(period=period)
     observed = checked_positions("observed", observed)
-    origin = centre(observed[:, -1])
+    origin = origin_of(observed[:, -1])
     dtype = model_dtype()
     if future is not None:
         future = checked_positions("future", future)
@@ -202,6 +205,19 @@ def model_dtype() -> np.dtype:
 def centre(positions: Any) -> Any:
     """Centre of the bounding box of `positions [N, 2]`, which no order of the agents changes."""
     return (positions.min(axis=0) + positions.max(axis=0)) / 2
+
+
+def origin_of(positions: np.ndarray) -> np.ndarray:
+    """Origin [2] of a scene whose agents are last seen at `positions [N, 2]` metres.
+
+    It is their `centre`. In a scene wider than `WIDEST` it is the agent in the middle:
+    float32 loses what is far from the origin, and one agent at a wrong place would
+    take the others' decimals.
+    """
+    if np.ptp(positions, axis=0).max() <= WIDEST:
+        return centre(positions)
+    offset = positions - np.median(positions, axis=0)
+    return positions[np.square(offset).sum(axis=1).argmin()]
 
 
 def relative_positions(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:

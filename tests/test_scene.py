@@ -4,6 +4,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scores import score
 from neurosym_jax.scene import make_scene, pad_scene, scene_identity, to_world
@@ -40,6 +41,33 @@ def test_the_same_numbers_anywhere_on_the_map(offset):
     assert_allclose(shifted.origin - at_origin.origin, offset, atol=1e-8)
     standing = np.broadcast_to([[[0.1, 0.7]]], (1, 8, 2)) + offset
     assert not make_scene(standing).displacement.any()
+
+
+@pytest.mark.parametrize("distance", [600.0, 1e6, 1e7])
+@pytest.mark.parametrize("agents", [2, 4])
+def test_who_is_far_takes_no_decimals_of_the_others(distance, agents):
+    """Two agents, of whom either is far from the other: the first is the one in the middle."""
+    far = WORLD[:1] + [distance, -distance]
+    observed = np.concatenate([WORLD[: agents - 1], far])
+    scene = make_scene(observed)
+    assert_allclose(to_world(scene.observed, scene)[:-1], observed[:-1], atol=1e-6)
+    # In a batch of windows, between scenes without such an agent.
+    tracks = []
+    for recording, positions in enumerate([WORLD, observed, WORLD]):
+        steps = np.arange(8) * 0.4
+        stamps = np.tile(steps, len(positions))
+        person = np.repeat(np.arange(len(positions)), 8)
+        places = positions.reshape(-1, 2)
+        tracks.append(make_tracks(f"walk {recording}", stamps, person, places))
+    batches = make_batches(cut_windows(tracks, 4, 4))
+    starts = [make_scene(positions[:, :4]) for positions in (WORLD, observed, WORLD)]
+    for batch in batches:
+        for row, number in enumerate(batch.index):
+            if number >= 0:
+                people = len(starts[number].valid)
+                in_batch = batch.scene.observed[row, :people]
+                assert_array_equal(in_batch, starts[number].observed)
+                assert_array_equal(batch.scene.origin[row], starts[number].origin)
 
 
 def test_padding():

@@ -14,9 +14,11 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common, fields_at
 from neurosym_jax.errors import InputError, option
 from neurosym_jax.scene import (
+    WIDEST,
     Scene,
     displacements,
     model_dtype,
+    origin_of,
     relative_positions,
     scene_identity,
 )
@@ -323,11 +325,8 @@ def gather_scenes(
     slot = rows - windows.bounds[chosen][scene]
     position = windows.position[rows]
     last = position[:, windows.obs_len - 1]
-    first = _bounds(sizes)[:-1]
-    low = np.minimum.reduceat(last, first)
-    high = np.maximum.reduceat(last, first)
     empty = ((0, count - len(chosen)), (0, 0))
-    origin = np.pad((low + high) / 2, empty)  # As `make_scene`.
+    origin = np.pad(_origins(last, sizes), empty)
     step = displacements(position[:, : windows.obs_len])
     position = relative_positions(position, origin[scene, None])
 
@@ -348,6 +347,18 @@ def gather_scenes(
         seen=None if windows.seen is None else padded(windows.seen[rows]),
         extras={name: padded(extra[rows]) for name, extra in windows.extras.items()},
     )
+
+
+def _origins(last: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """[S, 2] `origin_of` of scenes of `sizes [S]` agents, at their `last [A, 2]` positions."""
+    first = _bounds(sizes)[:-1]
+    low = np.minimum.reduceat(last, first)
+    high = np.maximum.reduceat(last, first)
+    origin = (low + high) / 2
+    for number in np.flatnonzero((high - low).max(axis=1) > WIDEST):
+        begin = first[number]
+        origin[number] = origin_of(last[begin : begin + sizes[number]])
+    return origin
 
 
 # Whether windows were among those that a model was trained on, by their shapes.

@@ -100,7 +100,7 @@ class OnnxNetwork:
         self, observed: Observed, recording: str, frame: int, slots: int
     ) -> Pending:
         """Forecast people by their windows, whether every step of them was seen or not."""
-        origin = observed.positions[:, -1].mean(axis=0)
+        origin = np.median(observed.positions[:, -1], axis=0)
         positions = (observed.positions - origin).astype(np.float32)
         inputs = {"observed": positions}
         if self._model.takes_short:
