@@ -6,6 +6,7 @@ import os
 import reprlib
 import shlex
 import sys
+import traceback
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -16,6 +17,7 @@ __all__ = [
     "InputWarning",
     "TrainingError",
     "brief",
+    "line_of",
     "option",
     "optional_module",
 ]
@@ -70,6 +72,14 @@ def option(name: str, value: object = "") -> str:
         return f"{name}={value!r}" if values else name
     words = [shlex.quote(str(part)) for part in values if part is not True]
     return " ".join([f"--{name.replace('_', '-')}", *words])
+
+
+def line_of(error: BaseException) -> str:
+    """The innermost line outside installed libraries that an error passed: FILE:LINE: `CODE`."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if "site-packages" not in frame.filename]
+    last = own[-1]
+    return f"{last.filename}:{last.lineno}: `{last.line}`"
 
 
 def optional_module(name: str, what: str, extra: str) -> Any:

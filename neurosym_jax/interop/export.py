@@ -9,7 +9,6 @@ ONNX Runtime and others, with any k where there is noise.
 """
 
 import contextlib
-import traceback
 from collections.abc import Callable, Iterator
 
 import jax
@@ -18,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.errors import InputError, optional_module
+from neurosym_jax.errors import InputError, line_of, optional_module
 from neurosym_jax.interop.onnx import to_onnx
 from neurosym_jax.models.forecast import Model, forecast_scene
 from neurosym_jax.scene import make_scene
@@ -56,13 +55,10 @@ def _sizes_are_symbols() -> Iterator[None]:
         message = str(error)
         if "_DimExpr" not in message and "symbolic dimension" not in message.lower():
             raise
-        frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if "site-packages" not in frame.filename]
-        last = own[-1]
         raise InputError(
-            f"{last.filename}:{last.lineno}: `{last.line}` needs the number of people, "
-            "which is free in an exported program: use x.shape[0] for len(x) and "
-            "functions of jax.numpy for numpy's"
+            f"{line_of(error)} needs the number of people, which is free "
+            "in an exported program: use x.shape[0] for len(x) and functions of "
+            "jax.numpy for numpy's"
         ) from error
 
 

@@ -31,7 +31,9 @@ from neurosym_jax.models.forecaster import (
     key_of,
     options_of,
     refuse_many,
+    refuse_other_shapes,
     scene_noise,
+    shapes_of,
 )
 from neurosym_jax.models.histories import whole_history
 from neurosym_jax.models.place.mixture import Remembered
@@ -55,7 +57,7 @@ from neurosym_jax.scene import (
     scene_identity,
     to_world,
 )
-from neurosym_jax.symbolic.weighting import Weighting
+from neurosym_jax.symbolic.weighting import Weighting, checked_mask
 
 __all__ = [
     "Model",
@@ -526,7 +528,8 @@ def forecast(
     """k futures of one scene as a pure function, to differentiate by all but `config` and `valid`.
 
     It computes what `predict` does in the same coordinates, but nothing is padded,
-    checked, repaired (see `tracking_errors`) or moved to the host. Reverse mode only:
+    repaired (see `tracking_errors`) or moved to the host, and no values are checked: a
+    position that is NaN gives NaN. Reverse mode only:
     the gradient of pooling is written by hand (`models.sgan.network`). Symbols with a
     hard threshold have a gradient of zero by positions; the weightings `soft` and
     `quantised` (straight through) have another.
@@ -547,9 +550,12 @@ def forecast(
         [k, N, pred_len, 2] metres, in the frame of `observed`.
 
     Raises:
-        InputError: without the noise that the forecaster takes, and for another shape
-            than these, which is known when the function is traced.
+        InputError: without the noise that the forecaster takes, for another shape than
+            these, and for parameters of another network. All is known when the function
+            is traced.
     """
+    if isinstance(config, Model):
+        raise InputError("config is a Model: pass model.config, and model.params next")
     observed = jnp.asarray(observed)
     # A loop over steps keeps its type: that of the parameters.
     if not jnp.issubdtype(observed.dtype, jnp.floating) or observed.dtype.itemsize < 4:
@@ -557,7 +563,7 @@ def forecast(
     forecaster = forecaster_of(config)
     _refuse_shapes(forecaster, params, observed, noise, alpha, valid)
     last = observed[:, -1]
-    present = jnp.ones(last.shape[0], bool) if valid is None else jnp.asarray(valid)
+    present = checked_mask(valid, last.shape[0])
     # For precision only: a network sees differences of positions.
     share = present.astype(observed.dtype)
     origin = jax.lax.stop_gradient(share @ last / jnp.maximum(share.sum(), 1))
@@ -601,8 +607,7 @@ def _refuse_shapes(
             f"observed is {_text(shape)}, and the model takes [N, {steps}, 2]{hint}"
         )
     agents = shape[0]
-    if valid is not None and jnp.shape(valid) != (agents,):
-        raise InputError(f"valid is {_text(jnp.shape(valid))}, not [{agents}]")
+    checked_mask(valid, agents)
     if alpha is not None:
         _refuse_alpha(forecaster, jnp.shape(alpha), agents, steps)
 
@@ -610,16 +615,43 @@ def _refuse_shapes(
     axes = (agents, spec.dim) if spec.per_agent else (spec.dim,)
     if noise is None and spec.dim:
         raise InputError(f"noise: this forecaster needs one, [k, {_text(axes)[1:]}")
-    if noise is not None and spec.dim:
+    if noise is not None:
         noise_shape = jnp.shape(noise)
         if len(noise_shape) != len(axes) + 1 or noise_shape[1:] != axes:
-            expected = f"[k, {_text(axes)[1:]}"
+            expected = f"[k, {_text(axes)[1:]}" if spec.dim else "none"
             raise InputError(
                 f"noise is {_text(noise_shape)}, and the model takes {expected}"
             )
+    _refuse_params(forecaster, params)
+
+
+def _refuse_params(forecaster: Forecaster, params: Any) -> None:
+    """Refuse parameters of `forecast` of other names or shapes than `init` makes.
+
+    Raises:
+        InputError: naming the first of them.
+    """
+    shapes = forecaster.shapes()
+    if shapes is None:
+        return
+    if not isinstance(params, Mapping):
+        kind = type(params).__name__
+        raise InputError(f"params must be those of a model, dictionaries, not {kind}")
+    expected = shapes_of(shapes)
+    given = shapes_of(params)
     weighting = getattr(forecaster.config, "weighting", None)
-    if isinstance(weighting, Weighting) and isinstance(params, Mapping):
+    if isinstance(weighting, Weighting):
         weighting.refuse_parameters(params.get("weighting", {}))
+        # It has said what it takes, which may be more than it learns.
+        given, expected = (
+            {name: shape for name, shape in table.items() if not _of_weighting(name)}
+            for table in (given, expected)
+        )
+    refuse_other_shapes(given, expected, "params are those of another network")
+
+
+def _of_weighting(name: str) -> bool:
+    return name.startswith("weighting/")
 
 
 def _refuse_alpha(

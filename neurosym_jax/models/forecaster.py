@@ -50,6 +50,7 @@ __all__ = [
     "nested_parameters",
     "refuse_many",
     "refuse_misfit",
+    "refuse_other_shapes",
     "refuse_other_tree",
     "register_forecaster",
     "scene_noise",
@@ -121,7 +122,7 @@ def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
 
 def shapes_of(params: Any) -> dict[str, tuple[int, ...]]:
     """Shapes of the arrays [...] of nested dictionaries by path."""
-    return {name: leaf.shape for name, leaf in leaves_by_path(params)}
+    return {name: jnp.shape(leaf) for name, leaf in leaves_by_path(params)}
 
 
 def refuse_misfit(
@@ -132,20 +133,33 @@ def refuse_misfit(
     Raises:
         InputError: naming the first of them; `message` is what it says of misfits.
     """
+    refuse_other_shapes(shapes_of(arrays), expected, message)
+    infinite = [name for name, array in arrays.items() if not np.isfinite(array).all()]
+    if infinite:
+        raise InputError(f"parameters that are not finite: {_first_of(infinite)}")
+
+
+def refuse_other_shapes(
+    shapes: Mapping[str, Any], expected: Mapping[str, Any], message: str
+) -> None:
+    """Refuse shapes of arrays by name that are not those `expected`.
+
+    Raises:
+        InputError: naming the first of them, after `message`.
+    """
     misfits = [
-        f"{brief(name)} is {arrays[name].shape if name in arrays else 'missing'}, "
+        f"{brief(name)} is {shapes.get(name, 'missing')}, "
         f"not {expected.get(name, 'expected')}"
-        for name in {**expected, **arrays}
-        if name not in arrays or arrays[name].shape != expected.get(name)
+        for name in {**expected, **shapes}
+        if shapes.get(name) != expected.get(name)
     ]
-    if not misfits:
-        message = "parameters that are not finite"
-        misfits = [
-            name for name, array in arrays.items() if not np.isfinite(array).all()
-        ]
     if misfits:
-        rest = f" and {len(misfits) - 6} more" if len(misfits) > 6 else ""
-        raise InputError(f"{message}: {', '.join(misfits[:6])}{rest}")
+        raise InputError(f"{message}: {_first_of(misfits)}")
+
+
+def _first_of(names: list[str]) -> str:
+    rest = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    return f"{', '.join(names[:6])}{rest}"
 
 
 def leaves_by_path(params: Any) -> list[tuple[str, Any]]:

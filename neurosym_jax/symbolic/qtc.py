@@ -4,12 +4,13 @@ of tracks.
 
 import functools
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, Rule, refuse
@@ -32,6 +33,8 @@ __all__ = [
     "format_state",
     "observe",
     "other_pairs",
+    "refuse_known",
+    "refuse_other_pair",
     "side_factor",
     "state_index",
     "state_texts",
@@ -323,17 +326,12 @@ def observe(
     """
     refuse(Calculus, {"calculus": calculus})
     refuse(Distances, {"distances": distances})
-    if isinstance(quantisation_factor, int | float):  # Others may be traced.
-        refuse(NotNegative, {"quantisation_factor": quantisation_factor})
+    refuse_known(NotNegative, {"quantisation_factor": quantisation_factor})
     if isinstance(k, list | tuple):
         k = np.asarray(k)
     if isinstance(l, list | tuple):
         l = np.asarray(l)
-    k_shape = np.shape(k)
-    l_shape = np.shape(l)
-    if k_shape[-1:] != (2,) or k_shape[-2:] != l_shape[-2:]:
-        shapes = f"{list(k_shape)} and {list(l_shape)}"
-        raise InputError(f"positions must be [..., T, 2] of one length, not {shapes}")
+    refuse_other_pair(k, l)
     if calculus == "argd":
         symbols = [_distance_symbol(k, l, distances)]
     elif calculus == "mos":
@@ -344,6 +342,30 @@ def observe(
         symbols = _qtc_symbols(k, l, calculus, convention, factors, near)
     states = jnp.moveaxis(jnp.stack(symbols), (0, 1), (-1, -2))
     return jnp.where(absent_steps(k, l)[..., None], ABSENT, states)
+
+
+def refuse_known(hint: Any, values: Mapping[str, ArrayLike | None]) -> None:
+    """Refuse the least number of each array [...] that does not fit `hint`, unless it is traced.
+
+    Raises:
+        InputError: naming the first.
+    """
+    for name, value in values.items():
+        if value is not None and not isinstance(value, Tracer):
+            refuse(hint, {name: np.min(np.asarray(value))})
+
+
+def refuse_other_pair(k: ArrayLike, l: ArrayLike) -> None:
+    """Refuse what are not positions [..., T, 2] of a pair.
+
+    Raises:
+        InputError: with both shapes.
+    """
+    k_shape = np.shape(k)
+    l_shape = np.shape(l)
+    if k_shape[-1:] != (2,) or k_shape[-2:] != l_shape[-2:]:
+        shapes = f"{list(k_shape)} and {list(l_shape)}"
+        raise InputError(f"positions must be [..., T, 2] of one length, not {shapes}")
 
 
 def _qtc_symbols(
@@ -418,9 +440,10 @@ def side_factor(
     """The quantisation factor [] of q3 and q4, `side` or by convention.
 
     Raises:
-        InputError: for an unknown convention.
+        InputError: for an unknown convention, and a factor below 0 that is not traced.
     """
     refuse(Convention, {"convention": convention})
+    refuse_known(NotNegative, {"side_quantisation_factor": side})
     default = quantisation_factor if convention == "line" else 0.0
     return default if side is None else side
 

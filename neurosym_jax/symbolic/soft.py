@@ -23,12 +23,16 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
+from neurosym_jax.configuration import NotNegative, Positive
+from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.symbolic.qtc import (
     Convention,
     absent_steps,
     comparisons,
     observe,
+    refuse_known,
+    refuse_other_pair,
     side_factor,
 )
 
@@ -51,7 +55,14 @@ def soft_symbols(
     `temperature` is in metres per step, > 0. The probabilities are differentiable in
     every array. `straight_through` gives the hard symbols probability 1, with the
     gradients of the soft ones.
+
+    Raises:
+        InputError: for positions of other shapes, a factor below 0, and a temperature
+            that is not positive, where these are not traced.
     """
+    refuse_other_pair(k, l)
+    refuse_known(Positive, {"temperature": temperature})
+    refuse_known(NotNegative, {"quantisation_factor": quantisation_factor})
     side = side_factor(quantisation_factor, convention, side_quantisation_factor)
     thresholds = (quantisation_factor, quantisation_factor, side, side)
     symbols = []
@@ -96,8 +107,16 @@ def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Arra
     `table` has [81] weights by state code; None is `cnd`, which depends on the number
     of zeros alone. Its expectation is then built symbol by symbol, to the same bits in
     any shape.
+
+    Raises:
+        InputError: for arrays of other shapes, such as hard states.
     """
     probabilities = jnp.asarray(probabilities)
+    if probabilities.shape[-2:] != (4, 3):
+        shape = list(probabilities.shape)
+        raise InputError(f"probabilities must be [..., 4, 3] of symbols, not {shape}")
+    if table is not None and jnp.size(table) != 81:
+        raise InputError(f"table must be [81], not {list(jnp.shape(table))}")
     if table is None:
         present = (probabilities > 0).any(axis=(-1, -2))
         expected = _expected_by_zeros(probabilities[..., 1])

@@ -20,6 +20,7 @@ from neurosym_jax.configuration import (
     Whole,
     component,
     differences,
+    refuse,
 )
 from neurosym_jax.errors import InputError, brief
 from neurosym_jax.plugins import Registry
@@ -44,6 +45,7 @@ __all__ = [
     "Soft",
     "Weighting",
     "Zeros",
+    "checked_mask",
     "initial_parameters",
     "is_constant",
     "make_weighting",
@@ -152,17 +154,16 @@ class Weighting(Checked, abc.ABC):
             [N, N, T]; (i, j) is how much j matters to i.
 
         Raises:
-            InputError: for other shapes, and parameters of other names than `start()`
-                has; both are known when the function is traced.
+            InputError: for other shapes, a mask that is not bool, and parameters of
+                other names than `start()` has; all are known when the function is
+                traced.
         """
         positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
         if positions.ndim != 3 or positions.shape[2] != 2:
             raise InputError(f"positions are {list(positions.shape)}, not [N, T, 2]")
         self.refuse_parameters(parameters)
         agents = positions.shape[0]
-        present = jnp.ones(agents, bool) if valid is None else jnp.asarray(valid)
-        if present.shape != (agents,):
-            raise InputError(f"valid is {list(present.shape)}, not [{agents}]")
+        present = checked_mask(valid, agents)
         missing = jnp.isnan(positions).any(axis=-1)
         filled = jnp.where(missing[..., None], 0, positions)
         alpha = jnp.asarray(self.weigh(parameters, filled, present, period))
@@ -184,6 +185,23 @@ class Weighting(Checked, abc.ABC):
     def name(self) -> str:
         """Its title and the options that differ from their defaults: `soft,temperature=0.1`."""
         return ",".join([self.title, *differences(self)])
+
+
+def checked_mask(valid: ArrayLike | None, agents: Any) -> Array:
+    """`valid` [N] as an array; None is no padding.
+
+    Raises:
+        InputError: for another shape or type, which is known when it is traced.
+    """
+    if valid is None:
+        return jnp.ones(agents, bool)
+    mask = jnp.asarray(valid)
+    if mask.shape != (agents,):
+        raise InputError(f"valid is {list(mask.shape)}, not [{agents}]")
+    # `~` of numbers is another number, which counts as true.
+    if mask.dtype != bool:
+        raise InputError(f"valid must be bool [{agents}], not {mask.dtype}")
+    return mask
 
 
 def initial_parameters(weighting: Weighting | None) -> dict[str, np.ndarray]:
@@ -532,7 +550,11 @@ def make_weighting(
 
     `weighting` is an instance, or text such as `soft,temperature=0.1`; `parameters` are
     trained ones, by default the initial ones; `period` is in seconds.
+
+    Raises:
+        InputError: for an unknown name or option, and a period that is not positive.
     """
+    refuse(Positive, {"period": period})
     is_text = isinstance(weighting, str)
     chosen = component(weighting, WEIGHTINGS, "weighting") if is_text else weighting
     values = initial_parameters(chosen) if parameters is None else parameters

@@ -6,6 +6,7 @@ Each becomes the method of a subclass, as a plugin would write it: a loss overri
 
 import dataclasses
 import functools
+import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,7 +18,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models.forecaster import FORECASTERS, Forecaster
 from neurosym_jax.scene import Scene
 from neurosym_jax.training.recipe import Recipe
-from neurosym_jax.training.state import batch_samples
+from neurosym_jax.training.state import batch_samples, call_own
 
 __all__ = ["Custom", "SceneLoss", "make_custom"]
 
@@ -88,15 +89,39 @@ def make_custom(
     Raises:
         InputError: naming the argument that is no function or optimiser.
     """
-    if loss is not None and not callable(loss):
+    if loss is not None and not _takes(loss, "forecast", "scene"):
         raise InputError("loss: must be a function (forecast, scene) -> [] loss")
-    if optimizer is not None and not hasattr(optimizer, "update"):
+    if optimizer is not None and not _is_optimizer(optimizer):
         raise InputError("optimizer: must be one of optax, such as optax.adamw(1e-3)")
+    if not isinstance(schedule, Mapping | None):
+        raise InputError(
+            "schedule: must be a dictionary of functions of the step by dotted path"
+        )
     schedules = dict(schedule or {})
     for path, value in schedules.items():
-        if not callable(value):
+        if not _takes(value, "step"):
             raise InputError(f"schedule of {path}: must be a function of the step")
     return Custom(loss, optimizer, tuple(schedules.items()))
+
+
+def _takes(function: Any, *names: str) -> bool:
+    """Whether a function can be called with so many arguments, as far as can be told."""
+    try:
+        signature = inspect.signature(function)
+    except TypeError:
+        return False
+    except ValueError:  # Of some that are written in C.
+        return True
+    try:
+        signature.bind(*names)
+    except TypeError:
+        return False
+    return True
+
+
+def _is_optimizer(optimizer: Any) -> bool:
+    methods = [getattr(optimizer, name, None) for name in ("init", "update")]
+    return not isinstance(optimizer, type) and all(map(callable, methods))
 
 
 def scene_losses(
@@ -116,15 +141,25 @@ def scene_losses(
     scenes_with_people = jnp.zeros(())
     groups = forecaster.groups_of(batch)
     for scenes, futures in batch_samples(forecaster, params, groups, key, recipe):
-        values = jax.vmap(loss, in_axes=(1, 0))(futures, scenes)
+        mapped = jax.vmap(loss, in_axes=(1, 0))
+        values = call_own("loss", mapped, futures, scenes)
         occupied = scenes.valid.any(axis=1)
-        if jnp.shape(values) != occupied.shape:
-            shape = list(jnp.shape(values)[1:])
-            raise InputError(f"loss: must return one number for a scene, not {shape}")
+        _refuse_other_values(values, occupied.shape)
         # Selected before the sum and its gradient: an empty scene may give NaN.
         total += jnp.where(occupied, values, 0).sum()
         scenes_with_people += occupied.sum(dtype=total.dtype)
     return total / scenes_with_people, {}
+
+
+def _refuse_other_values(values: Any, shape: tuple[int, ...]) -> None:
+    """Refuse a loss that did not return one real number for each of `shape` scenes."""
+    message = "loss: must return one number for a scene, not"
+    if not isinstance(values, Array):
+        raise InputError(f"{message} {type(values).__name__}")
+    if values.shape != shape:
+        raise InputError(f"{message} {list(values.shape[1:])}")
+    if not jnp.issubdtype(values.dtype, jnp.floating):
+        raise InputError(f"{message} {values.dtype}, which has no gradient")
 
 
 # Cached, because equal classes share compiled programs.

@@ -5,6 +5,7 @@ disk.
 import contextlib
 import dataclasses
 import errno
+import functools
 import json
 import os
 import shutil
@@ -18,8 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jax import Array
+from jax.core import Tracer
 
-from neurosym_jax.errors import InputError, TrainingError, printable
+from neurosym_jax.errors import InputError, TrainingError, line_of, printable
 from neurosym_jax.runtime.files import (
     folder_digest,
     new_folder,
@@ -70,10 +72,20 @@ class TrainState(NamedTuple):
 
 
 def new_state(recipe: Recipe, params: Any, extra: Any = ()) -> TrainState:
-    """The state before the first step."""
+    """The state before the first step.
+
+    Raises:
+        InputError: for an optimiser whose state cannot be saved.
+    """
     # A copy: the loop donates the state's buffers, each of them once.
     average = jax.tree.map(jnp.copy, params) if recipe.ema else ()
     optimizer = _optimizer(recipe).init(params)
+    for leaf in jax.tree.leaves(optimizer):
+        if jnp.issubdtype(jnp.result_type(leaf), jax.dtypes.prng_key):
+            raise InputError(
+                "optimizer: its state has a key of jax.random.key, which a run cannot "
+                "save: give it one of jax.random.PRNGKey"
+            )
     return TrainState(jnp.zeros((), jnp.int32), params, optimizer, average, extra)
 
 
@@ -86,22 +98,18 @@ def update(
 ) -> TrainState:
     """The state after clipping the gradient and one step of the forecaster's optimiser.
 
-    Modules that the recipe freezes have no gradient, and neither have scheduled
-    parameters, which get their values of the next step. `scale` may change the step.
+    Modules that the recipe freezes do not move, and neither do scheduled parameters,
+    which get their values of the next step. `scale` may change the step.
     `value` [] is the loss, which some optimisers use. The average has `ema` for its
     decay; early, it is over the last tenth of the steps.
     """
-    if recipe.freeze or recipe.scheduled():
-        gradient = jax.tree_util.tree_map_with_path(
-            lambda path, leaf: (
-                jnp.zeros_like(leaf) if is_frozen(recipe, path) else leaf
-            ),
-            gradient,
-        )
+    gradient = _without_frozen(recipe, gradient)
     moves, optimizer = optimizer_step(
         _optimizer(recipe), gradient, state.optimizer, state.params, value
     )
-    params: Any = optax.apply_updates(state.params, scale(moves))
+    # Some optimisers move without a gradient, as by weight decay.
+    moves = _without_frozen(recipe, scale(moves))
+    params: Any = optax.apply_updates(state.params, moves)
     params = with_schedule(recipe, params, state.step + 1)
     average = state.average
     if recipe.ema:
@@ -136,6 +144,16 @@ def optimizer_step(
         return extra.update(gradient, state, params, value=value)
 
 
+def _without_frozen(recipe: Recipe, tree: Any) -> Any:
+    """A tree like the parameters, zero where they do not learn."""
+    if not recipe.freeze and not recipe.scheduled():
+        return tree
+    return jax.tree_util.tree_map_with_path(
+        lambda path, leaf: jnp.zeros_like(leaf) if is_frozen(recipe, path) else leaf,
+        tree,
+    )
+
+
 def is_frozen(recipe: Recipe, path: tuple[Any, ...]) -> bool:
     """Whether a leaf of the parameters does not learn: it is frozen, or scheduled."""
     keys = [getattr(entry, "key", None) for entry in path]
@@ -160,13 +178,20 @@ def with_schedule(recipe: Recipe, params: Any, step: Array | int) -> Any:
         if name not in schedule:
             return leaf
         missing.discard(name)
-        value = jnp.asarray(schedule[name](step), leaf.dtype)
-        if value.shape not in ((), leaf.shape):
+        value = call_own(f"schedule of {name}", schedule[name], step)
+        if not isinstance(value, Array | np.ndarray | np.number | int | float):
             raise InputError(
-                f"schedule of {name}: returns {list(value.shape)}, "
+                f"schedule of {name}: must return numbers, not {type(value).__name__}"
+            )
+        if jnp.shape(value) not in ((), leaf.shape):
+            raise InputError(
+                f"schedule of {name}: returns {list(jnp.shape(value))}, "
                 f"and the parameter is {list(leaf.shape)}"
             )
-        return jnp.broadcast_to(value, leaf.shape)
+        known = not isinstance(value, Tracer)
+        if known and not np.isfinite(value).all():
+            raise InputError(f"schedule of {name}: is {value} at step {step}")
+        return jnp.broadcast_to(jnp.asarray(value, leaf.dtype), leaf.shape)
 
     params = jax.tree_util.tree_map_with_path(scheduled, params)
     if missing:
@@ -181,6 +206,38 @@ def with_schedule(recipe: Recipe, params: Any, step: Array | int) -> Any:
             f"there are: {', '.join(names[:8])}"
         )
     return params
+
+
+UNTRACEABLE = (
+    jax.errors.ConcretizationTypeError,
+    jax.errors.NonConcreteBooleanIndexError,
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerIntegerConversionError,
+)
+"""What JAX raises where code needs the value of a number that is only traced."""
+
+
+def call_own(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """`function(*arguments)` of a caller, who gave it as `name`, while it is traced.
+
+    Raises:
+        InputError: with the line that failed, and why.
+    """
+    try:
+        return function(*arguments)
+    except InputError:
+        raise
+    except UNTRACEABLE as error:
+        raise InputError(
+            f"{name}: {line_of(error)} cannot be traced by JAX: use functions of "
+            "jax.numpy for Python's and numpy's, and jnp.where for if"
+        ) from error
+    except Exception as error:
+        where = line_of(error)
+        # Of an installed optimiser no line is the caller's.
+        where = "" if where.startswith(__file__) else f"{where}: "
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{name}: {where}{reason}") from error
 
 
 def clipping(recipe: Recipe) -> optax.GradientTransformation:
@@ -208,13 +265,33 @@ def warmup_of(recipe: Any) -> int:
 def _optimizer(recipe: Recipe) -> optax.GradientTransformation:
     own = recipe.optimizer()
     if own is not None:
-        return optax.chain(clipping(recipe), own)
+        return optax.chain(clipping(recipe), _heard(own))
     rate: optax.ScalarOrSchedule = recipe.learning_rate
     if recipe.schedule == "cosine":
         rate = optax.warmup_cosine_decay_schedule(
             0.0, recipe.learning_rate, warmup_of(recipe), max(recipe.steps, 1)
         )
     return optax.chain(clipping(recipe), optax.adam(rate))
+
+
+def _heard(own: Any) -> optax.GradientTransformationExtraArgs:
+    """A caller's optimiser, of which each misfit is one line."""
+    own = call_own("optimizer", optax.with_extra_args_support, own)
+
+    def init(params: Any) -> Any:
+        return call_own("optimizer", own.init, params)
+
+    def update(updates: Any, state: Any, params: Any = None, **extra: Any) -> Any:
+        step = functools.partial(own.update, **extra)
+        made = call_own("optimizer", step, updates, state, params)
+        if not isinstance(made, tuple) or len(made) != 2:
+            raise InputError("optimizer: update must return moves and a state")
+        moves, _ = made
+        if jax.tree.map(jnp.shape, moves) != jax.tree.map(jnp.shape, updates):
+            raise InputError("optimizer: update must return moves of all parameters")
+        return made
+
+    return optax.GradientTransformationExtraArgs(init, update)
 
 
 # One step of training by the gradient of a family's loss, and the loss of a family

@@ -7,8 +7,19 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic import Cnd, Learned, Quantised, Soft, initial_parameters
-from tests.models.test_strict import CONFIGS, WALKS
+from neurosym_jax.models.forecaster import leaves_by_path, nested_parameters
+from neurosym_jax.symbolic import (
+    Cnd,
+    Learned,
+    Quantised,
+    Soft,
+    initial_parameters,
+    make_weighting,
+    observe,
+    soft_alpha,
+    soft_symbols,
+)
+from tests.models.test_strict import CONFIGS, WALKS, noise_of
 from tests.networks import random_model
 
 NOISE = np.ones((3, 2), np.float32)
@@ -32,6 +43,9 @@ NOISE = np.ones((3, 2), np.float32)
         ("SGAN", {"noise": NOISE[:, :1]}, r"noise is \[3, 1\], and .* \[k, 2\]"),
         ("SGAN", {"noise": None}, r"this forecaster needs one, \[k, 2\]"),
         ("SGAN", {"valid": np.ones(4, bool)}, r"valid is \[4\], not \[3\]"),
+        ("SGAN", {"valid": np.ones(3)}, r"valid must be bool \[3\], not float"),
+        ("SGAN", {"valid": np.ones(3, int)}, r"valid must be bool \[3\], not int"),
+        ("anchors", {}, r"noise is \[3, 2\], and the model takes none"),
         ("SGAN", {"alpha": np.ones((3, 3, 4))}, "alpha: SGAN weights no pairs"),
         ("NeuroSyM", {"alpha": np.ones((3, 3))}, r"alpha is \[3, 3\], .*\[3, 3, 4\]"),
     ],
@@ -41,6 +55,27 @@ def test_other_shapes(name, change, message):
     arguments = {"observed": WALKS, "noise": NOISE, **change}
     with pytest.raises(InputError, match=message):
         jax.eval_shape(lambda: nj.forecast(model.config, model.params, **arguments))
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_parameters_of_another_network(name):
+    model = random_model(CONFIGS[name])
+    noise = noise_of(model)
+    flat = dict(leaves_by_path(model.params))
+    last = [path for path in flat if not path.startswith("weighting")][-1]
+    wider = nested_parameters({**flat, last: flat[last][..., None]})
+    fewer = nested_parameters({path: flat[path] for path in flat if path != last})
+    more = {**model.params, "wieghting": np.ones(81)}
+    for params, message in [
+        (wider, f"network: '{last}' is .*, 1\\), not "),
+        (fewer, f"network: '{last}' is missing, not "),
+        (more, r"network: 'wieghting' is \(81,\), not expected"),
+        (list(flat.values()), "params must be those of a model.*, not list"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            nj.forecast(model.config, params, WALKS, noise)
+    with pytest.raises(InputError, match="config is a Model"):
+        nj.forecast(model, model.params, WALKS, noise)
 
 
 def test_whole_numbers_are_positions():
@@ -71,6 +106,51 @@ def test_whole_numbers_are_positions():
 def test_other_parameters_of_a_weighting(weighting, parameters, message):
     with pytest.raises(InputError, match=message):
         weighting.alpha(parameters, WALKS)
+
+
+POINTS = WALKS[0]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: soft_symbols(POINTS, POINTS, temperature=0),
+            "temperature must be positive, not 0",
+        ),
+        (
+            lambda: soft_symbols(POINTS, POINTS, temperature=jnp.float32(-1)),
+            "temperature must be positive, not -1",
+        ),
+        (
+            lambda: soft_symbols(
+                POINTS, POINTS, temperature=0.1, side_quantisation_factor=-1
+            ),
+            "side_quantisation_factor must be at least 0",
+        ),
+        (
+            lambda: soft_symbols(POINTS.T, POINTS.T, temperature=0.1),
+            r"positions must be \[..., T, 2\] of one length, not \[2, 4\]",
+        ),
+        (
+            lambda: soft_alpha(observe(POINTS, POINTS)),
+            r"probabilities must be \[..., 4, 3\] of symbols, not \[3, 4\]",
+        ),
+        (lambda: soft_alpha(np.ones((3, 4, 3)), np.ones(80)), r"not \[80\]"),
+        (
+            lambda: observe(POINTS, POINTS, quantisation_factor=np.float32(-1)),
+            "quantisation_factor must be at least 0",
+        ),
+        (lambda: make_weighting("soft", period=0), "period must be positive, not 0"),
+        (
+            lambda: make_weighting("cnd")(WALKS, np.ones(3)),
+            r"valid must be bool \[3\], not float32",
+        ),
+    ],
+)
+def test_other_arguments_of_symbols(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
 
 
 @pytest.mark.parametrize("weighting", [Soft(), Quantised()])

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
@@ -15,6 +16,7 @@ from neurosym_jax.models.anchors.network import AnchorTableConfig
 from neurosym_jax.models.forecaster import FORECASTERS, forecaster_of
 from neurosym_jax.training.custom import make_custom
 from neurosym_jax.training.run import known_configs
+from neurosym_jax.training.state import new_state, update
 from tests.training.conftest import GENERATOR, RECIPE, random_walks
 
 TRAINING, VALIDATION = random_walks([4] * 8), random_walks([2, 3, 4, 3], seed=9)
@@ -84,6 +86,10 @@ def test_a_family_without_rounds_of_its_own_takes_a_loss(tmp_path):
         ({"loss": 3}, "loss: must be a function"),
         ({"optimizer": 0.1}, "optimizer: must be one of optax"),
         ({"schedule": {"weighting.speed": 0.1}}, "must be a function of the step"),
+        ({"schedule": {"factor": lambda step, rate: 0}}, "must be a function of the"),
+        ({"schedule": "factor"}, "schedule: must be a dictionary of functions"),
+        ({"loss": lambda forecast: 0.0}, "loss: must be a function"),
+        ({"optimizer": optax.adam}, "optimizer: must be one of optax"),
     ],
 )
 def test_what_is_none_is_refused(options, message):
@@ -125,6 +131,72 @@ def test_what_would_not_be_used_is_refused(tmp_path, recipe, options, message):
             quiet=True,
             **options,
         )
+
+
+TABLE = AnchorTableConfig(obs_len=4, pred_len=3, samples=3)
+TABLE_RECIPE = nj.AnchorRecipe(steps=1, batch_scenes=4, validate_every=1, ema=0.0)
+
+
+def branches(forecast, scene):
+    """A loss that JAX cannot trace."""
+    return forecast.mean() if forecast.mean() > 0 else -forecast.mean()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"loss": lambda f, scene: None}, "one number for a scene, not NoneType"),
+        ({"loss": lambda f, scene: (f.mean(), {})}, "for a scene, not tuple"),
+        ({"loss": lambda f, scene: f.mean(axis=(1, 2, 3))}, r"a scene, not \[3\]"),
+        ({"loss": lambda f, scene: f.argmax()}, "not int32, which has no gradient"),
+        ({"loss": branches}, r"loss: .*custom.py:\d+: .*forecast.mean.* be traced"),
+        ({"loss": lambda scene, f: scene.future}, "loss: .*custom.py.*AttributeError"),
+        (
+            {"schedule": {"params.moving": lambda step: None}},
+            "schedule of params.moving: must return numbers, not NoneType",
+        ),
+        (
+            {"schedule": {"params.moving": lambda step: jnp.nan}},
+            "schedule of params.moving: is nan at step 0",
+        ),
+        (
+            {"schedule": {"params.moving": lambda step: np.ones(9)[step]}},
+            r"schedule of params.moving: .*custom.py:\d+: .* be traced by JAX",
+        ),
+        ({"optimizer": optax.contrib.sophia(0.1)}, "^optimizer: ValueError: obj_fn"),
+        (
+            {"optimizer": optax.stateless(lambda gradient, params: {})},
+            "optimizer: update must return moves of all parameters",
+        ),
+        (
+            {"optimizer": optax.GradientTransformation(dict, lambda g, s, p: g)},
+            "optimizer: update must return moves and a state",
+        ),
+        (
+            {"optimizer": optax.add_noise(0.1, 0.0, key=jax.random.key(0))},
+            "optimizer: its state has a key of jax.random.key",
+        ),
+    ],
+)
+def test_own_code_that_fails_is_one_line_that_names_it(tmp_path, options, message):
+    with pytest.raises(InputError, match=message) as caught:
+        nj.train(
+            TRAINING, VALIDATION, tmp_path, config=TABLE, recipe=TABLE_RECIPE,
+            quiet=True, **options,
+        )  # fmt: skip
+    assert "\n" not in str(caught.value)
+
+
+def test_neither_frozen_nor_scheduled_parameters_decay():
+    decaying = optax.adamw(0.1, weight_decay=0.5)
+    custom = make_custom(None, decaying, {"given": lambda step: 1 + step})
+    changes = {"freeze": ("frozen",), "clip_norm": 0.0}
+    recipe = custom.recipe(dataclasses.replace(TABLE_RECIPE, **changes))
+    params = {name: jnp.ones(2) for name in ("free", "frozen", "given")}
+    gradient = jax.tree.map(jnp.zeros_like, params)
+    state = update(recipe, new_state(recipe, params), gradient)
+    after = {name: float(state.params[name][0]) for name in params}
+    assert after == {"free": pytest.approx(0.95), "frozen": 1.0, "given": 2.0}
 
 
 @dataclasses.dataclass(frozen=True)
