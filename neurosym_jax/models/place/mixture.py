@@ -92,7 +92,7 @@ class Remembered(NamedTuple):
 def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
     """The input of `Forecaster.distribution` for N people.
 
-    Of more than `DRAWN` ways the most probable are kept, and the rest is the network's.
+    Of more than `DRAWN` ways the most probable are kept, with the probability of all.
 
     Args:
         recall: of these people.
@@ -100,7 +100,9 @@ def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
         last: [N, 2] last positions in the frame of the scene.
     """
     share = jnp.einsum("nk,nku->nu", shares[:, 1:], recall.weight)
+    total = share.sum(axis=1, keepdims=True)
     share, kept = jax.lax.top_k(share, min(DRAWN, share.shape[1]))
+    share *= total / jnp.maximum(share.sum(axis=1, keepdims=True), 1e-9)
     future = jnp.take_along_axis(recall.onward, kept[..., None, None], axis=1)
     mean_part = recall.mean_part[kept]
     # The mean of the network's points begins at the last position itself.
