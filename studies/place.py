@@ -213,7 +213,26 @@ def page(table: pl.DataFrame) -> str:
                     f"{words}, {column}: {values.mean():+.1f} ± {half:.1f} % "
                     f"({len(values)})"
                 )
+    worst = unseen.sort("late")["place"][-1]
+    lines.append(_second_half(worst, table.filter(pl.col("place") == worst)))
     return "\n".join(lines)
+
+
+def _second_half(place: str, table: pl.DataFrame) -> str:
+    """The change of one recording's second half, with the interval of a ratio over its minutes."""
+    late = table.filter(pl.col("minute") >= table["minute"].max() / 2)
+    minute = pl.col("minute").floor()
+    minutes = late.group_by(minute).agg(pl.col("people", "network", "used").sum())
+    network, used = minutes["network"].to_numpy(), minutes["used"].to_numpy()
+    ratio = used.sum() / network.sum()
+    # Of residuals, as W. Cochran does, Sampling Techniques, 1977, section 6.4.
+    residual = (used - ratio * network) * len(network) / network.sum()
+    half = student_half(residual.tolist())
+    people = late["people"].sum()
+    return (
+        f"{place}, late: {100 * (ratio - 1):+.1f} ± {100 * half:.1f} % "
+        f"({people:.0f} forecasts, {len(network)} minutes)"
+    )
 
 
 def _mark(place: str) -> str:
