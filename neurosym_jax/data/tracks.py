@@ -157,7 +157,8 @@ def make_tracks(
     _refuse_values(file, row, "id", ids, is_usable)
     ids = ids.astype(np.int64)
     tracks = Tracks(recording, times, ids, points, others, reading=reading, names=names)
-    return tracks.take(_order(file, times, ids, row, names))
+    unused = reading.unused if reading else ()
+    return tracks.take(_order(file, times, ids, row, names, unused))
 
 
 def _refuse_shapes(file: str, arrays: Mapping[str, np.ndarray]) -> None:
@@ -195,8 +196,9 @@ def _order(
     id: np.ndarray,
     row: Any = None,
     names: Sequence[str] = (),
+    unused: Sequence[str] = (),
 ) -> np.ndarray:
-    """[R] indices that sort the rows by (id, stamp)."""
+    """[R] indices that sort the rows by (id, stamp); messages name `unused` columns of the file."""
     order = np.lexsort((stamp, id))
     same_agent = np.diff(id[order]) == 0
     same_stamp = np.diff(stamp[order]) == 0
@@ -205,9 +207,12 @@ def _order(
         at = repeats[0]
         line = at if row is None else row[at]
         person = names[int(id[at])][:40] if names else id[at]
-        raise InputError(
-            f"{file}: row {line}: repeats agent {person} at {stamp[at]:.12g} s"
-        )
+        message = f"{file}: row {line}: repeats agent {person} at {stamp[at]:.12g} s"
+        if unused:
+            recordings = option("columns", (f"recording={unused[0]}",))
+            columns = ", ".join(unused[:4])
+            message += f" (unused columns: {columns}; {recordings}, if one tells recordings apart)"
+        raise InputError(message)
     return order
 
 

@@ -1,6 +1,8 @@
 """The track table: what it refuses, and what resampling may and may not invent."""
 
+import ast
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.data.clock import on_grid, resample
+from neurosym_jax.data.recordings import read_any
+from neurosym_jax.data.tables import ReadOptions
 from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks
 from neurosym_jax.errors import InputError
 
@@ -200,3 +204,17 @@ def test_ids_may_be_texts_in_any_array():
         assert tracks.ids_as_given(slice(1, 3)).tolist() == ["anna", "ben"]
     with pytest.raises(InputError, match="repeats agent ben at 0 s"):
         make_tracks("hall", [0, 0, 0, 1], ids, position)
+
+
+def test_a_column_that_may_tell_recordings_apart_is_named(tmp_path):
+    rows = ["batch,t,id,x,y"]
+    for clip in (1, 2):
+        rows += [f"{clip},{0.4 * t},7,{0.5 * t},{clip}" for t in range(9)]
+    path = tmp_path / "clips.csv"
+    path.write_text("\n".join(rows))
+    with pytest.raises(InputError, match="row 11: repeats agent 7") as refused:
+        read_any(path)
+    columns = re.search(r"columns=(\(.*?\))", str(refused.value))
+    assert columns, refused.value
+    first, second = read_any(path, ReadOptions(columns=ast.literal_eval(columns[1])))
+    assert (first.recording, second.recording) == ("clips_1", "clips_2")
