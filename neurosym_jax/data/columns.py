@@ -923,7 +923,9 @@ def _seconds(
     return table, stamp
 
 
-_CLOCK = r"^(?:(\d+) days? |(.*\d) )?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)$"
+_CLOCK = (
+    r"^(?:(\d+) days? |(.*\d) )?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?: ?([AaPp])[Mm])?$"
+)
 DATE = "as 2024-05-01 12:30:00.4, or 12:30:00.4"
 DAYS = ("%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y")
 DAY, NIGHT = 86_400.0, 72_000.0  # seconds
@@ -941,10 +943,14 @@ def _moments(table: Table, texts: pl.Series) -> np.ndarray:
         return moments.dt.timestamp("us").to_numpy() / 1e6
     parts = texts.str.replace(",", ".").str.extract_groups(_CLOCK).struct.unnest()
     table.refuse(parts.to_series(2).is_null().to_numpy(), wrong)
-    days, date, *clock = parts.get_columns()
+    days, date, *clock, half = parts.get_columns()
     counts = [
         part.cast(pl.Float64).fill_null(0.0).to_numpy() for part in (days, *clock)
     ]
+    if half.null_count() < len(half):  # Twelve hours before noon and twelve after.
+        table.refuse(half.is_null().to_numpy(), wrong)
+        is_afternoon = half.str.to_lowercase().to_numpy() == "p"
+        counts[1] = counts[1] % 12 + 12 * is_afternoon
     stamp = np.array([DAY, 3600.0, 60.0, 1.0]) @ counts
     if date.null_count() == 0:
         return stamp + DAY * _days(table, date)

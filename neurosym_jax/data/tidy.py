@@ -25,6 +25,8 @@ _WIDE = re.compile(r"(.*?)([ _.-]?)(\d+)([ _.-]?)(.*)")
 _NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan)"
 POINT = rf"^(?:POINT ?Z? ?)?[\[(] *{_NUMBER}[ ,;]+{_NUMBER}(?:[ ,;]+{_NUMBER})? *[\])]$"
 """A point in a cell: `(x, y)`, `[x y]`, and `POINT (x y)` of WKT."""
+QUANTITY = rf"^{_NUMBER} ?([A-Za-zµ]+)$"
+"""A number with its unit in a cell: `0.4 sec`."""
 HEAD = 100
 """Rows of which one has a point where a column has points."""
 FEW = 0.1
@@ -39,6 +41,7 @@ DIGITS = {"ns": 9, "us": 6, "ms": 3}
 def tidy(table: Table) -> Table:
     """The table with a row for each person and moment, and columns of names, if it says how."""
     steps: tuple[Callable[[Table], Table], ...] = (
+        _with_units_of_cells,
         _with_points_of_cells,
         _with_dates,
         _with_whole_times,
@@ -64,6 +67,29 @@ def axes_of(x: np.ndarray, y: np.ndarray) -> tuple[str, str]:
     if (high - low).max() > PEOPLE_SPAN:
         return "x", "y"
     return "longitude", "latitude"
+
+
+def _with_units_of_cells(table: Table) -> Table:
+    """The table with numbers in columns whose cells have a unit, all the same: it joins the name."""
+    for at, name in enumerate(table.names):
+        texts = table.column(at)
+        if role_of(name) in ("", "id", "label"):
+            continue
+        if not texts.head(HEAD).str.contains(QUANTITY).any():
+            continue
+        is_missing = absent(texts)
+        parts = texts.str.extract_groups(QUANTITY).struct.unnest()
+        number, unit = parts.get_columns()
+        units = unit.filter(~is_missing).unique().to_list()
+        if len(units) != 1 or units[0] is None:
+            continue
+        named = f"{name} [{units[0]}]"
+        known = plain_name(named)[1]
+        if known and plain_name(name)[1] in ("", known):
+            others = {at: f"{name} (with its unit)"}
+            number = number.set(is_missing, "")
+            table = _renamed(table, others).with_column(named, number)
+    return table
 
 
 def _with_points_of_cells(table: Table) -> Table:

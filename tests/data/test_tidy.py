@@ -1,6 +1,7 @@
 """One recording in tables of other shapes, and as GeoJSON: the same tracks from each."""
 
 import csv
+import datetime
 import json
 
 import numpy as np
@@ -50,6 +51,50 @@ def is_walk(tracks):
     steps = np.diff(np.unique(tracks.stamp))
     same = np.allclose(walk - walk[0, 0], WALK - WALK[0, 0], atol=2e-3)
     return same and np.allclose(steps, PERIOD, atol=1e-5)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [(" sec", 1), ("s", 1), (" ms", 1000)])
+@pytest.mark.parametrize(("metre", "size"), [("", 1), (" m", 1), ("cm", 100)])
+def test_units_in_cells(tmp_path, unit, scale, metre, size):
+    """As MATLAB writes durations. A letter of an id is no unit."""
+    lines = []
+    for t, who, x, y in rows():
+        places = [f"{size * value:.4f}{metre}" for value in (x, y)]
+        lines.append((f"{scale * PERIOD * t:.6g}{unit}", f"{who} m", *places))
+    path = written(tmp_path / "a.csv", ["time", "id", "x", "y"], lines)
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+    assert set(tracks.names) == {"0 m", "1 m", "2 m"}
+
+
+def test_cells_of_two_units_are_refused(tmp_path):
+    lines = [
+        (f"{PERIOD * t:.1f} {'s' if t else 'ms'}", who, x, y) for t, who, x, y in rows()
+    ]
+    path = written(tmp_path / "a.csv", ["time", "id", "x", "y"], lines)
+    with pytest.raises(InputError, match=r"row 2: time is not a number: '0\.0 ms'"):
+        read_any(path)
+    lines = [(f"{PERIOD * t:.1f} sec", who, x, y) for t, who, x, y in rows()]
+    path = written(tmp_path / "b.csv", ["time [ms]", "id", "x", "y"], lines)
+    with pytest.raises(InputError, match=r"is not a number: '0\.0 sec'"):
+        read_any(path)
+
+
+@pytest.mark.parametrize("start", ["11:59:57", "23:59:57", "00:59:57", "12:59:57"])
+@pytest.mark.parametrize("date", ["", "%m/%d/%Y "])
+@pytest.mark.parametrize("half", [" %p", "%p"])
+def test_twelve_hours_of_a_clock(tmp_path, start, date, half):
+    moment = datetime.datetime.fromisoformat(f"2024-05-21 {start}")
+    lines = []
+    for t, who, x, y in rows():
+        now = moment + datetime.timedelta(seconds=PERIOD * t)
+        text = now.strftime(f"{date}%I:%M:%S.{now.microsecond // 1000:03d}{half}")
+        lines.append((text, who, x, y))
+    path = written(tmp_path / "a.csv", ["time", "id", "x", "y"], lines)
+    (tracks,) = read_any(path)
+    assert is_walk(tracks)
+    seconds = 3600 * moment.hour + 60 * moment.minute + moment.second
+    assert tracks.stamp.min() % 86_400 == pytest.approx(seconds)
 
 
 @pytest.mark.parametrize(
