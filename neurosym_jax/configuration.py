@@ -102,12 +102,20 @@ def refuse(hint: Any, values: Mapping[str, Any], optional: bool = False) -> None
         InputError: naming the first, by its key.
     """
     for name, value in values.items():
-        plain = value.item() if hasattr(value, "item") else value
+        plain = _plain(value)
         if optional and plain is None:
             continue
         demand = _misfit(plain, hint)
         if demand:
             raise InputError(f"{name} must {demand}, not {brief(plain)}")
+
+
+def _plain(value: Any) -> Any:
+    """The number of an array []; anything else as it is, such as a random key."""
+    try:
+        return value.item()
+    except (AttributeError, NotImplementedError, TypeError, ValueError):
+        return value
 
 
 def to_json(config: Any, table: Registry[Any] | None = None) -> dict[str, Any]:

@@ -3,10 +3,10 @@ of scenes.
 """
 
 import dataclasses
+import functools
 import hashlib
 import itertools
 import json
-import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -202,6 +202,7 @@ class SceneForecaster:
         self.forecaster = forecaster
         self.samples = forecaster.count(samples)
         refuse_many(forecaster, self.samples, 1)
+        _refuse_params(forecaster, params)
         self.repair = repair
         self.params = jax.device_put(params)
         self.key = key_numbers(seed)
@@ -253,11 +254,14 @@ def forecast_scene(
     at the reported positions all the same. One that `repairs` tracks itself sees them
     as they are.
     """
+    agents = scene.valid.shape[0]
     if not repair or forecaster.repairs:
-        return forecaster.representatives(params, scene, noise)
+        samples, probability = forecaster.representatives(params, scene, noise)
+        return forecaster.checked_futures(samples, (None, agents)), probability
     period = forecaster.config.period
     scene, repaired = repair_scene(scene, period)
     samples, probability = forecaster.representatives(params, scene, noise)
+    samples = forecaster.checked_futures(samples, (None, agents))
     return settle(samples, repaired, period), probability
 
 
@@ -479,29 +483,45 @@ def checked_scene(
     return scene.replace(seen=seen)
 
 
-def warn_of_tracking_errors(observed: np.ndarray, period: float) -> None:
-    """Warn of agents in `observed [N, T, 2]` whose tracks are repaired.
+def warn_of_tracking_errors(
+    observed: np.ndarray,
+    period: float,
+    named: Callable[[int], str] = str,
+    source: str = "observed",
+) -> bool:
+    """Warn of agents in `observed [N, T, 2]` whose tracks are repaired; whether there are any.
+
+    `named` gives what messages call an agent, and `source` all of them.
 
     Warns:
         InputWarning: naming the agents, and those without any plausible step.
     """
     repair = repair_tracks(observed, period)
     changed = was_repaired(observed, period)
-    agents = np.flatnonzero(changed & ~repair.lost).tolist()
-    lost = np.flatnonzero(repair.lost).tolist()
+    agents = _first_names(np.flatnonzero(changed & ~repair.lost), named)
+    lost = _first_names(np.flatnonzero(repair.lost), named)
     texts = []
     if agents:
         texts.append(
-            f"agents {reprlib.repr(agents)[1:-1]} have steps that contradict those "
+            f"agents {agents} have steps that contradict those "
             "around them: taken for tracking errors and replaced"
         )
     if lost:
         texts.append(
-            f"agents {reprlib.repr(lost)[1:-1]} have no plausible step: they are "
+            f"agents {lost} have no plausible step: they are "
             "forecast to go anywhere (are positions in metres?)"
         )
     if texts:
-        warn_caller(f"observed: {'; '.join(texts)}")
+        warn_caller(f"{source}: {'; '.join(texts)}")
+    return bool(texts)
+
+
+def _first_names(agents: np.ndarray, named: Callable[[int], str]) -> str:
+    """The first six of them, and an ellipsis for more."""
+    names = [named(int(agent)) for agent in agents[:6]]
+    if len(agents) > 6:
+        names.append("...")
+    return ", ".join(names)
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
@@ -544,7 +564,8 @@ def forecast(
             none and forecast all their samples.
         alpha: [N, N, obs_len], of which anchors use the last step; default: the model's
             own.
-        valid: [N] bool, False for padding; default: no padding.
+        valid: [N] bool, False for padding, whose positions are not looked at; default:
+            no padding.
 
     Returns:
         [k, N, pred_len, 2] metres, in the frame of `observed`.
@@ -564,6 +585,9 @@ def forecast(
     _refuse_shapes(forecaster, params, observed, noise, alpha, valid)
     last = observed[:, -1]
     present = checked_mask(valid, last.shape[0])
+    if valid is not None:  # Padding may hold anything, such as NaN.
+        observed = jnp.where(present[:, None, None], observed, 0)
+        last = observed[:, -1]
     # For precision only: a network sees differences of positions.
     share = present.astype(observed.dtype)
     origin = jax.lax.stop_gradient(share @ last / jnp.maximum(share.sum(), 1))
@@ -579,6 +603,7 @@ def forecast(
         alpha=None if alpha is None else jnp.asarray(alpha),
     )
     samples = forecaster.forecast(params, scene, jnp.asarray(noise))
+    forecaster.checked_futures(samples, (None, last.shape[0]))
     return samples + origin[None, None, None]
 
 
@@ -768,7 +793,7 @@ def predict_scenes(
     frames = range(len(parts)) if frames is None else frames
     if len(frames) != len(parts):
         raise InputError(f"{len(frames)} frames are given for {len(parts)} scenes")
-    return _predict_parts(
+    futures, _ = _predict_parts(
         model,
         parts,
         frames,
@@ -777,6 +802,7 @@ def predict_scenes(
         recording=recording,
         repair=repair,
     )
+    return futures
 
 
 STREAMED = 512
@@ -817,11 +843,12 @@ def predict_batches(
         InputError: as `predict_scenes`, when the scene is reached.
     """
     parts, done = _parts(scenes, valid, "scene {}"), 0
+    warned = False
     while True:
         some = list(itertools.islice(parts, STREAMED))
         if not some:
             return
-        yield from _predict_parts(
+        futures, repaired = _predict_parts(
             model,
             some,
             range(done, done + len(some)),
@@ -829,7 +856,11 @@ def predict_batches(
             seed=seed,
             recording=recording,
             repair=repair,
+            # A stream without end would fill the terminal, and the list of warnings.
+            quiet=warned,
         )
+        warned |= repaired
+        yield from futures
         done += len(some)
 
 
@@ -842,8 +873,14 @@ def _predict_parts(
     seed: int,
     recording: str,
     repair: bool,
-) -> list[np.ndarray]:
-    """`predict_scenes` of parts; a scene that is all padding needs no forecast."""
+    quiet: bool = False,
+) -> tuple[list[np.ndarray], bool]:
+    """`predict_scenes` of parts, and whether it warned of tracking errors, unless `quiet`.
+
+    A scene that is all padding needs no forecast.
+    """
+    warned = False
+    _refuse_params(model.forecaster, model.params)
     count = model.forecaster.count(samples)
     nobody = np.empty((count, 0, model.forecaster.pred_len, 2))
     futures = [nobody] * len(parts)
@@ -855,8 +892,14 @@ def _predict_parts(
         windows = _windows_of(model, named, identity)
         period = model.config.period
         repaired = repair_tracks(windows.position, period) if repair else None
-        if repair or model.forecaster.repairs:
-            warn_of_tracking_errors(windows.position, period)
+        if (repair or model.forecaster.repairs) and not quiet:
+            source, agent_name = parts[0].name, str
+            if len(parts) > 1:
+                source = f"{len(parts)} scenes"
+                agent_name = functools.partial(_name_of_agent, [*named], windows.bounds)
+            warned = warn_of_tracking_errors(
+                windows.position, period, agent_name, source
+            )
         if repaired is not None:
             windows = dataclasses.replace(windows, position=repaired.tracks)
         batches = make_batches(windows)
@@ -866,7 +909,14 @@ def _predict_parts(
         forecasts = np.split(together, windows.bounds[1:-1], axis=1)
         for number, forecast in zip(filled, forecasts):
             futures[number] = forecast
-    return [part.placed(future) for part, future in zip(parts, futures)]
+    placed = [part.placed(future) for part, future in zip(parts, futures)]
+    return placed, warned
+
+
+def _name_of_agent(scenes: Sequence[str], bounds: np.ndarray, agent: int) -> str:
+    """What messages call a row of the `scenes` together, which end at `bounds [S + 1]`."""
+    scene = int(np.searchsorted(bounds, agent, side="right")) - 1
+    return f"{agent - bounds[scene]} of {scenes[scene]}"
 
 
 def _windows_of(

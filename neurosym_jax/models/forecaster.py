@@ -41,6 +41,7 @@ __all__ = [
     "NoiseSpec",
     "Representatives",
     "TwoStageForecaster",
+    "checked_key",
     "draw_noise",
     "flat_parameters",
     "forecaster_of",
@@ -404,6 +405,25 @@ class Forecaster(abc.ABC):
         agent; k = 1 for dim 0.
         """
 
+    def checked_futures(self, futures: Array, axes: tuple[Any, ...]) -> Array:
+        """What `forecast` returned, [*axes, pred_len, 2]; an axis None has any length.
+
+        Raises:
+            InputError: for another shape, which would broadcast.
+        """
+        expected = (*axes, self.pred_len, 2)
+        fits = len(futures.shape) == len(expected)
+        if fits:
+            pairs = zip(futures.shape, expected)
+            fits = all(size is None or length == size for length, size in pairs)
+        if not fits:
+            raise InputError(
+                f"{self.title}: forecast must return [k, N, pred_len, 2], with "
+                f"pred_len {self.pred_len}; with all axes of a batch it is "
+                f"{[*futures.shape]}"
+            )
+        return futures
+
     def prepared(self, scene: Scene) -> Scene:
         """The padded `scene` of a single forecast, with what is best computed on the host."""
         return scene
@@ -574,17 +594,33 @@ def forecaster_of(config: Any) -> Forecaster:
     """The forecaster of a configuration.
 
     Raises:
-        InputError: for the configuration of no family, or of several that learn.
+        InputError: for the configuration of no family, or of several that learn, and
+            one without the fields of `Lengths`.
     """
     # Those imported come first: of the others none may be needed.
     for families in (FORECASTERS.imported(), FORECASTERS.items()):
         for _, family in families:
             if family.Config is type(config):
                 _refuse_shared(family)
+                _refuse_unsized(config)
                 return family(config)
     raise InputError(
         f"config: {type(config).__name__} is the Config of no registered forecaster"
     )
+
+
+def _refuse_unsized(config: Any) -> None:
+    """Refuse a configuration that lacks a field of `Lengths`.
+
+    Raises:
+        InputError: naming the field.
+    """
+    for name in ("obs_len", "pred_len", "period"):
+        if not hasattr(config, name):
+            raise InputError(
+                f"{type(config).__name__} lacks {name}: make it a frozen dataclass that "
+                "inherits from neurosym_jax.models.Lengths"
+            )
 
 
 def _refuse_shared(family: type[Forecaster]) -> None:
@@ -627,6 +663,23 @@ def refuse_many(
     numbers = agents * future + decoded * forecaster.state_size
     request = f"a forecast of {agents} people at once with {samples} samples"
     refuse_beyond_memory(request, 4.0 * samples * numbers, "ask for fewer samples")
+
+
+def checked_key(key: Any) -> Array:
+    """A random key [], of `jax.random.key` or, [2], of `jax.random.PRNGKey`.
+
+    Raises:
+        InputError: for anything else, such as a seed.
+    """
+    if isinstance(key, Array):
+        if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and key.shape == ():
+            return key
+        if key.dtype == jnp.uint32 and key.shape == (2,):
+            return key
+    kind = type(key).__name__
+    if isinstance(key, Array):
+        kind = f"{key.dtype} {list(key.shape)}"
+    raise InputError(f"key must be one, such as jax.random.key(0), not {kind}")
 
 
 def with_weighting(params: Any, weighting: Weighting | None) -> Any:

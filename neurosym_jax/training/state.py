@@ -364,6 +364,9 @@ def batch_samples(
     """The augmented scenes [B, N, ...] of each group and samples [k, B, N, pred_len, 2].
 
     Consumes `key`.
+
+    Raises:
+        InputError: for a family that forecasts another shape.
     """
     move_key, noise_key = jax.random.split(key)
     samples = forecaster.best_of(recipe)
@@ -376,7 +379,9 @@ def batch_samples(
         )
         forecast = jax.vmap(forecaster.forecast, in_axes=(None, 0, 1), out_axes=1)
         observed = scenes.replace(future=None)
-        yield scenes, forecast(params, observed, noise)
+        futures = forecast(params, observed, noise)
+        axes = (None, *scenes.valid.shape)
+        yield scenes, forecaster.checked_futures(futures, axes)
 
 
 # The states of a training run on disk: whole or not at all, verified, the two newest.

@@ -1,12 +1,15 @@
 """The pure functions refuse other shapes and names when they are traced, in words."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import neurosym_jax as nj
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.models import Lengths
 from neurosym_jax.models.forecaster import leaves_by_path, nested_parameters
 from neurosym_jax.symbolic import (
     Cnd,
@@ -76,6 +79,105 @@ def test_parameters_of_another_network(name):
             nj.forecast(model.config, params, WALKS, noise)
     with pytest.raises(InputError, match="config is a Model"):
         nj.forecast(model, model.params, WALKS, noise)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["SGAN", "NeuroSyM, soft", "anchors"])
+def test_padding_may_hold_anything(name):
+    model = random_model(CONFIGS[name])
+    noise = noise_of(model)
+    valid = np.array([True, False, True])
+
+    def total(observed):
+        forecast = nj.forecast(model.config, model.params, observed, noise, valid=valid)
+        return jnp.where(valid[:, None, None], forecast, 0).sum()
+
+    padded = np.where(valid[:, None, None], WALKS, np.float32(0))
+    nothing = np.where(valid[:, None, None], WALKS, np.float32(np.nan))
+    both = [jax.value_and_grad(total)(observed) for observed in (padded, nothing)]
+    jax.tree.map(np.testing.assert_array_equal, *both)
+    assert not np.any(both[0][1][1])
+
+
+@pytest.mark.parametrize("name", ["SGAN", "anchors"])
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        (0, "key must be one, such as jax.random.key.0., not int"),
+        (np.random.default_rng(0), "not Generator"),
+        (jnp.ones(3), r"not float32 \[3\]"),
+    ],
+)
+def test_what_is_no_key(name, key, message):
+    forecaster = random_model(CONFIGS[name]).forecaster
+    with pytest.raises(InputError, match=message):
+        forecaster.init(key)
+    jax.eval_shape(forecaster.init, jax.random.PRNGKey(0))
+
+
+def test_a_key_is_no_seed():
+    model = random_model(CONFIGS["SGAN"])
+    with pytest.raises(InputError, match="seed must be a whole number, not Array"):
+        nj.predict(model, WALKS, seed=jax.random.key(0))
+
+
+def test_stacked_networks_are_refused_by_name():
+    model = random_model(CONFIGS["SGAN"])
+    stacked = jax.tree.map(lambda leaf: np.stack([leaf, leaf]), model.params)
+    networks = nj.Model(model.config, stacked)
+    for predict in (
+        lambda: nj.predict(networks, WALKS),
+        lambda: nj.predict_scenes(networks, [WALKS]),
+    ):
+        with pytest.raises(InputError, match="params are those of another network"):
+            predict()
+
+
+def test_a_family_that_forgets_the_samples():
+    @dataclasses.dataclass(frozen=True)
+    class StillConfig(Lengths):
+        pass
+
+    class Still(nj.Forecaster):
+        Config = StillConfig
+
+        def forecast(self, params, scene, noise):
+            return scene.observed[:, -1:] + jnp.zeros((self.pred_len, 1))
+
+    nj.register_forecaster("still")(Still)
+    model = nj.Model(StillConfig(obs_len=4, pred_len=3), {}, family="still")
+    for forecast in (
+        lambda: nj.forecast(model.config, {}, WALKS),
+        lambda: nj.predict(model, WALKS),
+    ):
+        with pytest.raises(InputError, match=r"Still: forecast must return \[k, N"):
+            forecast()
+
+
+def test_a_configuration_without_lengths():
+    class Lone:
+        pass
+
+    class Family(nj.Forecaster):
+        Config = Lone
+
+        def forecast(self, params, scene, noise):
+            return scene.observed[None]
+
+    nj.register_forecaster("lone")(Family)
+    with pytest.raises(InputError, match="Lone lacks obs_len: make it a frozen"):
+        nj.forecast(Lone(), {}, WALKS)
+
+
+def test_a_stream_warns_once_and_names_the_scene(monkeypatch):
+    monkeypatch.setattr("neurosym_jax.models.forecast.STREAMED", 2)
+    model = random_model(CONFIGS["anchors"])
+    jump = WALKS.copy()
+    jump[1, 1] += 9.0
+    with pytest.warns(InputWarning) as caught:
+        list(nj.predict_batches([WALKS, jump, jump, jump], model, samples=3))
+    (warning,) = caught
+    assert str(warning.message).startswith("2 scenes: agents 1 of scene 1 have steps")
 
 
 def test_whole_numbers_are_positions():

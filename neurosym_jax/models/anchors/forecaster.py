@@ -25,7 +25,7 @@ from neurosym_jax.models.anchors.draws import (
 )
 from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.models.forecaster import Forecaster, with_weighting
+from neurosym_jax.models.forecaster import Forecaster, checked_key, with_weighting
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks
 from neurosym_jax.runtime.precision import full_precision
@@ -72,7 +72,7 @@ class AnchorTableForecaster(Forecaster):
     def init(self, key: Array) -> Any:
         """See `Forecaster.init`."""
         observed, valid = jnp.zeros((1, self.config.obs_len, 2)), jnp.ones(1, bool)
-        params = _network(self.config).init(key, observed, valid)
+        params = _network(self.config).init(checked_key(key), observed, valid)
         return with_weighting(params, getattr(self.config, "weighting", None))
 
     def count(self, samples: int) -> int:

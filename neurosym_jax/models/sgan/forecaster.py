@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 from jax import Array
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.forecaster import NoiseSpec, TwoStageForecaster
+from neurosym_jax.models.forecaster import NoiseSpec, TwoStageForecaster, checked_key
 from neurosym_jax.models.sgan.network import (
     LSTM,
     NO_FORECAST,
@@ -78,7 +78,7 @@ class GeneratorForecaster(TwoStageForecaster):
 
     def init(self, key: Array) -> Any:
         """See `Forecaster.init`."""
-        return init_generator(self.config, key)
+        return init_generator(self.config, checked_key(key))
 
     @property
     def noise(self) -> NoiseSpec:
