@@ -77,6 +77,7 @@ class Registry(dict[str, T]):
         Raises:
             InputError: if `name` is not an identifier or is taken by another component.
         """
+        self.refuse_unnamed(name)
         if value is None:
             return functools.partial(self.register, name, replace=replace)
         if not name.isidentifier():
@@ -92,6 +93,17 @@ class Registry(dict[str, T]):
             jax.clear_caches()
         self[name] = value
         return value
+
+    def refuse_unnamed(self, name: Any) -> None:
+        """Refuse what is no name, such as the component of a decorator without one.
+
+        Raises:
+            InputError: with the decorator as it must be written.
+        """
+        if not isinstance(name, str):
+            raise InputError(
+                f'a {self.kind} needs a name: @register_{self.kind}("name")'
+            )
 
     def name_of(self, value: Any) -> str:
         """The name of `value`, or of its class.

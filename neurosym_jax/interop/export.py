@@ -19,7 +19,7 @@ from jax import Array
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import InputError, line_of, optional_module
 from neurosym_jax.interop.onnx import to_onnx
-from neurosym_jax.models.forecast import Model, forecast_scene
+from neurosym_jax.models.forecast import Model, forecast_scene, refuse_no_model
 from neurosym_jax.scene import make_scene
 
 __all__ = ["export_model", "export_onnx", "program_of"]
@@ -74,6 +74,7 @@ def export_onnx(model: Model, samples: int = 20, points: bool = False) -> bytes:
         InputError: as `export_model`, without onnx, for an operation without
             translation, and for `points` of a model without any.
     """
+    refuse_no_model(model)
     spec = model.forecaster.noise
     properties = {
         "model": model.forecaster.title,
@@ -119,6 +120,7 @@ def program_of(model: Model, samples: int = 20) -> Callable[..., tuple[Array, Ar
     Raises:
         InputError: for k that the model cannot make.
     """
+    refuse_no_model(model)
     refuse(Count, {"samples": samples})
     forecaster = model.forecaster
     params = model.params

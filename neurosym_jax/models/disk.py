@@ -18,7 +18,7 @@ from neurosym_jax.configuration import Checked, from_json, parse_json, to_json
 from neurosym_jax.data.recordings import GENERAL, SCENES, data_folder, find
 from neurosym_jax.data.windows import VERSION, is_fingerprint
 from neurosym_jax.errors import InputError, InputWarning, option, warn_caller
-from neurosym_jax.models.forecast import Model, digest_of
+from neurosym_jax.models.forecast import Model, digest_of, refuse_no_model
 from neurosym_jax.models.forecaster import (
     FORECASTERS,
     flat_parameters,
@@ -255,6 +255,7 @@ def save_model(
     """
     from safetensors.numpy import save
 
+    refuse_no_model(model)
     _refuse_misfit(model)
     fields = {
         "format": FORMAT,

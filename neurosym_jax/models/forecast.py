@@ -77,6 +77,7 @@ __all__ = [
     "predict_representatives",
     "predict_scenes",
     "recalled_by",
+    "refuse_no_model",
     "refuse_other_length",
     "unpacked",
     "warn_of_tracking_errors",
@@ -162,6 +163,19 @@ class Model:
             f"  to be tested on: {self.dataset or 'not known'}\n"
             f"  config: {type(self.config).__name__}({', '.join(differences(self.config))})\n"
             f"  params: {count:,} numbers"
+        )
+
+
+def refuse_no_model(model: Any) -> None:
+    """Refuse what is no `Model`, such as its name.
+
+    Raises:
+        InputError: with its type.
+    """
+    if not isinstance(model, Model):
+        kind = type(model).__name__
+        raise InputError(
+            f'model must be one, such as load_model("recommended"), not {kind}'
         )
 
 
@@ -472,6 +486,7 @@ def checked_scene(
         raise InputError(
             "predict runs on the host; under jit, vmap and grad call nj.forecast"
         )
+    refuse_no_model(model)
     seen = None
     if model.forecaster.shortest < model.config.obs_len:
         observed, seen = whole_history(observed, model.config.obs_len, "observed")
@@ -880,6 +895,7 @@ def _predict_parts(
     A scene that is all padding needs no forecast.
     """
     warned = False
+    refuse_no_model(model)
     _refuse_params(model.forecaster, model.params)
     count = model.forecaster.count(samples)
     nobody = np.empty((count, 0, model.forecaster.pred_len, 2))

@@ -496,10 +496,20 @@ def _function_class(
         if has_default and argument.name not in {*start, "period", "valid"}:
             option = dataclasses.field(default=argument.default)
             fields.append((argument.name, type(argument.default), option))
+    takes_period = "period" in arguments
+    period = {"period": None} if takes_period else {}
+    try:
+        inspect.signature(function).bind(None, None, **start, **period)
+    except TypeError as error:
+        names = ", ".join(["positions", "valid", *start])
+        raise InputError(
+            f"weighting {name}: must be a function ({names}), with options that have "
+            f"defaults: {error}"
+        ) from None
     methods = {
         "function": staticmethod(function),
         "start": lambda _: start,
-        "takes_period": "period" in arguments,
+        "takes_period": takes_period,
     }
     return dataclasses.make_dataclass(
         name, fields, bases=(FunctionWeighting,), namespace=methods, frozen=True
@@ -522,9 +532,10 @@ def register_weighting(
     another weighting of this name.
 
     Raises:
-        InputError: for `start` of a class, whose fields have defaults, and for a taken
-            name.
+        InputError: for `start` of a class, whose fields have defaults, for a function
+            of other arguments, and for a taken name or none.
     """
+    WEIGHTINGS.refuse_unnamed(name)
 
     def register(weighting: Any) -> Any:
         is_class = isinstance(weighting, type)

@@ -133,6 +133,40 @@ def test_stacked_networks_are_refused_by_name():
             predict()
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda folder: nj.save_model(random_model(CONFIGS["SGAN"]), folder),
+        lambda folder: nj.predict("recommended", WALKS),
+        lambda folder: list(nj.predict_batches([WALKS], "recommended")),
+        lambda folder: nj.interop.export_model("recommended"),
+        lambda folder: nj.interop.export_onnx("recommended"),
+    ],
+)
+def test_a_name_is_no_model(call, tmp_path):
+    with pytest.raises(InputError, match="model must be one, such as load_model"):
+        call(tmp_path / "model")
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda positions: 0, r"a function \(positions, valid, reach\).*: too many"),
+        (lambda positions, valid: 0, "unexpected keyword argument 'reach'"),
+        (lambda positions, valid, reach, slope: 0, "required argument: 'slope'"),
+    ],
+)
+def test_a_weighting_of_other_arguments(function, message):
+    with pytest.raises(InputError, match=message):
+        nj.register_weighting("mine", reach=1.0)(function)
+
+
+@pytest.mark.parametrize("register", [nj.register_weighting, nj.register_forecaster])
+def test_a_component_without_a_name(register):
+    with pytest.raises(InputError, match=r'needs a name: @register_\w+\("name"\)'):
+        register(lambda positions, valid: 0)
+
+
 def test_a_family_that_forgets_the_samples():
     @dataclasses.dataclass(frozen=True)
     class StillConfig(Lengths):

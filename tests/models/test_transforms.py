@@ -185,10 +185,27 @@ jax.tree.map(
 """
 
 
+MEAN_OVER_DEVICES = """
+def mean(params, scenes):
+    return jax.vmap(loss, in_axes=(None, 0))(params, scenes).mean()
+
+def mean_over_devices(params, scenes):
+    return jax.lax.pmean(mean(params, scenes), "scenes")
+
+parts = dict(in_specs=(P(), P("scenes")), out_specs=P())
+whole = jax.shard_map(mean_over_devices, mesh=mesh, **parts)
+jax.tree.map(
+    lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-4),
+    jax.jit(jax.grad(whole))(params, SCENES), jax.jit(jax.grad(mean))(params, SCENES),
+)
+"""
+
+
 @pytest.mark.slow
 def test_two_devices_give_the_numbers_of_one():
-    """Also that the gradient of a shared parameter is the sum over devices."""
+    """Also that the gradient of a shared parameter is the sum over devices, as the page says."""
     flags = os.environ.get("XLA_FLAGS", "")
     flags += " --xla_force_host_platform_device_count=2"
     environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
-    subprocess.run([sys.executable, "-c", TWO_DEVICES], env=environment, check=True)
+    code = TWO_DEVICES + MEAN_OVER_DEVICES
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
