@@ -85,9 +85,7 @@ class Registry(dict[str, T]):
                 f"{name!r} cannot name a {self.kind}: letters, digits, underscores"
             )
         if name in self and self[name] != value:
-            if not replace:
-                taken = f"there is another {self.kind} {name!r} already"
-                raise InputError(f"{taken}: choose another name, or say replace=True")
+            self.refuse_taken(name, replace)
             import jax
 
             jax.clear_caches()
@@ -104,6 +102,16 @@ class Registry(dict[str, T]):
             raise InputError(
                 f'a {self.kind} needs a name: @register_{self.kind}("name")'
             )
+
+    def refuse_taken(self, name: str, replace: bool) -> None:
+        """Refuse the name of another component, unless it is to be replaced.
+
+        Raises:
+            InputError: with both ways out.
+        """
+        if name in self and not replace:
+            taken = f"there is another {self.kind} {name!r} already"
+            raise InputError(f"{taken}: choose another name, or say replace=True")
 
     def name_of(self, value: Any) -> str:
         """The name of `value`, or of its class.

@@ -543,7 +543,10 @@ def register_weighting(
             raise InputError(
                 f"{name}: initial values of a class are its fields' defaults"
             )
-        cls: Any = weighting if is_class else _function_class(name, weighting, start)
+        cls: Any = weighting
+        if not is_class:
+            WEIGHTINGS.refuse_taken(name, replace)
+            cls = _function_class(name, weighting, start)
         WEIGHTINGS.register(name, cls, replace=replace)
         cls.title = name
         return weighting
