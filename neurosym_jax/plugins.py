@@ -77,13 +77,9 @@ class Registry(dict[str, T]):
         Raises:
             InputError: if `name` is not an identifier or is taken by another component.
         """
-        self.refuse_unnamed(name)
+        self.refuse_name(name)
         if value is None:
             return functools.partial(self.register, name, replace=replace)
-        if not name.isidentifier():
-            raise InputError(
-                f"{name!r} cannot name a {self.kind}: letters, digits, underscores"
-            )
         if name in self and self[name] != value:
             self.refuse_taken(name, replace)
             import jax
@@ -92,15 +88,19 @@ class Registry(dict[str, T]):
         self[name] = value
         return value
 
-    def refuse_unnamed(self, name: Any) -> None:
-        """Refuse what is no name, such as the component of a decorator without one.
+    def refuse_name(self, name: Any) -> None:
+        """Refuse what cannot name a component, such as one whose decorator has no name.
 
         Raises:
-            InputError: with the decorator as it must be written.
+            InputError: saying how it must be written.
         """
         if not isinstance(name, str):
             raise InputError(
                 f'a {self.kind} needs a name: @register_{self.kind}("name")'
+            )
+        if not name.isidentifier():
+            raise InputError(
+                f"{name!r} cannot name a {self.kind}: letters, digits, underscores"
             )
 
     def refuse_taken(self, name: str, replace: bool) -> None:

@@ -535,7 +535,7 @@ def register_weighting(
         InputError: for `start` of a class, whose fields have defaults, for a function
             of other arguments, and for a taken name or none.
     """
-    WEIGHTINGS.refuse_unnamed(name)
+    WEIGHTINGS.refuse_name(name)
 
     def register(weighting: Any) -> Any:
         is_class = isinstance(weighting, type)
