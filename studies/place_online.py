@@ -72,7 +72,7 @@ def _write(data: Path, thor: Path, more: Path, out: Path) -> None:
 
 
 def page(table: pl.DataFrame) -> str:
-    """The table of recordings, and means with intervals of those that no choice was made on."""
+    """The table of recordings, and means with intervals."""
     changes = []
     for (name,), part in table.group_by("place", maintain_order=True):
         (alone,) = part.filter(~pl.col("online")).iter_rows(named=True)
@@ -90,11 +90,16 @@ def page(table: pl.DataFrame) -> str:
     head = ["recording", "scenes", "people", "energy alone, m"]
     head += [f"{words}, %" for words in METRICS.values()]
     lines = [markdown_table(head, cells, right=6), ""]
-    unseen = frame.filter(~pl.col("place").is_in(CHOSEN_ON))
-    for key, words in METRICS.items():
-        values = unseen[key].to_numpy()
-        half = student_half(values.tolist())
-        lines.append(f"{words}: {values.mean():+.1f} ± {half:.1f} % ({len(values)})")
+    parts = {
+        "without those marked *": frame.filter(~pl.col("place").is_in(CHOSEN_ON)),
+        "all recordings": frame,
+    }
+    for recordings, part in parts.items():
+        for key, words in METRICS.items():
+            values = part[key].to_list()
+            mean, half = sum(values) / len(values), student_half(values)
+            count = f"({len(values)})"
+            lines.append(f"{recordings}, {words}: {mean:+.1f} ± {half:.1f} % {count}")
     return "\n".join(lines)
 
 
