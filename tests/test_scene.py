@@ -47,7 +47,7 @@ def test_the_same_numbers_anywhere_on_the_map(offset):
 @pytest.mark.parametrize("agents", [2, 4])
 def test_who_is_far_takes_no_decimals_of_the_others(distance, agents):
     """Two agents, of whom either is far from the other: the first is the one in the middle."""
-    far = WORLD[:1] + [distance, -distance]
+    far = WORLD[:1] + np.array([distance, -distance])
     observed = np.concatenate([WORLD[: agents - 1], far])
     scene = make_scene(observed)
     assert_allclose(to_world(scene.observed, scene)[:-1], observed[:-1], atol=1e-6)
