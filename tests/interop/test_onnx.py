@@ -52,6 +52,13 @@ def assert_same_forecasts(model, peoples, samples=20, crowd=0):
         # It subtracts the origin in float64.
         expected = predict(model, observed, samples=samples)
         np.testing.assert_allclose(forecasts, expected, rtol=0, atol=1e-4)
+        # People who hardly move have no clear heading: docs/export.md.
+        observed = observed[:, :1] + (0.05 * steps).cumsum(axis=1).astype(np.float32)
+        forecasts, _ = session.run(None, {"observed": observed})
+        expected = predict(model, observed, samples=samples)
+        difference = np.abs(forecasts - expected).max(axis=(0, 2, 3))
+        assert difference.max() < 3e-4
+        assert np.mean(difference > 1e-4) < 0.02
     for people in peoples:
         walks = rng.normal(0, 3, (people, 1, 2)) + rng.normal(
             0, 0.4, (people, 1, 2)
