@@ -11,6 +11,7 @@ project's own: the source of a plugin, and of what it imports, is not known.
 
 import contextlib
 import dataclasses
+import enum
 import functools
 import hashlib
 import importlib.metadata
@@ -412,6 +413,13 @@ def _deserialized(content: bytes, tree: Any) -> Callable[..., Any]:
     )
 
 
+def _member(kind: Any, name: str) -> Any:
+    """A member of an enumeration, which Python before 3.11.4 pickles by `getattr`."""
+    if isinstance(kind, enum.EnumType):
+        return kind[name]
+    raise pickle.UnpicklingError(f"getattr of {kind!r}")
+
+
 class _OnlyData:
     """Reads names of JAX's classes and of nodes of trees; calls nothing else."""
 
@@ -421,6 +429,8 @@ class _OnlyData:
         Raises:
             UnpicklingError: for everything else.
         """
+        if (module, name) == ("builtins", "getattr"):
+            return _member
         of_jax = module == "jax" or module.startswith(JAX_MODULES)
         if not (of_jax or module.startswith(NODES) or module == "numpy"):
             raise pickle.UnpicklingError(f"{module}.{name}")

@@ -492,3 +492,14 @@ def test_a_warm_evaluation_of_a_text_file_imports_no_library_of_networks(tmp_pat
     assert "flax" in cold[1], "the first run has to trace the network"
     assert "jax" in warm[1]
     assert warm[1] & heavy == set()
+
+
+def test_getattr_gives_members_of_enumerations_and_nothing_else():
+    """Python before 3.11.4 pickles them so, and no kept program was read there."""
+    member = programs._Data(io.BytesIO(b"")).find_class("builtins", "getattr")
+    kind = jax.sharding.AxisType
+    assert member(kind, "Auto") is kind.Auto
+    with pytest.raises(pickle.UnpicklingError, match="getattr"):
+        member(np, "load")
+    with pytest.raises(KeyError):
+        member(kind, "__class__")
