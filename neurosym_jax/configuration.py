@@ -111,10 +111,11 @@ def refuse(hint: Any, values: Mapping[str, Any], optional: bool = False) -> None
 
 
 def _plain(value: Any) -> Any:
-    """The number of an array []; anything else as it is, such as a random key."""
+    """The number of an array of one; anything else as it is, such as a random key."""
     try:
         return value.item()
-    except (AttributeError, NotImplementedError, TypeError, ValueError):
+    # The last is torch's of several numbers, and JAX's of a key.
+    except (AttributeError, TypeError, ValueError, RuntimeError):
         return value
 
 

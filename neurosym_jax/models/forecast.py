@@ -564,10 +564,10 @@ def forecast(
 
     It computes what `predict` does in the same coordinates, but nothing is padded,
     repaired (see `tracking_errors`) or moved to the host, and no values are checked: a
-    position that is NaN gives NaN. Reverse mode only:
-    the gradient of pooling is written by hand (`models.sgan.network`). Symbols with a
-    hard threshold have a gradient of zero by positions; the weightings `soft` and
-    `quantised` (straight through) have another.
+    position that is NaN gives NaN. Reverse mode only: the gradient of pooling is written
+    by hand (`models.sgan.network`). Symbols with a hard threshold have a gradient of
+    zero by positions; the weightings `soft` and `quantised` (straight through) have
+    another.
 
     Args:
         config: `Model.config`.
@@ -598,17 +598,26 @@ def forecast(
         observed = observed.astype(jnp.float32)
     forecaster = forecaster_of(config)
     _refuse_shapes(forecaster, params, observed, noise, alpha, valid)
-    last = observed[:, -1]
-    present = checked_mask(valid, last.shape[0])
+    present = checked_mask(valid, observed.shape[0])
     if valid is not None:  # Padding may hold anything, such as NaN.
         observed = jnp.where(present[:, None, None], observed, 0)
-        last = observed[:, -1]
-    # For precision only: a network sees differences of positions.
-    share = present.astype(observed.dtype)
-    origin = jax.lax.stop_gradient(share @ last / jnp.maximum(share.sum(), 1))
+    scene, origin = _traced_scene(observed, present, alpha)
     if noise is None:
         samples = forecaster.count(getattr(config, "samples", 1))
         noise = jnp.zeros((samples, 0))
+    samples = forecaster.forecast(params, scene, jnp.asarray(noise))
+    forecaster.checked_futures(samples, (None, observed.shape[0]))
+    return samples + origin[None, None, None]
+
+
+def _traced_scene(
+    observed: Array, present: Array, alpha: ArrayLike | None
+) -> tuple[Scene, Array]:
+    """The scene of `forecast`, and its origin [2]: the mean of who is `present [N]`."""
+    last = observed[:, -1]
+    # For precision only: a network sees differences of positions.
+    share = present.astype(observed.dtype)
+    origin = jax.lax.stop_gradient(share @ last / jnp.maximum(share.sum(), 1))
     scene = Scene(
         observed=observed - origin[None, None],
         displacement=moves_of(observed),
@@ -617,9 +626,7 @@ def forecast(
         origin=None,
         alpha=None if alpha is None else jnp.asarray(alpha),
     )
-    samples = forecaster.forecast(params, scene, jnp.asarray(noise))
-    forecaster.checked_futures(samples, (None, last.shape[0]))
-    return samples + origin[None, None, None]
+    return scene, origin
 
 
 def _refuse_shapes(
