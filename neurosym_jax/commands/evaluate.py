@@ -7,7 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple
 
-from neurosym_jax.commands._options import Reading, given, open_data, refuse_unused
+from neurosym_jax.commands._options import (
+    Reading,
+    flag_names,
+    given,
+    open_data,
+    refuse_unused,
+)
 from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.recordings import EthUcy, Source, Synthetic
 from neurosym_jax.data.tables import AS_IT_SAYS
@@ -301,12 +307,18 @@ def _written(
 
 
 def prepare_arguments(arguments: Sequence[str]) -> list[str]:
-    """`neurosym evaluate my_tracks.csv`: a recording in front of all options is `--data`."""
+    """`neurosym evaluate my_tracks.csv`: a recording in front of all options is `--data`.
+
+    Raises:
+        InputError: where `--data` names another one, of which only the last would count.
+    """
     words = list(arguments)
     is_recording = bool(words) and not words[0].startswith("-")
-    if is_recording and not words[0].endswith((".yaml", ".yml")):
-        return ["--data", *words]
-    return words
+    if not is_recording or words[0].endswith((".yaml", ".yml")):
+        return words
+    if "--data" in flag_names(words):
+        raise InputError(f"{words[0]}: --data names a recording, too: name one of them")
+    return ["--data", *words]
 
 
 def _refuse_absent_scene(scene: int | None, tests: Tests) -> None:

@@ -379,6 +379,7 @@ REFUSED = {
     "evaluate --data absent": "absent: no such file or folder",
     "evaluate --data recommended": "recommended: is a model, not a recording: `neurosym",
     "evaluate --data eth-ucy": "no such file or folder: `neurosym download eth-ucy` fetches",
+    "evaluate zara1 --data {d}/a": "zara1: --data names a recording, too: name one of them",
     "evaluate --data {d}/word.txt": "word.txt: row 2: y is not a number: 'abc'",
     "evaluate --data {d}/a --dataset zara9": "unknown dataset 'zara9'",
     "evaluate --data {d}/a --pred-len 999": "no 1007 consecutive steps",
