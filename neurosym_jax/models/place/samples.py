@@ -24,7 +24,7 @@ DRAWS = 100
 EXCHANGED = 10
 """Most samples of a scene that are exchanged."""
 TRUST = 0.5
-"""Weight of the draws for a memory that has the whole probability, see `studies.place_samples`."""
+"""Weight of the draws for a memory that has the whole probability, see `studies/pages/place.md`."""
 
 
 def exchange(
