@@ -38,6 +38,7 @@ from neurosym_jax.symbolic.table import pairs_over_time, states_of_pairs
 from neurosym_jax.symbolic.weighting import (
     WEIGHTINGS,
     Parameters,
+    Quantised,
     Weighting,
     initial_parameters,
     is_constant,
@@ -217,7 +218,11 @@ def _show_weights(
         return codes, weighting.alpha(parameters, observed, period=period)
 
     codes, alpha = map(np.asarray, codes_and_alpha(parameters))
-    hint = " is constant here; try --weighting quantised" if is_constant(alpha) else ""
+    hint = ""
+    if is_constant(alpha):
+        hint = " is constant here"
+        if not isinstance(weighting, Quantised):
+            hint += "; try --weighting quantised"
     print(f"{title}: {len(example.agent)} people, weighting {weighting.name}{hint}\n")
     print(format_pairs(codes, example.agent, example.period))
     use_style(style)

@@ -38,10 +38,17 @@ def test_states_over_time_as_text(recording, tmp_path, capsys):
     # Towards the other for three steps, then away, always to the right of the line; 2
     # stands.
     assert line.split()[2:] == ["-0+0", ".", ".", "+0+0", *["."] * 11]
-    assert (
-        "cnd is constant here; try --weighting quantised" in text
-    )  # Always two zeros.
+    # Always two zeros.
+    assert "cnd is constant here; try --weighting quantised" in text
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"pairs.png"}
+
+
+def test_constant_weights_are_not_told_to_be_what_they_are(tmp_path, capsys):
+    path = tmp_path / "walk.txt"
+    rows = [(step, i, 0.4 * step, i) for step in range(20) for i in (1, 2)]
+    np.savetxt(path, rows, fmt="%d %d %.4f %.4f")
+    run(path, weighting="quantised", out=tmp_path / "out")
+    assert "weighting quantised is constant here\n" in capsys.readouterr().out
 
 
 @pytest.mark.slow
