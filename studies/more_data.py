@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.clock import on_grid
-from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks
+from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks, on_grid
 from neurosym_jax.errors import InputError
 
 STANFORD = Path("datasets/TrajNet/Train/stanford")

@@ -18,12 +18,11 @@ from neurosym_jax.commands._options import (
     given,
     plugin_flags,
 )
-from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.columns import SWAP, outside
 from neurosym_jax.data.evidence import pace_of, steps_of
 from neurosym_jax.data.recordings import files_in, is_folder, read_any
 from neurosym_jax.data.tables import AS_IT_SAYS, FORMATS, ReadOptions
-from neurosym_jax.data.tracks import GAP, Tracks
+from neurosym_jax.data.tracks import GAP, Tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.models.disk import RECOMMENDED, load_model

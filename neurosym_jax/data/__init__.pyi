@@ -1,5 +1,3 @@
-from .clock import on_grid as on_grid
-from .clock import resample as resample
 from .recordings import EthUcy as EthUcy
 from .recordings import Files as Files
 from .recordings import Source as Source
@@ -14,6 +12,8 @@ from .tables import register_format as register_format
 from .tracks import Reading as Reading
 from .tracks import Tracks as Tracks
 from .tracks import make_tracks as make_tracks
+from .tracks import on_grid as on_grid
+from .tracks import resample as resample
 from .windows import Batch as Batch
 from .windows import Windows as Windows
 from .windows import cut_windows as cut_windows

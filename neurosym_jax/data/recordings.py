@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 from neurosym_jax.configuration import component
-from neurosym_jax.data.clock import on_grid, resample
 from neurosym_jax.data.evidence import judge
 from neurosym_jax.data.readers import columns
 from neurosym_jax.data.readers.storage import FRAME, InMemory, is_frame
@@ -27,7 +26,7 @@ from neurosym_jax.data.tables import (
     ReadOptions,
     read_head,
 )
-from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
+from neurosym_jax.data.tracks import PERIOD, Reading, Tracks, on_grid, resample
 from neurosym_jax.data.words import names_tracks, role_of, vocabulary
 from neurosym_jax.errors import InputError, InputWarning, brief, option, printable
 from neurosym_jax.plugins import load_entry_points

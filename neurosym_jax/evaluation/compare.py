@@ -20,10 +20,9 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.recordings import GENERAL, EthUcy, Source, recordings_in
 from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.tracks import PERIOD, Tracks
+from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
 from neurosym_jax.data.windows import (
     ALIKE,
     Batch,

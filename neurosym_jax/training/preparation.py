@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.recordings import recordings_in
 from neurosym_jax.data.tables import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import (
     Windows,
     chance_shapes,

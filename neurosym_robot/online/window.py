@@ -1,6 +1,6 @@
 """The newest observations of everybody, resampled backwards from the newest frame.
 
-The online counterpart of `data.clock.resample` with a grid that ends at the newest
+The online counterpart of `data.resample` with a grid that ends at the newest
 stamp: a step lies linearly between a person's two neighbouring observations, at most
 `max_gap` apart. Nothing later than the newest frame exists here. Time is that of the
 messages' headers.

@@ -32,7 +32,7 @@ def synchronous(tracks: Tracks) -> Tracks:
     frames = np.unique(tracks.stamp)
     steps = np.diff(tracks.stamp)[np.diff(tracks.id) == 0]
     if len(steps) and np.median(np.diff(frames)) < 0.5 * np.median(steps):
-        from neurosym_jax.data.clock import resample
+        from neurosym_jax.data.tracks import resample
 
         return resample(tracks, float(np.median(steps)))
     return tracks

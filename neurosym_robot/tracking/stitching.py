@@ -108,7 +108,7 @@ def stitch(
     if not is_person.any():
         raise InputError(f"{tracks.recording}: nobody is seen for {BRIEF:g} s")
     mended = tracks.take(is_person).with_ids(ids[is_person])
-    from neurosym_jax.data.clock import resample
+    from neurosym_jax.data.tracks import resample
 
     mended = resample(
         mended, period, fill, period * np.floor(mended.stamp.min() / period)

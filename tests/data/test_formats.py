@@ -17,9 +17,9 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.commands.inspect import describe
 from neurosym_jax.data import ReadOptions, open_source, read_any, windows_from
-from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.recordings import data_files
 from neurosym_jax.data.tables import GUARDS
+from neurosym_jax.data.tracks import on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
 

@@ -8,10 +8,9 @@ import polars as pl
 import pytest
 
 from neurosym_jax.data import cut_windows, open_source
-from neurosym_jax.data.clock import resample
 from neurosym_jax.data.recordings import read_any
 from neurosym_jax.data.tables import ReadOptions
-from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.tracks import make_tracks, resample
 from neurosym_jax.data.windows import (
     fingerprint,
     is_fingerprint,

@@ -13,9 +13,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.commands.download import published_files, run
-from neurosym_jax.data.clock import resample
 from neurosym_jax.data.recordings import GENERAL, EthUcy, Synthetic, find, open_source
-from neurosym_jax.data.tracks import PERIOD
+from neurosym_jax.data.tracks import PERIOD, resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation import scenarios
 

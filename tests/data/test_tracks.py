@@ -10,10 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.clock import on_grid, resample
 from neurosym_jax.data.recordings import read_any
 from neurosym_jax.data.tables import ReadOptions
-from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks
+from neurosym_jax.data.tracks import (
+    SNAP,
+    Reading,
+    Tracks,
+    make_tracks,
+    on_grid,
+    resample,
+)
 from neurosym_jax.errors import InputError
 
 

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.clock import resample
 from neurosym_jax.data.recordings import open_source
-from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks
+from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks, resample
 from neurosym_jax.data.windows import (
     Windows,
     bucket_of,

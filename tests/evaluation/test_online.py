@@ -7,8 +7,7 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.commands import evaluate
-from neurosym_jax.data.clock import on_grid
-from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.tracks import make_tracks, on_grid
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.compare import (

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.clock import on_grid
-from neurosym_jax.data.tracks import SNAP, Tracks
+from neurosym_jax.data.tracks import SNAP, Tracks, on_grid
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.forecast import Model

@@ -1,11 +1,10 @@
-"""The window is `data.clock.resample` of what was seen until now, whatever the stream does."""
+"""The window is `data.resample` of what was seen until now, whatever the stream does."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.clock import resample
-from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.tracks import make_tracks, resample
 from neurosym_robot.online.window import Window
 
 EMPTY = np.zeros((0, 2))
