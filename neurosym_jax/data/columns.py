@@ -17,29 +17,27 @@ import polars as pl
 
 from neurosym_jax.data.evidence import ENOUGH, doubts_of, roughness
 from neurosym_jax.data.tables import (
+    BOX,
+    CLOCKS,
+    DEGREES,
+    FLAGS,
     METRES,
+    POINT,
+    ROLES,
     STEPS,
     Question,
     ReadOptions,
     Table,
     Unsaid,
     absent,
+    has_position,
     metres_in,
+    plain_name,
     read_table,
     read_text_file,
-)
-from neurosym_jax.data.tracks import Tracks, common, fields_at, make_tracks
-from neurosym_jax.data.words import (
-    BOX,
-    CLOCKS,
-    DEGREES,
-    FLAGS,
-    POINT,
-    ROLES,
-    has_position,
-    plain_name,
     role_of,
 )
+from neurosym_jax.data.tracks import Tracks, common, fields_at, make_tracks
 from neurosym_jax.errors import InputError, option
 
 __all__ = [

@@ -24,10 +24,12 @@ from neurosym_jax.data.tables import (
     Head,
     Question,
     ReadOptions,
+    names_tracks,
     read_head,
+    role_of,
+    vocabulary,
 )
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks, on_grid, resample
-from neurosym_jax.data.words import names_tracks, role_of, vocabulary
 from neurosym_jax.errors import InputError, InputWarning, brief, option, printable
 from neurosym_jax.plugins import load_entry_points
 from neurosym_jax.runtime.foreign import reading

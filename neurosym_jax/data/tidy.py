@@ -12,8 +12,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.tables import Table, absent
-from neurosym_jax.data.words import plain_name, role_of, vocabulary
+from neurosym_jax.data.tables import Table, absent, plain_name, role_of, vocabulary
 
 __all__ = ["axes_of", "tidy"]
 

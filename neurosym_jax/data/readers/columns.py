@@ -21,6 +21,7 @@ from neurosym_jax.data.columns import (
 )
 from neurosym_jax.data.evidence import doubts_of, roughness
 from neurosym_jax.data.tables import (
+    ROLES,
     Format,
     Head,
     Question,
@@ -29,10 +30,10 @@ from neurosym_jax.data.tables import (
     Unsaid,
     absent,
     read_table,
+    vocabulary,
 )
 from neurosym_jax.data.tidy import tidy
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.data.words import ROLES, vocabulary
 from neurosym_jax.errors import InputError, option, printable
 
 __all__ = [

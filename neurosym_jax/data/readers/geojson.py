@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from neurosym_jax.data.tables import role_of
 from neurosym_jax.data.tidy import axes_of
-from neurosym_jax.data.words import role_of
 from neurosym_jax.errors import InputError
 
 __all__ = ["rows_of_features"]

@@ -28,10 +28,11 @@ from neurosym_jax.data.tables import (
     Question,
     ReadOptions,
     Table,
+    names_tracks,
     read_head,
     read_text_file,
+    role_of,
 )
-from neurosym_jax.data.words import names_tracks, role_of
 from neurosym_jax.errors import InputError, brief, optional_module
 from neurosym_jax.runtime.foreign import (
     read_array,
