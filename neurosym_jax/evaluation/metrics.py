@@ -14,7 +14,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.plugins import Registry
-from neurosym_jax.runtime.precision import full_precision
+from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import SymbolSettings, event_steps, state_steps

@@ -37,7 +37,7 @@ from neurosym_jax.models.forecast import Model, refuse_other_length
 from neurosym_jax.models.sgan.network import LSTM, LSTMNetwork
 from neurosym_jax.models.sgan.torch_names import torch_names
 from neurosym_jax.runtime.foreign import read_arrays, read_json, reading
-from neurosym_jax.runtime.precision import full_precision
+from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import checked_positions, model_dtype
 
 __all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "row_fields", "run_parity"]

@@ -44,9 +44,8 @@ from neurosym_jax.models.tracking_errors import (
     settle,
     was_repaired,
 )
-from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.runtime.process import COMPILED_UNFUSED
-from neurosym_jax.runtime.programs import program
+from neurosym_jax.runtime.programs import full_precision, program
 from neurosym_jax.scene import (
     AnyArray,
     Scene,

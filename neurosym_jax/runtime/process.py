@@ -175,7 +175,7 @@ def run_environment() -> dict[str, Any]:
         "platform": device.platform,
         "device": device.device_kind,
         "x64": bool(jax.config.read("jax_enable_x64")),
-        # See `runtime.precision`.
+        # See `runtime.programs`.
         "products": jax.default_matmul_precision.value or "highest",
         "xla_flags": os.environ.get("XLA_FLAGS", ""),
     }

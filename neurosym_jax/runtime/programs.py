@@ -26,7 +26,7 @@ import time
 import types
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import numpy as np
@@ -37,10 +37,9 @@ from jax.experimental import serialize_executable
 
 from neurosym_jax.plugins import additions
 from neurosym_jax.runtime.compiled import SealedCache, apart_from_cache, private_folder
-from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.scene import Scene
 
-__all__ = ["Program", "keep_whole", "kept_json", "program"]
+__all__ = ["Program", "full_precision", "keep_whole", "kept_json", "program"]
 
 ROOT = Path(__file__).resolve().parents[2]
 """The folder of this project's packages."""
@@ -458,3 +457,31 @@ if hasattr(serialize_executable, "_JaxPjrtUnpickler"):
 
     class _Executable(_OnlyData, serialize_executable._JaxPjrtUnpickler):
         pass
+
+
+# Products of matrices with all bits of float32, on every device.
+#
+# By default a GPU or TPU multiplies float32 matrices in fewer bits: TF32 keeps 10 of 23.
+# That moves forecasts by millimetres, and would end the agreement with torch.
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def full_precision(
+    function: Callable[Arguments, Result],
+) -> Callable[Arguments, Result]:
+    """Make a function whose products of matrices keep all bits.
+
+    Whoever sets `JAX_DEFAULT_MATMUL_PRECISION` or `jax.default_matmul_precision` gets
+    what they set.
+    """
+
+    @functools.wraps(function)
+    def with_all_bits(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        if jax.default_matmul_precision.value is not None:
+            return function(*args, **kwargs)
+        with jax.default_matmul_precision("highest"):
+            return function(*args, **kwargs)
+
+    return with_all_bits

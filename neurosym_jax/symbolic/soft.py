@@ -25,7 +25,7 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, Positive
 from neurosym_jax.errors import InputError
-from neurosym_jax.runtime.precision import full_precision
+from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.symbolic.qtc import (
     Convention,
     absent_steps,

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.data.windows import Windows, gather_scenes
-from neurosym_jax.runtime.precision import full_precision
+from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import AnyArray, Scene, moves_of
 from neurosym_jax.training.recipe import Recipe
 

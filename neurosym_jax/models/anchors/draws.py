@@ -24,7 +24,7 @@ from neurosym_jax.models.anchors.pair_constants import (
     SWEEPS,
 )
 from neurosym_jax.models.tracking_errors import repair_tracks
-from neurosym_jax.runtime.precision import full_precision
+from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import Scene
 
 __all__ = ["couple", "draw_apart", "draw_samples", "draw_scenes", "equal_points"]

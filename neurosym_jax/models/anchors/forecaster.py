@@ -28,8 +28,8 @@ from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.forecaster import Forecaster, checked_key, with_weighting
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks
-from neurosym_jax.runtime.precision import full_precision
 from neurosym_jax.runtime.process import COMPILED_UNFUSED
+from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import Scene, with_steps
 
 __all__ = ["AnchorTableForecaster", "AnchorsForecaster", "apply_anchors", "spread_of"]

@@ -19,7 +19,7 @@ from neurosym_jax.models.anchors.config import AnchorForecast
 from neurosym_jax.models.anchors.frames import computed_once
 from neurosym_jax.models.anchors.histories import shorten
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
-from neurosym_jax.runtime.precision import full_precision
+from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import Scene
 from neurosym_jax.training.batches import augment, gather_cropped
 

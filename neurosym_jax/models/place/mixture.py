@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.models.place.memory import Recall
-from neurosym_jax.runtime.precision import full_precision
+from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import AnyArray, Scene
 
 __all__ = ["Remembered", "distances_apart", "energy", "errors", "remembered"]

@@ -18,7 +18,7 @@ from neurosym_jax.configuration import Checked, Positive, Size, Whole
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.forecaster import Lengths, NoiseSpec, with_weighting
 from neurosym_jax.plugins import Registry
-from neurosym_jax.runtime.precision import full_precision
+from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import Scene, make_scene
 from neurosym_jax.symbolic.weighting import WEIGHTINGS, Cnd, Weighting
 

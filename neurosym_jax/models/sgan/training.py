@@ -24,8 +24,7 @@ from neurosym_jax.models.sgan.network import (
     init_generator,
     interact_scene,
 )
-from neurosym_jax.runtime.precision import full_precision
-from neurosym_jax.runtime.programs import program
+from neurosym_jax.runtime.programs import full_precision, program
 from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.symbolic.soft import safe_root
 from neurosym_jax.training.batches import Groups, SceneStream, augment, merge, split
