@@ -7,13 +7,16 @@ last observed step is used.
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.scene import refuse_masked
+from neurosym_jax.scene import Scene, refuse_masked
 
-__all__ = ["fill_history", "whole_history"]
+__all__ = ["WHOLE", "fill_history", "shorten", "whole_history"]
 
 
 def whole_history(
@@ -95,3 +98,31 @@ def _filled(track: np.ndarray, seen: np.ndarray) -> np.ndarray:
     since = number[late, None] - last
     filled[late] = track[last] + since * departure
     return filled
+
+
+WHOLE = 0.3
+"""Share of people whose history stays whole."""
+
+
+def shorten(scenes: Scene, key: Array) -> Scene:
+    """`scenes [B, N, ...]` in which people were seen for 2 steps or more, up to all.
+
+    A person's number of steps is drawn from all with the same probability, or is all
+    with the probability `WHOLE`. Positions before are filled in as `with_steps` does;
+    consumes `key`.
+    """
+    observed: Any = jnp.asarray(scenes.observed)
+    steps = observed.shape[-2]
+    cut, length = jax.random.split(key)
+    people = observed.shape[:-2]
+    count = jax.random.randint(length, people, 2, steps + 1)
+    count = jnp.where(jax.random.uniform(cut, people) < WHOLE, steps, count)
+    first = (steps - count)[..., None]
+    number = jnp.arange(steps)
+    seen = number >= first
+    at_first = jnp.take_along_axis(observed, first[..., None], axis=-2)
+    after = jnp.take_along_axis(observed, first[..., None] + 1, axis=-2)
+    back = (number - first)[..., None].astype(observed.dtype)
+    earlier = at_first + back * (after - at_first)
+    observed = jnp.where(seen[..., None], observed, earlier)
+    return scenes.replace(observed=observed, seen=seen)

@@ -17,8 +17,8 @@ from jax import Array
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.anchors.config import AnchorForecast
 from neurosym_jax.models.anchors.frames import computed_once
-from neurosym_jax.models.anchors.histories import shorten
 from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.histories import shorten
 from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import Scene
 from neurosym_jax.training.batches import augment, gather_cropped
