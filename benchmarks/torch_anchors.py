@@ -21,7 +21,7 @@ from neurosym_jax.models.anchors.network import (
     AnchorConfig,
     _polynomials,
 )
-from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.training import AnchorRecipe
 
 __all__ = ["TorchAnchors"]
 
@@ -83,7 +83,7 @@ class TorchAnchors(nn.Module):
         self.optimizer.step()
 
     def loss(self) -> torch.Tensor:
-        """See `neurosym_jax.models.anchors.loss.anchor_loss`."""
+        """See `neurosym_jax.models.anchors.training.anchor_loss`."""
         recipe, size, own = self.recipe, self.valid.sum(1), self.valid.sum(1)
 
         def of_crowds(values: torch.Tensor) -> torch.Tensor:

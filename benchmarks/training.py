@@ -154,9 +154,8 @@ def _anchors(windows: Any) -> tuple[Any, Any, Any, Any]:
     import jax
 
     from neurosym_jax.models.anchors.forecaster import AnchorsForecaster
-    from neurosym_jax.models.anchors.loss import AnchorStream
     from neurosym_jax.models.anchors.network import AnchorConfig
-    from neurosym_jax.models.anchors.recipe import AnchorRecipe
+    from neurosym_jax.models.anchors.training import AnchorRecipe, AnchorStream
 
     forecaster, recipe = AnchorsForecaster(AnchorConfig()), AnchorRecipe()
     batch = AnchorStream(windows, recipe).batch(0)

@@ -13,7 +13,7 @@ from .errors import InputError as InputError
 from .evaluation.compare import evaluate as evaluate
 from .evaluation.metrics import register_metric as register_metric
 from .models.anchors.network import AnchorConfig as AnchorConfig
-from .models.anchors.recipe import AnchorRecipe as AnchorRecipe
+from .models.anchors.training import AnchorRecipe as AnchorRecipe
 from .models.disk import load_model as load_model
 from .models.disk import save_model as save_model
 from .models.forecast import Model as Model

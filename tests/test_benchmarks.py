@@ -16,9 +16,13 @@ from neurosym_jax.data.recordings import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.models import tracking_errors
 from neurosym_jax.models.anchors.forecaster import AnchorsForecaster, apply_anchors
-from neurosym_jax.models.anchors.loss import AnchorStream, anchor_loss, company
 from neurosym_jax.models.anchors.network import AnchorConfig
-from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.training import (
+    AnchorRecipe,
+    AnchorStream,
+    anchor_loss,
+    company,
+)
 from tests.repository import ROOT, run_python
 from tests.robot.ros.ros1_graph import start_graph
 

@@ -16,7 +16,7 @@ import pytest
 import neurosym_jax as nj
 from neurosym_jax.commands import train as train_command
 from neurosym_jax.models.anchors.network import AnchorTableConfig
-from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.training import AnchorRecipe
 from neurosym_jax.models.forecast import Model
 from neurosym_jax.models.forecaster import Lengths
 from neurosym_jax.training.sweep import compare_sweep

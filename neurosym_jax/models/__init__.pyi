@@ -1,6 +1,6 @@
 from .anchors.network import AnchorConfig as AnchorConfig
 from .anchors.network import AnchorTableConfig as AnchorTableConfig
-from .anchors.recipe import AnchorRecipe as AnchorRecipe
+from .anchors.training import AnchorRecipe as AnchorRecipe
 from .baselines import ConstantVelocity as ConstantVelocity
 from .baselines import ConstantVelocitySampled as ConstantVelocitySampled
 from .disk import load_model as load_model

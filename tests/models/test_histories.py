@@ -9,9 +9,8 @@ import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.anchors.loss import batch_loss
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorForecast
-from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.training import AnchorRecipe, batch_loss
 from neurosym_jax.models.forecast import predict_distribution
 from neurosym_jax.models.histories import fill_history, shorten, whole_history
 from neurosym_jax.scene import make_scene, with_steps

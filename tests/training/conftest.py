@@ -74,7 +74,7 @@ def cheap_classes():
 def one_class():
     """Lets a step of anchors be one program, of scenes with up to 6 people."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("neurosym_jax.models.anchors.loss.CLASSES", (6,))
+        patch.setattr("neurosym_jax.models.anchors.training.CLASSES", (6,))
         yield
 
 

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from neurosym_jax.evaluation.scores import score
-from neurosym_jax.models.anchors.loss import (
+from neurosym_jax.models.anchors.network import (
+    AnchorConfig,
+    AnchorForecast,
+    AnchorTableConfig,
+)
+from neurosym_jax.models.anchors.training import (
+    AnchorRecipe,
     AnchorStream,
     anchor_loss,
     company,
@@ -18,12 +24,6 @@ from neurosym_jax.models.anchors.loss import (
     points_loss,
     step_energy,
 )
-from neurosym_jax.models.anchors.network import (
-    AnchorConfig,
-    AnchorForecast,
-    AnchorTableConfig,
-)
-from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.disk import load_model
 from neurosym_jax.training.batches import augment
 from neurosym_jax.training.loop import train_run

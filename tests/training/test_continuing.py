@@ -16,7 +16,7 @@ import neurosym_jax as nj
 from neurosym_jax.data.windows import is_fingerprint, seen_before
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
-from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.training import AnchorRecipe
 from neurosym_jax.models.disk import find_models, load_model, state_of_run
 from neurosym_jax.models.forecaster import forecaster_of
 from neurosym_jax.training.loop import train_run

@@ -21,7 +21,7 @@ from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.commands import sweep
 from neurosym_jax.models.anchors.network import AnchorConfig, AnchorTableConfig
-from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.training import AnchorRecipe
 from neurosym_jax.models.disk import load_model
 from neurosym_jax.training.loop import train_run
 from tests.repository import exhaustive

@@ -23,8 +23,7 @@ from neurosym_jax.models.anchors.draws import (
     draw_scenes,
     equal_points,
 )
-from neurosym_jax.models.anchors.loss import AnchorStream, batch_loss
-from neurosym_jax.models.anchors.recipe import AnchorRecipe
+from neurosym_jax.models.anchors.training import AnchorRecipe, AnchorStream, batch_loss
 from neurosym_jax.models.forecaster import Forecaster, checked_key, with_weighting
 from neurosym_jax.models.place.mixture import Remembered
 from neurosym_jax.models.tracking_errors import repair_tracks

@@ -6,6 +6,7 @@ their people do not see each other, but are counted, and one sample must fit all
 them. The points of a person are scored for that person alone, by a proper score.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -14,17 +15,79 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from neurosym_jax.configuration import (
+    AtLeastOne,
+    BelowOne,
+    Count,
+    NotNegative,
+    Positive,
+    Share,
+    Whole,
+)
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.anchors.config import AnchorForecast
 from neurosym_jax.models.anchors.frames import computed_once
-from neurosym_jax.models.anchors.recipe import AnchorRecipe
 from neurosym_jax.models.histories import shorten
 from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import Scene
 from neurosym_jax.training.batches import augment, gather_cropped
+from neurosym_jax.training.recipe import Recipe
 
-__all__ = ["CLASSES", "AnchorStream", "anchor_loss", "batch_loss", "company", "overlap"]
-__all__ += ["personal_energy", "points_loss", "step_energy"]
+__all__ = [
+    "CLASSES",
+    "AnchorRecipe",
+    "AnchorStream",
+    "anchor_loss",
+    "batch_loss",
+    "company",
+    "overlap",
+    "personal_energy",
+    "points_loss",
+    "step_energy",
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class AnchorRecipe(Recipe):
+    """A recipe of anchors and anchor tables; a batch has scenes of one size class.
+
+    studies/pages/recipe.md has the reasons.
+    """
+
+    steps: Whole = 2500
+    batch_scenes: Count = 128
+    min_agents: Count = 1
+    learning_rate: Positive = 4e-3
+    ema: BelowOne = 0.99
+    stretch: AtLeastOne = 1.6
+    jitter: NotNegative = 0.04
+    clean_share: BelowOne = 0.5
+    single_agent_share: Share = 0.2
+    batch_people: Count = 640
+    """Largest number of people in a batch, padding included."""
+    crowd_share: Share = 0.7
+    """Probability that the scenes of a batch are merged into crowds."""
+    crowd_people: Count = 40
+    """People in the largest crowds; their size is drawn log-uniformly."""
+    joint_weight: NotNegative = 1.0
+    """Weight in the loss of the best sample of each crowd."""
+    marginal_weight: NotNegative = 0.75
+    """Weight of the best sample of each person."""
+    mean_weight: NotNegative = 0.01
+    """Weight of the mean ADE over samples, by which every sample learns."""
+    likely_weight: NotNegative = 0.05
+    """Weight of the most probable sample of each crowd."""
+    probability_weight: NotNegative = 0.05
+    """Weight of the cross-entropy between the probabilities and a softmax of the joint errors."""
+    temperature: Positive = 0.1
+    """Temperature of that softmax, metres of error for a person."""
+    energy_weight: NotNegative = 1.0
+    """Weight of the energy score of each person's points."""
+    step_weight: NotNegative = 0.5
+    """Weight of the energy score of each person's position at single steps."""
+    collision_weight: NotNegative = 0.0
+    """Weight of how much people of one sample overlap. It costs error: see studies/pages/recipe.md."""
+
 
 CLASSES = (3, 9, 24)
 """Padded sizes of scenes; larger ones are cropped to a random agent and its nearest neighbours."""
