@@ -13,7 +13,7 @@ import torch
 from torch import nn
 from torch.nn.functional import linear
 
-from neurosym_jax.models.anchors.frames import LONGEST, SLOW, WIDE
+from neurosym_jax.models.anchors.config import LONGEST, SLOW, WIDE
 from neurosym_jax.models.anchors.network import (
     BASIS,
     HEADS,

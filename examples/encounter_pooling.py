@@ -15,7 +15,7 @@ from jax import Array, lax
 
 from neurosym_jax.configuration import Count, Rule
 from neurosym_jax.models import Pooling, register_pooling
-from neurosym_jax.models.anchors.frames import closest_approach, length, turned
+from neurosym_jax.models.anchors.config import closest_approach, length, turned
 from neurosym_jax.models.sgan.network import Affine
 
 

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.models.anchors.frames import computed_once
+from neurosym_jax.models.anchors.config import computed_once
 from neurosym_jax.models.anchors.pair_constants import (
     COHESION,
     COMPANY,

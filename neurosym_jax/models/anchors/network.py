@@ -26,12 +26,10 @@ from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.models.anchors.config import (
+    SLOW,
     AnchorConfig,
     AnchorForecast,
     AnchorTableConfig,
-)
-from neurosym_jax.models.anchors.frames import (
-    SLOW,
     attend,
     computed_once,
     heading_of,
@@ -197,7 +195,7 @@ class AnchorNetwork(nn.Module):
         return jnp.concatenate(features, -1)
 
     def _attended(self, pairs: Array, gate: Array) -> Array:
-        """[N, units] what each person learns of the others: see `frames.pair_features`."""
+        """[N, units] what each person learns of the others: see `AnchorConfig.pair_features`."""
         pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
         # Two layers as one: their kernels are small, and pairs many.
         message = _Layer(MESSAGE_DIM, name="message")(PAIR_DIM)

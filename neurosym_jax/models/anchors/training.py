@@ -25,8 +25,7 @@ from neurosym_jax.configuration import (
     Whole,
 )
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.models.anchors.config import AnchorForecast
-from neurosym_jax.models.anchors.frames import computed_once
+from neurosym_jax.models.anchors.config import AnchorForecast, computed_once
 from neurosym_jax.models.histories import shorten
 from neurosym_jax.runtime.programs import full_precision
 from neurosym_jax.scene import Scene

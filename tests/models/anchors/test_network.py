@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.models.anchors.frames import pair_features
 from neurosym_jax.models.anchors.network import (
     AnchorConfig,
     AnchorNetwork,
@@ -140,7 +139,7 @@ def test_features_of_a_pair_by_hand():
     config = AnchorConfig(symbols=False)
     features, near, crowd = map(
         np.asarray,
-        jax.jit(pair_features, static_argnums=0)(
+        jax.jit(AnchorConfig.pair_features, static_argnums=0)(
             config, observed, velocity, velocity / 0.4, VALID[:2], None
         ),
     )
