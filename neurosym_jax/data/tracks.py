@@ -66,7 +66,8 @@ class Reading:
         if self.filled:
             parts.append(f"{self.filled} points filled in gaps")
         if self.gaps:
-            parts.append(f"{self.gaps} gaps in time")
+            noun = "gap" if self.gaps == 1 else "gaps"
+            parts.append(f"{self.gaps} {noun} in time")
         line = f"read {self.recording}: {self.format}, {', '.join(parts)}"
         if self.unused:
             names = ", ".join(name[:20] for name in self.unused[:8])
