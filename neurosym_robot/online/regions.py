@@ -12,7 +12,7 @@ quantile tracking: Angelopoulos et al., NeurIPS 2023). Factors are bounded: beyo
 import collections
 import dataclasses
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,29 +46,37 @@ class Regions:
     @classmethod
     def around(cls, draws: np.ndarray, scale: np.ndarray | float = 0.0) -> "Regions":
         """The regions of `draws [n, N, T, 2]`; `scale [L, T]` as of `Recalibration`."""
+        count, _, steps, _ = draws.shape
         mean = draws.mean(axis=0)
         deviation = draws - mean
-        covariance = np.einsum("knti,kntj->ntij", deviation, deviation) / len(draws)
+        covariance = np.einsum("knti,kntj->ntij", deviation, deviation) / count
         covariance += FLOOR**2 * np.eye(2)
-        distance = np.sort(_distance(deviation, covariance), axis=0)
-        ranks = [math.ceil(level * len(draws)) - 1 for level in LEVELS]
-        factor = np.exp(np.broadcast_to(scale, (len(LEVELS), draws.shape[2])))
-        radius = np.maximum(distance[ranks], LEAST) * factor[:, None]
-        return cls(mean, covariance, radius)
+
+        # The radius that holds the level's share of the draws.
+        distance = _distance(deviation, covariance)
+        distance.sort(axis=0)
+        ranks = [math.ceil(level * count) - 1 for level in LEVELS]
+        radius = np.maximum(distance[ranks], LEAST)
+        scale = np.broadcast_to(scale, (len(LEVELS), steps))
+        factor = np.exp(scale)
+        return cls(mean, covariance, radius * factor[:, None])
 
     def factors(self, step: int, truth: np.ndarray) -> np.ndarray:
         """[L, N] logarithms of the factors from which on regions of `step` hold `truth [N, 2]`."""
         deviation = truth - self.mean[:, step]
         distance = _distance(deviation, self.covariance[:, step])
-        return np.log(np.maximum(distance, 1e-6) / self.radius[:, :, step])
+        distance = np.maximum(distance, 1e-6)
+        return np.log(distance / self.radius[:, :, step])
 
     def outlines(self, step: int, points: int = 32) -> np.ndarray:
         """[L, N, points, 2] metres of the ellipses at a step."""
         turn = np.linspace(0, 2 * np.pi, points, endpoint=False)
         circle = np.stack([np.cos(turn), np.sin(turn)])
         root = np.linalg.cholesky(self.covariance[:, step])
-        ring = np.swapaxes(root @ circle, -1, -2)
-        return self.mean[:, step, None] + self.radius[:, :, step, None, None] * ring
+        ellipse = root @ circle  # [N, 2, points]
+        ring = ellipse.swapaxes(1, 2)
+        radius = self.radius[:, :, step, None, None]
+        return self.mean[:, step, None] + radius * ring
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
         """Half axes [N, T, 2] of the ellipses of radius 1, metres, and the first one's angle."""
@@ -79,8 +87,10 @@ class Regions:
 
 def _distance(deviation: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Length of `deviation [..., 2]` in standard deviations of `covariance [..., 2, 2]`."""
-    solved = np.linalg.inv(covariance) @ deviation[..., None]
-    return np.sqrt((deviation * solved[..., 0]).sum(axis=-1))
+    inverse = np.linalg.inv(covariance)
+    solved = (inverse @ deviation[..., None])[..., 0]
+    square = (deviation * solved).sum(axis=-1)
+    return np.sqrt(square)
 
 
 class _Watch:
@@ -95,6 +105,14 @@ class _Watch:
         """Steps whose truth has come."""
 
 
+class _Held(NamedTuple):
+    """How many truths regions held at a moment."""
+
+    stamp: float
+    people: int  # whose truth came
+    held: np.ndarray  # [L] of them in their regions
+
+
 class Recalibration:
     """Scales of the regions of one model, and the shares of truths that these regions held."""
 
@@ -103,47 +121,43 @@ class Recalibration:
         self._window = window
         self.scale: Any = np.zeros((len(LEVELS), 1))
         """[L, T] logarithms of the factors of the regions' size."""
-        self._watched: collections.deque[_Watch] = collections.deque()
-        self._held: collections.deque[tuple[float, int, np.ndarray]] = (
-            collections.deque()
-        )
+        self._watched = collections.deque[_Watch]()
+        self._held = collections.deque[_Held]()
 
     def add(self, stamp: float, ids: np.ndarray, draws: np.ndarray) -> None:
         """Follow a forecast for the people `ids [N]` by `draws [n, N, T, 2]`."""
-        self.scale = np.broadcast_to(self.scale, (len(LEVELS), draws.shape[2])).copy()
-        self._watched.append(
-            _Watch(stamp, ids, Regions.around(draws), self.scale.copy())
-        )
+        shape = len(LEVELS), draws.shape[2]
+        self.scale = np.broadcast_to(self.scale, shape).copy()
+        regions = Regions.around(draws)
+        self._watched.append(_Watch(stamp, ids, regions, self.scale.copy()))
 
     def learn(self) -> None:
         """Take in the truth that has come to the window."""
-        now, period, steps = (
-            self._window.stamp,
-            self._window.period,
-            self.scale.shape[1],
-        )
-        change, seen = np.zeros_like(self.scale), np.zeros(steps, bool)
+        steps = self.scale.shape[1]
+        change = np.zeros_like(self.scale)
+        seen = np.zeros(steps, bool)
         for watch in self._watched:
             while watch.steps < steps:
-                stamp = watch.stamp + period * (watch.steps + 1)
-                if stamp > now + SNAP:
+                step = watch.steps
+                stamp = watch.stamp + self._window.period * (step + 1)
+                if stamp > self._window.stamp + SNAP:
                     break
                 truth = self._window.resampled(watch.ids, [stamp])[:, 0]
-                is_known = np.isfinite(truth).all(axis=1)
+                is_known = np.asarray(np.isfinite(truth).all(axis=1))
                 if is_known.any():
-                    change[:, watch.steps] += self._compare(
-                        watch, truth, np.asarray(is_known)
-                    )
-                    seen[watch.steps] = True
+                    change[:, step] += self._compare(watch, truth, is_known)
+                    seen[step] = True
                 watch.steps += 1
+
         while self._watched and self._watched[0].steps == steps:
             self._watched.popleft()
-        if seen.any():
-            # What is wrong with one step is mostly wrong with all, and the first come
-            # first.
-            change += change[:, seen].mean(axis=1, keepdims=True)
-            bound = math.log(WIDEST)
-            self.scale = np.clip(self.scale + RATE * change, -bound, bound)
+        if not seen.any():
+            return
+        # What is wrong with one step is mostly wrong with all, and the first come first.
+        change += change[:, seen].mean(axis=1, keepdims=True)
+        scale = self.scale + RATE * change
+        bound = math.log(WIDEST)
+        self.scale = np.clip(scale, -bound, bound)
 
     def clear(self) -> None:
         """Forget the forecasts whose truth never comes."""
@@ -151,20 +165,31 @@ class Recalibration:
 
     def coverage(self) -> dict[float, float]:
         """By level, the share of true positions of the last `SPAN` seconds in its region."""
-        people = sum(count for _, count, _ in self._held)
-        held = sum((held for _, _, held in self._held), np.zeros(len(LEVELS)))
-        return dict(zip(LEVELS, (held / people).tolist())) if people else {}
+        people = 0
+        held = np.zeros(len(LEVELS))
+        for moment in self._held:
+            people += moment.people
+            held += moment.held
+        if not people:
+            return {}
+        shares = held / people
+        return dict(zip(LEVELS, shares.tolist()))
 
     def _compare(
         self, watch: _Watch, truth: np.ndarray, is_known: np.ndarray
     ) -> np.ndarray:
         """[L] people outside their region beyond those expected, of those `is_known [N]`."""
-        step, count = watch.steps, int(is_known.sum())
+        step = watch.steps
+        count = int(is_known.sum())
+        now = self._window.stamp
         factors = watch.regions.factors(step, truth)[:, is_known]
-        held = (factors <= watch.scale[:, step, None]).sum(axis=1)
-        self._held.append((self._window.stamp, count, held))
-        while self._held[0][0] < self._window.stamp - SPAN:
+        is_held = factors <= watch.scale[:, step, None]
+        self._held.append(_Held(now, count, is_held.sum(axis=1)))
+        while self._held[0].stamp < now - SPAN:
             self._held.popleft()
+
         # By the scale of now, so that what is learned late is not learned twice.
-        outside = (factors > self.scale[:, step, None]).mean(axis=1)
-        return min(count, MOST) * (outside - (1 - np.array(LEVELS)))
+        is_outside = factors > self.scale[:, step, None]
+        expected = 1 - np.array(LEVELS)
+        excess = is_outside.mean(axis=1) - expected
+        return min(count, MOST) * excess

@@ -20,6 +20,7 @@ REACH = int(RADIUS / CELL)
 OFFSETS = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1].reshape(2, -1)
 DISC = OFFSETS[:, np.hypot(*OFFSETS) * CELL <= RADIUS]
 """[2, D] cells of a person around the one in which they are."""
+NO_CELLS = np.zeros((0, 2), int)
 
 
 class Costmap:
@@ -28,7 +29,7 @@ class Costmap:
     def __init__(self, ahead: float | None = None):
         """Of the moment `ahead` seconds from now alone; by default of all moments."""
         self._ahead = ahead
-        self._former = np.zeros((0, 2), int)  # first and last cell of the one before
+        self._former = NO_CELLS  # first and last cell of the one before
 
     def update(
         self, futures: np.ndarray, weights: np.ndarray, period: float
@@ -39,35 +40,46 @@ class Costmap:
         seconds; `weights [K]` sum to one.
         """
         cells = _cells(futures)
-        corners = cells.reshape(-1, 2)
-        own = np.zeros((0, 2), int)
-        if len(corners):
-            own = np.array([corners.min(axis=0) - REACH, corners.max(axis=0) + REACH])
+        first, last = self._cover(cells.reshape(-1, 2))
+        columns, rows = last - first + 1
+        cells = cells - first
+        steps = cells.shape[2]
+        if self._ahead is not None:
+            step = min(round(self._ahead / period), steps - 1)
+            worst = _taken(cells[:, :, step], weights, (rows, columns))
+        else:
+            worst = np.zeros((rows, columns))
+            for step in range(steps):
+                taken = _taken(cells[:, :, step], weights, (rows, columns))
+                faded = taken * np.exp(-step * period / FADE)
+                worst = np.maximum(worst, faded)
+        per_cent = np.rint(100 * worst)
+        return per_cent.astype(np.int8), first * CELL
+
+    def _cover(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """First and last cell [2] of the people in `cells [C, 2]` and of the costmap before."""
+        own = NO_CELLS
+        if len(cells):
+            first = cells.min(axis=0) - REACH
+            last = cells.max(axis=0) + REACH
+            own = np.array([first, last])
         covered = np.concatenate([own, self._former])
         self._former = own
         if not len(covered):
             covered = np.zeros((1, 2), int)
-        first, last = covered.min(axis=0), covered.max(axis=0)
-        columns, rows = last - first + 1
-        worst = np.zeros((rows, columns))
-        steps = futures.shape[2]
-        if self._ahead is not None:
-            step = min(round(self._ahead / period), steps - 1)
-            worst = _taken(cells[:, :, step] - first, weights, (rows, columns))
-            steps = 0
-        for step in range(steps):
-            taken = _taken(cells[:, :, step] - first, weights, (rows, columns))
-            worst = np.maximum(worst, taken * np.exp(-step * period / FADE))
-        return np.rint(100 * worst).astype(np.int8), first * CELL
+        return covered.min(axis=0), covered.max(axis=0)
 
 
 def _cells(futures: np.ndarray) -> np.ndarray:
     """[K, M, T, 2] columns and rows of the positions of the M people who are near."""
     now = futures[0, :, 0]
     middle = np.median(now, axis=0) if len(now) else np.zeros(2)
-    low, high = middle - WIDEST / 2, middle + WIDEST / 2
-    near = ((now > low) & (now < high)).all(axis=1)
-    return np.floor(np.clip(futures[:, near], low, high) / CELL).astype(int)
+    low = middle - WIDEST / 2
+    high = middle + WIDEST / 2
+    is_inside = (now > low) & (now < high)
+    near = futures[:, is_inside.all(axis=1)]
+    within = np.clip(near, low, high)
+    return np.floor(within / CELL).astype(int)
 
 
 def _taken(
@@ -80,9 +92,12 @@ def _taken(
         return free
     # Each person has a small grid around all their futures, all of one size.
     first = cells.min(axis=0) - REACH
-    width, height = (cells.max(axis=0) + REACH - first).max(axis=0) + 1
-    local = (cells - first)[..., None] + DISC
-    column, row = local[:, :, 0], local[:, :, 1]
+    last = cells.max(axis=0) + REACH
+    width, height = (last - first).max(axis=0) + 1
+    middle = cells - first
+    local = middle[..., None] + DISC
+    column = local[:, :, 0]
+    row = local[:, :, 1]
     person = np.arange(people)[:, None]
     index = (person * height + row) * width + column
     shares = np.broadcast_to(weights[:, None, None], index.shape)
@@ -91,6 +106,7 @@ def _taken(
     # The logarithms of the probabilities that a cell is free are summed over people.
     logarithm = np.log(np.maximum(1 - share, 1e-9))
     for (x, y), part in zip(first.tolist(), logarithm):
-        rows, columns = free[y : y + height, x : x + width].shape
-        free[y : y + height, x : x + width] += part[:rows, :columns]
+        place = free[y : y + height, x : x + width]
+        rows, columns = place.shape
+        place += part[:rows, :columns]
     return 1 - np.exp(free)

@@ -95,57 +95,67 @@ class KalmanFilter:
         numbers = np.full(len(xy), -1)
         if np.isfinite(stamp) and stamp != self._stamp:
             gap = stamp - self._people.stamp
-            is_recent = (gap <= self.options.max_gap + 1e-6) & (stamp > self._stamp)
+            is_recent = gap <= self.options.max_gap + 1e-6
+            is_recent &= stamp > self._stamp
             self._people = self._people.take(is_recent)
             self._stamp = stamp
-            near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))[: self._crowd]
+            is_near = (np.abs(xy) < FAR).all(axis=1)
+            near = np.flatnonzero(is_near)[: self._crowd]
             numbers[near] = self._follow(xy[near])
-        others = numbers < 0
-        numbers[others] = self._next + np.arange(others.sum())
-        self._next += int(others.sum())
+
+        others = np.flatnonzero(numbers < 0)
+        numbers[others] = self._next + np.arange(len(others))
+        self._next += len(others)
         return numbers
 
     def _follow(self, xy: np.ndarray) -> np.ndarray:
         """[N] numbers of the people at `xy`; -1 for who finds no room."""
+        people = len(self._people.number)
         expected, cost = self._predict(xy)
         row, column = _assigned(cost)
         seen = self._update(expected.take(row), xy[column])
         numbers = np.full(len(xy), -1)
         numbers[column] = seen.number
 
-        left = np.setdiff1d(np.arange(len(expected.number)), row)
+        # Detections that nobody takes may be of people who were seen once, and run.
+        left = np.setdiff1d(np.arange(people), row)
         free = np.flatnonzero(numbers < 0)
         newcomer, other = _assigned(self._running(left, xy[free]))
-        running = self._start(self._people.take(left[newcomer]), xy[free[other]])
-        numbers[free[other]] = running.number
-        seen = seen.and_others(running)
+        runners = self._people.take(left[newcomer])
+        taken = free[other]
+        running = self._start(runners, xy[taken])
+        numbers[taken] = running.number
 
-        unseen = np.delete(left, newcomer)
-        room = self._crowd - len(expected.number)
-        new = np.flatnonzero(numbers < 0)[: max(room, 0)]
+        # The others are new, as far as there is room.
+        room = max(self._crowd - people, 0)
+        new = np.flatnonzero(numbers < 0)[:room]
         fresh = _newcomers(xy[new], self._next, self._stamp, self.noise)
         numbers[new] = fresh.number
         self._next += len(new)
+
+        unseen = np.delete(left, newcomer)
         lost = self._people.take(unseen)
-        self._people = lost.and_others(seen).and_others(fresh)
+        self._people = lost.and_others(seen).and_others(running).and_others(fresh)
         return numbers
 
     def _predict(self, xy: np.ndarray) -> tuple[_People, np.ndarray]:
         """The people now, and [P, N] costs: minus twice the logarithm of a density."""
-        people, options = self._people, self.options
+        people = self._people
+        options = self.options
         gap = self._stamp - people.stamp
         step = np.tile(np.eye(2), (len(gap), 1, 1))
         step[:, 0, 1] = gap
-        doubt = np.array([[gap**3 / 3, gap**2 / 2], [gap**2 / 2, gap]])
-        covariance = step @ people.covariance @ np.swapaxes(step, 1, 2)
-        covariance += options.acceleration**2 * np.moveaxis(doubt, -1, 0)
+        doubt = _matrices(gap**3 / 3, gap**2 / 2, gap)
+        covariance = step @ people.covariance @ step.swapaxes(1, 2)
+        covariance += options.acceleration**2 * doubt
         place = people.place + gap[:, None] * people.velocity
         expected = people._replace(place=place, covariance=covariance)
 
         variance = covariance[:, :1, 0] + self.noise**2
-        off = np.linalg.norm(xy - place[:, None], axis=-1).reshape(len(gap), len(xy))
+        off = _distances(place, xy)
+        gate = GATE * np.sqrt(variance)
         reach = options.reach + options.drift * gap[:, None]
-        is_near = (off <= GATE * np.sqrt(variance)) & (off <= reach)
+        is_near = (off <= gate) & (off <= reach)
         cost = off**2 / variance + 2 * np.log(variance)
         return expected, np.where(is_near, cost, NEVER)
 
@@ -153,23 +163,24 @@ class KalmanFilter:
         """[R, N] distances of `xy [N, 2]` from people who were seen once, as far as they run."""
         people = self._people.take(rows)
         gap = self._stamp - people.stamp
-        off = np.linalg.norm(xy - people.place[:, None], axis=-1)
-        off = off.reshape(len(rows), len(xy))
+        off = _distances(people.place, xy)
         # An update makes the velocity better known than that.
-        is_newcomer = (people.covariance[:, 1, 1] == PACE**2) & (gap <= BLINK)
-        can_be = is_newcomer[:, None] & (off <= RUN * gap[:, None])
+        is_newcomer = people.covariance[:, 1, 1] == PACE**2
+        may_run = is_newcomer & (gap <= BLINK)
+        reach = RUN * gap[:, None]
+        can_be = may_run[:, None] & (off <= reach)
         return np.where(can_be, off, NEVER)
 
     def _start(self, people: _People, xy: np.ndarray) -> _People:
         """People [P] who were seen once, with the velocity that two detections say."""
         gap = self._stamp - people.stamp
         rate = 1 / gap
-        covariance = np.array([[np.ones_like(gap), rate], [rate, 2 * rate**2]])
+        covariance = _matrices(np.ones_like(gap), rate, 2 * rate**2)
         return people._replace(
             stamp=np.full(len(xy), self._stamp),
             place=xy,
             velocity=(xy - people.place) / gap[:, None],
-            covariance=self.noise**2 * np.moveaxis(covariance, -1, 0),
+            covariance=self.noise**2 * covariance,
         )
 
     def _update(self, expected: _People, xy: np.ndarray) -> _People:
@@ -177,11 +188,15 @@ class KalmanFilter:
         off = xy - expected.place
         variance = expected.covariance[:, 0, 0] + self.noise**2
         gain = expected.covariance[:, :, 0] / variance[:, None]
-        covariance = expected.covariance - gain[:, :, None] * expected.covariance[:, :1]
+        known = gain[:, :, None] * expected.covariance[:, :1]
+        covariance = expected.covariance - known
+
         is_brief = self._stamp - expected.stamp < BRIEF
-        for square in (off[is_brief] ** 2).sum(axis=1):
-            change = min(square, 9 * self._square) - self._square
-            self._square += RATE * change
+        squares = (off[is_brief] ** 2).sum(axis=1)
+        for square in squares:
+            # An outlier counts as three standard deviations.
+            square = min(square, 9 * self._square)
+            self._square += RATE * (square - self._square)
         return expected._replace(
             stamp=np.full(len(xy), self._stamp),
             place=expected.place + gain[:, :1] * off,
@@ -190,14 +205,31 @@ class KalmanFilter:
         )
 
 
+def _matrices(first: np.ndarray, off: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """[P, 2, 2] symmetric matrices: [P] on the diagonal, and `off` [P] beside it."""
+    matrices = np.array([[first, off], [off, second]])
+    return np.moveaxis(matrices, -1, 0)
+
+
+def _distances(place: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """[P, N] distances of `xy [N, 2]` from people at `place [P, 2]`."""
+    offset = xy - place[:, None]
+    return np.linalg.norm(offset, axis=-1).reshape(len(place), len(xy))
+
+
 def _assigned(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the cheapest pairs of `cost [R, C]`, as many as can be."""
     can_be = cost < NEVER
     row, column = np.nonzero(can_be)
     # Most pairs have no rival; the others are few.
-    rivals = can_be.sum(axis=1)[row] + can_be.sum(axis=0)[column] > 2
-    rows, columns = np.unique(row[rivals]), np.unique(column[rivals])
-    one, other = cheapest_pairs(cost[np.ix_(rows, columns)])
+    in_row = can_be.sum(axis=1)
+    in_column = can_be.sum(axis=0)
+    rivals = in_row[row] + in_column[column] > 2
+    rows = np.unique(row[rivals])
+    columns = np.unique(column[rivals])
+    part = cost[np.ix_(rows, columns)]
+    one, other = cheapest_pairs(part)
+
     row = np.concatenate([row[~rivals], rows[one]])
     column = np.concatenate([column[~rivals], columns[other]])
     order = np.argsort(row)
@@ -226,9 +258,12 @@ def cheapest_pairs(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         while row >= 0:
             onward = length + cost[row] - row_price[row] - column_price
             is_nearer = ~is_done & (onward < distance)
-            distance[is_nearer], before[is_nearer] = onward[is_nearer], column
-            column = int(np.where(is_done, np.inf, distance).argmin())
-            length, row = distance[column], owner[column]
+            distance[is_nearer] = onward[is_nearer]
+            before[is_nearer] = column
+            waiting = np.where(is_done, np.inf, distance)
+            column = int(waiting.argmin())
+            length = distance[column]
+            row = owner[column]
             is_done[column] = row >= 0
         change = length - distance[is_done]
         row_price[first] += length

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.tracks import SNAP, Tracks
+from neurosym_jax.data.tracks import SNAP, Tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import (
     FAR,
@@ -53,15 +53,18 @@ class OnlineStitcher:
         followed = set(self._filter.numbers.tolist())
         self._ids = {n: id for n, id in self._ids.items() if n in followed}
         self._names = {n: name for n, name in self._names.items() if n in followed}
+
+        mended = []
         for number, id in zip(numbers, ids.tolist()):
+            if number not in followed:
+                mended.append(id)  # Nobody is withheld: who finds no room keeps the id.
+                continue
             if number in self._names:
                 self.joined += id != self._ids[number]
-            elif number in followed:
-                self._names[number] = self._new_name(id)
             else:
-                continue  # Nobody is withheld: who finds no room keeps the id.
+                self._names[number] = self._new_name(id)
             self._ids[number] = id
-        mended = [self._names.get(n, id) for n, id in zip(numbers, ids.tolist())]
+            mended.append(self._names[number])
         return np.array(mended, np.int64)
 
     def _new_name(self, id: int) -> int:
@@ -99,21 +102,25 @@ def stitch(
     tracks = synchronous(tracks)
     ids, joined = stitched_ids(tracks, options)
     names, row = np.unique(ids, return_inverse=True)
-    begin, end = np.full((2, len(names)), [[np.inf], [-np.inf]])
+    begin = np.full(len(names), np.inf)
+    end = np.full(len(names), -np.inf)
     np.minimum.at(begin, row, tracks.stamp)
     np.maximum.at(end, row, tracks.stamp)
-    is_person = (end - begin >= BRIEF - SNAP)[row] & (
-        np.abs(tracks.position) < FAR
-    ).all(axis=1)
+    is_long = end - begin >= BRIEF - SNAP
+    is_near = (np.abs(tracks.position) < FAR).all(axis=1)
+    is_person = is_long[row] & is_near
     if not is_person.any():
         raise InputError(f"{tracks.recording}: nobody is seen for {BRIEF:g} s")
-    mended = tracks.take(is_person).with_ids(ids[is_person])
-    from neurosym_jax.data.tracks import resample
 
-    mended = resample(
-        mended, period, fill, period * np.floor(mended.stamp.min() / period)
+    mended = tracks.take(is_person).with_ids(ids[is_person])
+    first_step = np.floor(mended.stamp.min() / period)
+    mended = resample(mended, period, fill, start=period * first_step)
+    return Stitched(
+        tracks=mended,
+        before=len(np.unique(tracks.id)),
+        joined=joined,
+        ghosts=int((~is_person).sum()),
     )
-    return Stitched(mended, len(np.unique(tracks.id)), joined, int((~is_person).sum()))
 
 
 def stitched_ids(
@@ -121,6 +128,9 @@ def stitched_ids(
 ) -> tuple[np.ndarray, int]:
     """Mended ids [R] of the rows of `synchronous` tracks, and the number of links."""
     stitcher = OnlineStitcher(options, len(tracks.id))
-    ids = [stitcher.push(*frame) for frame in frames_of_tracks(tracks)]
-    rows = np.argsort(np.lexsort((tracks.id, tracks.stamp)))
-    return np.concatenate([*ids, np.zeros(0, np.int64)])[rows], stitcher.joined
+    ids = [np.zeros(0, np.int64)]
+    for frame in frames_of_tracks(tracks):
+        ids.append(stitcher.push(*frame))
+    in_time = np.lexsort((tracks.id, tracks.stamp))
+    rows = np.argsort(in_time)
+    return np.concatenate(ids)[rows], stitcher.joined
