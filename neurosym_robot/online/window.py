@@ -61,11 +61,14 @@ class Line(NamedTuple):
         It is the posterior of a constant velocity, with errors of `NOISE` and `PACE` as
         prior: of two frames that are 0.1 s apart two thirds of what they say.
         """
-        stamp, place = stamps.mean(), places.mean(axis=0)
+        stamp = stamps.mean()
+        place = places.mean(axis=0)
         since = stamps - stamp
+        away = places - place
         information = since @ since + (NOISE / PACE) ** 2
-        velocity = since @ (places - place) / information
-        return cls(stamp, place, velocity, NOISE / math.sqrt(information))
+        velocity = since @ away / information
+        doubt = NOISE / math.sqrt(information)
+        return cls(stamp, place, velocity, doubt)
 
     def at(self, stamp: float) -> np.ndarray:
         """[2] metres."""
@@ -137,11 +140,16 @@ class Window:
                 "max_gap and hold must be shorter than timeout, and not negative; they are "
                 f"{max_gap}, {hold} and {timeout}"
             )
-        self.steps, self.period, self.max_gap = steps, float(period), max_gap
-        self.timeout, self.max_tracks = timeout, max_tracks
+        self.steps = steps
+        self.period = float(period)
+        self.max_gap = max_gap
+        self.timeout = timeout
+        self.max_tracks = max_tracks
         self.min_seen = min_seen
-        self.hold, self.health = hold, collections.Counter(dict.fromkeys(HEALTH, 0))
-        self._kept = timeout + max(steps * period + hold, memory) + max_gap
+        self.hold = hold
+        self.health = collections.Counter(dict.fromkeys(HEALTH, 0))
+        past = max(steps * period + hold, memory)
+        self._kept = timeout + past + max_gap
         self._clear()
 
     def _clear(self) -> None:
@@ -172,7 +180,8 @@ class Window:
             InputError: for other shapes or ids; whatever else is wrong is counted in
                 `health`.
         """
-        ids, xy = np.asarray(ids), np.asarray(xy, np.float64)
+        ids = np.asarray(ids)
+        xy = np.asarray(xy, np.float64)
         if ids.ndim != 1 or (len(ids) and xy.shape != (len(ids), 2)):
             raise InputError(
                 f"a frame is ids [N] and xy [N, 2], not {ids.shape} and {xy.shape}"
@@ -182,16 +191,22 @@ class Window:
         self.health["frames"] += 1
         if not self._accept(float(stamp)):
             return False
-        recent = self.stamp - self._last <= self.timeout
-        if not recent.all():
-            self.health["forgotten"] += int((~recent).sum())
-            self._ids, self._last = self._ids[recent], self._last[recent]
-            self._places = self._places[:, recent]
-            self._velocity = self._velocity[recent]
+        self._forget()
         ids, xy = self._clean(ids, xy)
         followed = self._followed(ids, xy, focus)
         self._append(ids[followed], xy[followed])
         return True
+
+    def _forget(self) -> None:
+        """Forget whom nobody saw for `timeout`."""
+        recent = self.stamp - self._last <= self.timeout
+        if recent.all():  # In most frames.
+            return
+        self.health["forgotten"] += int((~recent).sum())
+        self._ids = self._ids[recent]
+        self._last = self._last[recent]
+        self._places = self._places[:, recent]
+        self._velocity = self._velocity[recent]
 
     def complete(self) -> Observed:
         """Everybody with a window that ends at the newest frame.
@@ -199,24 +214,36 @@ class Window:
         The velocity that goes on while a person is out of sight is that of the last
         `period` seen, or the line's.
         """
-        people = np.flatnonzero(self.stamp - self._last <= self.hold + SNAP)
+        absence = self.stamp - self._last
+        people = np.flatnonzero(absence <= self.hold + SNAP)
+        shape = len(people), self.steps
         last = self._last[people, None]
-        times = self.stamp - self.period * np.arange(self.steps - 1, -1, -1)
+        back = np.arange(self.steps - 1, -1, -1)
+        times = self.stamp - self.period * back
+        window = np.broadcast_to(times, shape)
         ends = last - [0.0, self.period]
-        window = np.broadcast_to(times, (len(people), self.steps))
         # One call: each takes as long for two times as for ten.
         places = self._at(people, np.concatenate([window, ends], axis=1))
-        positions, now, before = places[:, :-2].copy(), places[:, -2], places[:, -1]
+        positions = places[:, :-2].copy()
+        now = places[:, -2]
+        before = places[:, -1]
         velocity = (now - before) / self.period
-        sighted = np.ones((len(people), self.steps), bool)
+        sighted = np.ones(shape, bool)
         seen, doubt = self._draw_lines(people, times, positions, velocity, sighted)
 
+        # Who is out of sight goes on.
         ahead = times - last
         unseen = ahead > SNAP
-        going_on = now[:, None] + ahead[..., None] * velocity[:, None]
+        way = ahead[..., None] * velocity[:, None]
+        going_on = now[:, None] + way
         positions = np.where(unseen[..., None], going_on, positions)
         observed = Observed(
-            self._ids[people], positions, unseen.sum(axis=1), seen, doubt, sighted
+            ids=self._ids[people],
+            positions=positions,
+            extrapolated=unseen.sum(axis=1),
+            seen=seen,
+            doubt=doubt,
+            sighted=sighted,
         )
         is_whole = np.asarray(np.isfinite(positions).all(axis=(1, 2)))
         return observed.take(is_whole)
@@ -237,18 +264,19 @@ class Window:
             Seconds seen [N], and the standard deviations [N] of the lines' velocities.
         """
         length = times[-1] - times[0]
-        seen, doubt = np.full(len(people), length), np.zeros(len(people))
-        missing = np.isnan(positions[..., 0]) & (times <= self._last[people, None])
+        seen = np.full(len(people), length)
+        doubt = np.zeros(len(people))
+        last = self._last[people]
+        missing = np.isnan(positions[..., 0]) & (times <= last[:, None])
         for row in np.flatnonzero(missing.any(axis=1)):
             stamps, places = self._run(people[row])
             seen[row] = min(stamps[-1] - stamps[0], length)
             if len(stamps) < 2 or seen[row] < self.min_seen - SNAP:
                 continue
-            drawn = np.flatnonzero(times <= self._last[people[row]] + SNAP)
+            drawn = times <= last[row] + SNAP
             lines = lines_at(stamps, places, times[drawn])
-            positions[row, drawn] = [
-                line.at(time) for line, time in zip(lines, times[drawn])
-            ]
+            points = [line.at(time) for line, time in zip(lines, times[drawn])]
+            positions[row, drawn] = points
             sighted[row, :-LEAST] = times[:-LEAST] >= stamps[0] - SNAP
             doubt[row] = lines[-1].doubt
             velocity[row] = lines[-1].velocity
@@ -257,7 +285,8 @@ class Window:
     def _run(self, person: int) -> tuple[np.ndarray, np.ndarray]:
         """Stamps [R] and places [R, 2] of a person since the last gap beyond `max_gap`."""
         seen = np.isfinite(self._places[:, person, 0])
-        stamps, places = self._stamps[seen], self._places[seen, person]
+        stamps = self._stamps[seen]
+        places = self._places[seen, person]
         gaps = np.flatnonzero(np.diff(stamps) > self.max_gap + 2 * SNAP)
         begin = gaps[-1] + 1 if len(gaps) else 0
         return stamps[begin:], places[begin:]
@@ -270,15 +299,15 @@ class Window:
 
     def resampled(self, ids: ArrayLike, times: ArrayLike) -> np.ndarray:
         """[N, T, 2] where people were at `times` [T], NaN where that is not known."""
-        ids, times = np.asarray(ids), np.asarray(times, np.float64)
+        ids = np.asarray(ids)
+        times = np.asarray(times, np.float64)
         positions = np.full((len(ids), len(times), 2), np.nan)
         if not len(ids):  # In most frames: whoever is followed has a forecast.
             return positions
         is_known = np.isin(ids, self._ids)
         people = np.searchsorted(self._ids, ids[is_known])
-        positions[is_known] = self._at(
-            people, np.broadcast_to(times, (len(people), len(times)))
-        )
+        all_times = np.broadcast_to(times, (len(people), len(times)))
+        positions[is_known] = self._at(people, all_times)
         return positions
 
     def _at(self, people: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -286,48 +315,37 @@ class Window:
         # Over the gap before it, nothing is bridged.
         oldest = times.min(initial=self.stamp) - self.max_gap - 4 * SNAP
         begin = np.searchsorted(self._stamps, oldest)
-        stamps, places = self._stamps[begin:], self._places[begin:, people]
-        count = len(stamps)
-        frames = np.arange(count)[:, None]
-        seen = np.isfinite(places[..., 0])
-        # For each frame, the last before it or itself in which a person was seen, and
-        # the next.
-        last = np.maximum.accumulate(np.where(seen, frames, -1))
-        coming = np.minimum.accumulate(np.where(seen, frames, count)[::-1])[::-1]
-        column = np.arange(len(people))[:, None]
-        count_before = np.searchsorted(stamps, times + SNAP, side="right")
-        before = np.where(count_before > 0, last[count_before - 1, column], -1)
-        after = np.where(
-            count_before < count,
-            coming[np.minimum(count_before, count - 1), column],
-            count,
-        )
-        after = np.where(after < count, after, before)
+        stamps = self._stamps[begin:]
+        places = self._places[begin:, people]
+        before, after = _sightings(stamps, places, times)
+
         since = times - stamps[before]
-        exact = np.abs(since) <= SNAP
         gap = stamps[after] - stamps[before]
-        is_known = (before >= 0) & (
-            exact | ((gap > 0) & (gap <= self.max_gap + 2 * SNAP))
-        )
-        weight = np.divide(
-            since, gap, out=np.zeros_like(since), where=is_known & ~exact
-        )[..., None]
+        exact = np.abs(since) <= SNAP
+        is_between = (gap > 0) & (gap <= self.max_gap + 2 * SNAP)
+        is_known = (before >= 0) & (exact | is_between)
+        weight = np.zeros_like(since)
+        np.divide(since, gap, out=weight, where=is_known & ~exact)
+        column = np.arange(len(people))[:, None]
         first = places[before, column]
         # In this form a person who stands still stays exactly still, as in `resample`.
-        position = first + weight * (places[after, column] - first)
+        way = places[after, column] - first
+        position = first + weight[..., None] * way
         return np.where(is_known[..., None], position, np.nan)
 
     def _accept(self, stamp: float) -> bool:
         """Whether this frame is the next; clears everything if the clock was set back."""
         back = self.stamp - stamp
-        if (
-            not abs(stamp) < LATE
-            or back == 0
-            or (0 < back < RESET and not self._behind)
-        ):
+        refused = ""
+        if not abs(stamp) < LATE:
+            refused = "bad_stamps"
+        elif back == 0:
+            refused = "duplicate_stamps"
+        elif 0 < back < RESET and not self._behind:
+            refused = "backward_stamps"
+        if refused:
             self._behind |= back > 0
-            twice = "backward_stamps" if back else "duplicate_stamps"
-            self.health[twice if abs(stamp) < LATE else "bad_stamps"] += 1
+            self.health[refused] += 1
             return False
         if back > 0:
             self.health["clock_resets"] += 1
@@ -339,8 +357,10 @@ class Window:
 
     def _clean(self, ids: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The people of a frame whose id and position can be used."""
-        ids, xy = ids.astype(np.int64), xy.reshape(-1, 2)
-        finite, near = np.isfinite(xy).all(axis=1), (np.abs(xy) < FAR).all(axis=1)
+        ids = ids.astype(np.int64)
+        xy = xy.reshape(-1, 2)
+        finite = np.isfinite(xy).all(axis=1)
+        near = (np.abs(xy) < FAR).all(axis=1)
         unique, first = np.unique(ids[near], return_index=True)
         self.health.update(
             bad_positions=int((~finite).sum()),
@@ -354,7 +374,8 @@ class Window:
     ) -> np.ndarray:
         """[N] bool: who of a frame is followed: all who were, and as many newcomers as fit."""
         followed = np.isin(ids, self._ids)
-        new, room = np.flatnonzero(~followed), self.max_tracks - len(self._ids)
+        new = np.flatnonzero(~followed)
+        room = self.max_tracks - len(self._ids)
         if len(new) > room:
             self.health["refused"] += len(new) - room
             order = nearest_first(xy, focus)
@@ -364,29 +385,65 @@ class Window:
 
     def _append(self, ids: np.ndarray, xy: np.ndarray) -> None:
         """Add a frame; leave out frames that are too old."""
-        begin = np.searchsorted(self._stamps, self.stamp - self._kept, side="right")
-        before, everybody = self._stamps[begin:], np.union1d(self._ids, ids)
-        old_columns = np.searchsorted(everybody, self._ids)
-        new_columns = np.searchsorted(everybody, ids)
-        places = np.full((len(before) + 1, len(everybody), 2), np.nan)
-        places[:-1, old_columns] = self._places[begin:]
-        last = np.full(len(everybody), -np.inf)
-        last[old_columns] = self._last
-        velocity = np.full((len(everybody), 2), np.nan)
-        velocity[old_columns] = self._velocity
+        oldest = self.stamp - self._kept
+        begin = np.searchsorted(self._stamps, oldest, side="right")
+        stamps = self._stamps[begin:]
+        everybody = np.union1d(self._ids, ids)
+        people = len(everybody)
+        old = np.searchsorted(everybody, self._ids)
+        new = np.searchsorted(everybody, ids)
+
+        places = np.full((len(stamps) + 1, people, 2), np.nan)
+        places[:-1, old] = self._places[begin:]
+        last = np.full(people, -np.inf)
+        last[old] = self._last
+        velocity = np.full((people, 2), np.nan)
+        velocity[old] = self._velocity
+
         # Of newcomers the gap is infinite, and the distance that to anybody.
-        gap = self.stamp - last[new_columns]
-        moved = xy - places[np.searchsorted(before, last[new_columns]), new_columns]
-        jumped = is_jump(moved, velocity[new_columns], gap)
+        gap = self.stamp - last[new]
+        before = np.searchsorted(stamps, last[new])
+        moved = xy - places[before, new]
+        jumped = is_jump(moved, velocity[new], gap)
         jumped &= gap <= self.max_gap + 2 * SNAP
         self.health["jumps"] += int(jumped.sum())
-        places[:, new_columns[jumped]] = np.nan
-        places[-1, new_columns], last[new_columns] = xy, self.stamp
-        velocity[new_columns] = np.where(jumped[:, None], np.nan, moved / gap[:, None])
-        velocity[new_columns[np.isinf(gap)]] = np.nan
-        self._ids, self._last, self._places = everybody, last, places
+        places[:, new[jumped]] = np.nan
+        places[-1, new] = xy
+        last[new] = self.stamp
+        velocity[new] = moved / gap[:, None]
+        has_none = jumped | np.isinf(gap)
+        velocity[new[has_none]] = np.nan
+
+        self._ids = everybody
+        self._last = last
+        self._places = places
         self._velocity = velocity
-        self._stamps = np.append(before, self.stamp)
+        self._stamps = np.append(stamps, self.stamp)
+
+
+def _sightings(
+    stamps: np.ndarray, places: np.ndarray, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """[N, T] frames in which people were seen last at or before `times [N, T]`, and next.
+
+    The first is -1 where there is none; the second is the first where there is none.
+    `stamps [F]` are of `places [F, N, 2]`, NaN where a person was not seen.
+    """
+    count = len(stamps)
+    frames = np.arange(count)[:, None]
+    column = np.arange(places.shape[1])[:, None]
+    seen = np.isfinite(places[..., 0])
+    # For each frame, the last before it or itself in which a person was seen, and the
+    # next.
+    last = np.maximum.accumulate(np.where(seen, frames, -1))
+    coming = np.where(seen, frames, count)[::-1]
+    coming = np.minimum.accumulate(coming)[::-1]
+
+    passed = np.searchsorted(stamps, times + SNAP, side="right")
+    before = np.where(passed > 0, last[passed - 1, column], -1)
+    following = np.minimum(passed, count - 1)
+    after = np.where(passed < count, coming[following, column], count)
+    return before, np.where(after < count, after, before)
 
 
 def nearest_first(xy: np.ndarray, focus: ArrayLike | None) -> np.ndarray:

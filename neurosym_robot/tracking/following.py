@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neurosym_jax.data.tracks import Tracks, make_tracks
+from neurosym_jax.data.tracks import Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.tracking_errors import FASTEST
 
@@ -29,12 +29,14 @@ class Frame(NamedTuple):
 
 def synchronous(tracks: Tracks) -> Tracks:
     """The tracks, resampled to one clock if agents have clocks of their own."""
+    is_same = np.diff(tracks.id) == 0
+    steps = np.diff(tracks.stamp)[is_same]
+    if not len(steps):
+        return tracks
+    step = float(np.median(steps))
     frames = np.unique(tracks.stamp)
-    steps = np.diff(tracks.stamp)[np.diff(tracks.id) == 0]
-    if len(steps) and np.median(np.diff(frames)) < 0.5 * np.median(steps):
-        from neurosym_jax.data.tracks import resample
-
-        return resample(tracks, float(np.median(steps)))
+    if np.median(np.diff(frames)) < 0.5 * step:
+        return resample(tracks, step)
     return tracks
 
 
