@@ -37,7 +37,8 @@ class _Edge:
     """Poses of a frame in its parent, by stamp."""
 
     def __init__(self, parent: str, static: bool):
-        self.parent, self.static = parent, static
+        self.parent = parent
+        self.static = static
         self.poses: list[Pose] = []
         self.doubted: list[Pose] = []
         """Poses from before an older stamp came: the clock was set back, or that one was late."""
@@ -53,41 +54,56 @@ class _Edge:
             return False
         self.former = (-math.inf, -math.inf)
         if not self.doubted and self.poses and stamp < self.poses[-1][0]:
-            self.doubted, self.poses, self.since = self.poses, [], received
+            self.doubted = self.poses
+            self.poses = []
+            self.since = received
         back = bool(self.doubted) and received - self.since > REORDERED
         if self.doubted and stamp > self.doubted[-1][0]:
-            # One that was overtaken has a delay as others had before; after a clock was
-            # set back, all have a longer one.
-            delays, before = _delays([*self.poses, pose]), _delays(self.doubted)
-            shift = 0.6 * (self.doubted[-1][0] - self.poses[0][0])
-            back |= min(delays) - min(before) > shift > max(before) - min(before)
+            back |= self._is_set_back(pose)
             if not back:
-                self.poses, self.doubted = (
-                    sorted(self.doubted + self.poses, key=itemgetter(0)),
-                    [],
-                )
+                together = self.doubted + self.poses
+                self.poses = sorted(together, key=itemgetter(0))
+                self.doubted = []
         if back:
             self.doubted = []
-        place = bisect.bisect_left(self.poses, stamp, key=itemgetter(0))
-        same = self.poses[place : place + 1] and self.poses[place][0] == stamp
-        self.poses[place : place + bool(same)] = [pose]
-        oldest = bisect.bisect_left(
-            self.poses, self.poses[-1][0] - KEPT, key=itemgetter(0)
-        )
-        del self.poses[:oldest]
+        self._insert(pose)
         return back
+
+    def _is_set_back(self, pose: Pose) -> bool:
+        """Whether the clock was set back, by a pose that is newer than those in doubt.
+
+        One that was overtaken has a delay as others had before; after a clock was set
+        back, all have a longer one.
+        """
+        delays = _delays([*self.poses, pose])
+        before = _delays(self.doubted)
+        shift = 0.6 * (self.doubted[-1][0] - self.poses[0][0])
+        return min(delays) - min(before) > shift > max(before) - min(before)
+
+    def _insert(self, pose: Pose) -> None:
+        """Put a pose in its place, instead of one of the same stamp, and forget old ones."""
+        stamp = pose[0]
+        begin = bisect.bisect_left(self.poses, stamp, key=itemgetter(0))
+        end = bisect.bisect_right(self.poses, stamp, key=itemgetter(0))
+        self.poses[begin:end] = [pose]
+        newest = self.poses[-1][0]
+        oldest = bisect.bisect_left(self.poses, newest - KEPT, key=itemgetter(0))
+        del self.poses[:oldest]
 
     def at(self, frame: str, stamp: float, hold: float) -> np.ndarray:
         """[7] pose at a stamp, linear between two known ones; the newest holds for `hold` s."""
         if self.static:
             return self.poses[0][1]
-        begin, end = (self.poses[n][0] if self.poses else math.nan for n in (0, -1))
+        begin = end = math.nan
+        if self.poses:
+            begin = self.poses[0][0]
+            end = self.poses[-1][0]
         if not begin <= stamp <= end + hold:
-            text = (
-                f"where {frame} lies is known from {begin:.2f} to {end:.2f} s, not at"
-            )
-            error = LookupError if stamp < begin and not self.doubted else NotYet
-            raise error(f"{text} {stamp:.2f}")
+            span = f"from {begin:.2f} to {end:.2f} s, not at {stamp:.2f}"
+            is_over = stamp < begin and not self.doubted
+            error = LookupError if is_over else NotYet
+            raise error(f"where {frame} lies is known {span}")
+
         after = bisect.bisect_right(self.poses, stamp, key=itemgetter(0))
         before, first, _ = self.poses[after - 1]
         then, last, _ = self.poses[min(after, len(self.poses) - 1)]
@@ -95,11 +111,14 @@ class _Edge:
         # linear and spherical interpolation agree.
         if first[3:] @ last[3:] < 0:
             last = np.concatenate([last[:3], -last[3:]])
-        if then - before > GAP and np.abs(last - first).max() > 0.01:
+        gap = then - before
+        if gap > GAP and np.abs(last - first).max() > 0.01:
             raise LookupError(
                 f"{frame} moved while /tf was silent from {before:.2f} to {then:.2f}"
             )
-        share = (stamp - before) / (then - before) if then > before else 0.0
+        share = 0.0
+        if gap > 0:
+            share = (stamp - before) / gap
         return (1 - share) * first + share * last
 
 
@@ -121,21 +140,17 @@ class Transforms:
         `received` is the time of arrival in seconds of any monotonic clock.
         """
         for row in message.transforms:
-            move, turn = row.transform.translation, row.transform.rotation
-            pose = np.array(
-                [move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w], np.float64
-            )
+            pose = _pose_of(row.transform)
             if not (np.isfinite(pose).all() and np.linalg.norm(pose[3:]) > 1e-6):
                 continue
-            child, parent = (
-                row.child_frame_id.strip("/"),
-                row.header.frame_id.strip("/"),
-            )
+            child = row.child_frame_id.strip("/")
+            parent = row.header.frame_id.strip("/")
+            stamp = seconds_of(row.header.stamp)
             with self._lock:
                 edge = self._edges.get(child)
                 if edge is None or edge.parent != parent or static or edge.static:
                     edge = self._edges[child] = _Edge(parent, static)
-                if edge.add((seconds_of(row.header.stamp), pose, received)):
+                if edge.add((stamp, pose, received)):
                     self._forget(edge.since)
 
     def forget(self, before: float) -> None:
@@ -147,7 +162,8 @@ class Transforms:
         with self._lock:
             for edge in self._edges.values():
                 if edge.poses and not edge.static and edge.since < before - LATE:
-                    edge.former, edge.poses = (edge.poses[-1][0], before + LATE), []
+                    edge.former = (edge.poses[-1][0], before + LATE)
+                    edge.poses = []
             self._forget(before)
 
     def _forget(self, before: float) -> None:
@@ -169,17 +185,15 @@ class Transforms:
             LookupError: with the reason, if it will not.
         """
         with self._lock:
-            up, down = self._to_root(source), self._to_root(target)
+            up = self._to_root(source)
+            down = self._to_root(target)
             common = next((frame for frame in up if frame in down), None)
             if common is None:
-                raise NotYet(
-                    f"no transform between {source or 'unnamed coordinates'} and {target}"
-                )
-            up_part, down_part = (
-                frames[: frames.index(common)] for frames in (up, down)
-            )
-            outward = self._along(down_part, stamp, hold)
-            return np.linalg.inv(outward) @ self._along(up_part, stamp, hold)
+                name = source or "unnamed coordinates"
+                raise NotYet(f"no transform between {name} and {target}")
+            from_source = self._along(up[: up.index(common)], stamp, hold)
+            from_target = self._along(down[: down.index(common)], stamp, hold)
+            return np.linalg.inv(from_target) @ from_source
 
     def anchor(self, frame: str) -> str | None:
         """The frame that `frame` is to be at rest in; None if /tf does not know it.
@@ -189,10 +203,12 @@ class Transforms:
         """
         with self._lock:
             way = self._to_root(frame)
-            tree = [
-                child for child in self._edges if self._to_root(child)[-1] == way[-1]
-            ]
-        return next(filter(is_fixed, [*way[1:], *tree]), way[-1]) if tree else None
+            root = way[-1]
+            tree = [child for child in self._edges if self._to_root(child)[-1] == root]
+        if not tree:
+            return None
+        others = [*way[1:], *tree]
+        return next(filter(is_fixed, others), root)
 
     def _to_root(self, frame: str) -> list[str]:
         """The frame, its parent, and so on; each once, should they form a circle."""
@@ -206,15 +222,28 @@ class Transforms:
     def _along(
         self, frames: Iterable[str], stamp: float | None, hold: float
     ) -> np.ndarray:
-        matrix, step = np.eye(4), np.eye(4)
+        matrix = np.eye(4)
         for frame in frames:
             edge = self._edges[frame]
-            if stamp is None and not edge.poses:
+            if stamp is not None:
+                pose = edge.at(frame, stamp, hold)
+            elif edge.poses:
+                pose = edge.poses[-1][1]
+            else:
                 raise NotYet(f"where {frame} lies is not known yet")
-            pose = edge.poses[-1][1] if stamp is None else edge.at(frame, stamp, hold)
-            step[:3, :3], step[:3, 3] = rotation_of(pose[3:]), pose[:3]
+            step = np.eye(4)
+            step[:3, :3] = rotation_of(pose[3:])
+            step[:3, 3] = pose[:3]
             matrix = step @ matrix
         return matrix
+
+
+def _pose_of(transform: Any) -> np.ndarray:
+    """[7] translation and quaternion x y z w of a `geometry_msgs/Transform`."""
+    move = transform.translation
+    turn = transform.rotation
+    numbers = [move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w]
+    return np.array(numbers, np.float64)
 
 
 def rotation_of(quaternion: np.ndarray) -> np.ndarray:

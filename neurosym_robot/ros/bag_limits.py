@@ -27,9 +27,9 @@ WORDS = (b"compression=lz4", b"compression=bz2", b"zstd", b"lz4")
 
 def refuse_bombs(bag: Path, paths: Sequence[Path]) -> None:
     """InputError for a bag of `paths` that would take too much memory or time, with the limit."""
-    inside = [
-        file for path in paths for file in (path, *path.glob("*")) if file.is_file()
-    ]
+    inside = []
+    for path in paths:
+        inside += [file for file in (path, *path.glob("*")) if file.is_file()]
     if not any(map(_compressed, inside)):
         return
     size = sum(file.stat().st_size for file in inside)

@@ -58,11 +58,12 @@ def is_bag(path: Path) -> bool:
 def definitions() -> dict[str, str]:
     """Texts of the definitions by type, such as "people_msgs/msg/People"."""
     folders = files("neurosym_robot.ros").joinpath("msg").iterdir()
-    return {
-        f"{folder.name}/msg/{file.name.removesuffix('.msg')}": file.read_text()
-        for folder in folders
-        for file in folder.iterdir()
-    }
+    texts = {}
+    for folder in folders:
+        for file in folder.iterdir():
+            kind = file.name.removesuffix(".msg")
+            texts[f"{folder.name}/msg/{kind}"] = file.read_text()
+    return texts
 
 
 def typestore(ros: Literal[1, 2]) -> Any:

@@ -284,7 +284,9 @@ class ForecastingNode(abc.ABC):
         with self._changed:
             heard = list(self._waiting)
             self._waiting.clear()
-        frames = [frame for message in heard for frame in self.source.take(*message)]
+        frames = []
+        for message in heard:
+            frames += self.source.take(*message)
         frames += self.source.release(self._elapsed())
         malformed = [frame for frame in frames if not 0 <= frame.stamp < LAST]
         self.source.refused["malformed"] += len(malformed)

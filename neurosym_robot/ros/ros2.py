@@ -176,11 +176,11 @@ class ForecastNode(ForecastingNode):
         return self.node.get_clock().ros_time_is_active
 
     def _published(self) -> dict[str, str]:
-        return {
-            name: publisher.topic_type
-            for name, _ in self.node.get_topic_names_and_types()
-            for publisher in self.node.get_publishers_info_by_topic(name)
-        }
+        kinds = {}
+        for name, _ in self.node.get_topic_names_and_types():
+            for publisher in self.node.get_publishers_info_by_topic(name):
+                kinds[name] = publisher.topic_type
+        return kinds
 
     def _listen(self, topic: str, kind: str, hear: Callable[[Any], None]) -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile

@@ -177,18 +177,15 @@ class Node:
 
     def _bus_info(self) -> list[list[Any]]:
         """[id, other side, direction, transport, topic, connected] of every connection."""
-        ends = [
-            ("i", link.topic, link.publishers) for link in self._subscribers.values()
-        ]
-        ends += [
-            ("o", link.topic, link.subscribers) for link in self._publishers.values()
-        ]
-        rows = [
-            (peer, way, "TCPROS", topic.name, True)
-            for way, topic, peers in ends
-            for peer in peers
-        ]
-        return [[number, *row] for number, row in enumerate(rows)]
+        ends = []
+        for link in self._subscribers.values():
+            ends += [(peer, "i", link.topic) for peer in link.publishers]
+        for link in self._publishers.values():
+            ends += [(peer, "o", link.topic) for peer in link.subscribers]
+        rows = []
+        for number, (peer, way, topic) in enumerate(ends):
+            rows.append([number, peer, way, "TCPROS", topic.name, True])
+        return rows
 
 
 def _types(ends: Any) -> list[list[str]]:
