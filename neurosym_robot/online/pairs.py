@@ -30,11 +30,9 @@ class LikelyEvent(NamedTuple):
         """Such as `3 follows 5: 80 %, in 1.2 s`; `ids` [N] of the people."""
         from neurosym_jax.symbolic.events import EVENTS
 
-        sentence = (
-            EVENTS[self.name]
-            .in_short(self.name)
-            .format(k=name_of(int(ids[self.k])), l=name_of(int(ids[self.l])))
-        )
+        k, other = (name_of(int(ids[row])) for row in (self.k, self.l))
+        form = EVENTS[self.name].in_short(self.name)
+        sentence = form.format(k=k, l=other)
         return f"{sentence}: {100 * self.probability:.0f} %, in {self.seconds:.1f} s"
 
 
@@ -50,13 +48,16 @@ def likely_events(
 
     result = forecast.models[model]
     i, j = np.triu_indices(len(result.mean), 1)
-    distance = np.square(result.mean[i] - result.mean[j]).sum(axis=-1).min(axis=-1)
+    offset = result.mean[i] - result.mean[j]
+    square = np.square(offset).sum(axis=-1)
+    distance = square.min(axis=-1)
     nearest = np.argsort(distance, kind="stable")[:PAIRS]
     if not len(nearest):
         return []
     near = np.stack([i[nearest], j[nearest]], axis=1)
     # Both directions of a pair; always as many, so that one program serves all.
-    pairs = np.resize(np.concatenate([near, near[:, ::-1]]), (2 * PAIRS, 2))
+    both = np.concatenate([near, near[:, ::-1]])
+    pairs = np.resize(both, (2 * PAIRS, 2))
     ends = pairs.T.ravel()
     outcomes = symbolic_events(
         result.draws[:, ends],
@@ -65,17 +66,24 @@ def likely_events(
         pairs=np.arange(len(ends)).reshape(2, -1).T,
         period=period,
     )
-    share, seconds = (
-        np.asarray(outcomes.probability),
-        np.asarray(outcomes.seconds)[..., 1],
-    )
-    names, listed = tuple(EVENTS), []
-    for event, row in np.argwhere(share[:, : 2 * len(near)] >= at_least).tolist():
+    share = np.asarray(outcomes.probability)[:, : len(both)]
+    seconds = np.asarray(outcomes.seconds)[..., 1]
+    names = tuple(EVENTS)
+    listed = []
+    for event, row in np.argwhere(share >= at_least).tolist():
+        name = names[event]
         # A mutual event has the same probability in both directions, and is listed
         # once.
-        once = row < len(near) or not EVENTS[names[event]].mutual
-        if once and np.isfinite(seconds[event, row]):
-            subject, other = pairs[row].tolist()
-            numbers = float(share[event, row]), float(seconds[event, row])
-            listed.append(LikelyEvent(names[event], subject, other, *numbers))
+        is_twice = EVENTS[name].mutual and row >= len(near)
+        if is_twice or not np.isfinite(seconds[event, row]):
+            continue
+        subject, other = pairs[row].tolist()
+        likely = LikelyEvent(
+            name=name,
+            k=subject,
+            l=other,
+            probability=float(share[event, row]),
+            seconds=float(seconds[event, row]),
+        )
+        listed.append(likely)
     return sorted(listed, key=lambda item: (-item.probability, item.seconds))

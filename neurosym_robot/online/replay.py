@@ -38,12 +38,13 @@ class Analytics:
         and people with a forecast that cannot be scored: "future unknown"."""
         # By model: forecasts and people scored, and [2, ...] total and count of the
         # metrics so far.
-        self._scored, self._people = collections.Counter(), collections.Counter()
+        self._scored = collections.Counter[str]()
+        self._people = collections.Counter[str]()
         self._sums: dict[str, dict[str, Any]] = {}
-        self._runtime: dict[
-            str, tuple[float, int]
-        ] = {}  # milliseconds and forecasts so far
-        self._window, self._scales = predictor.window, predictor.scales
+        # milliseconds and forecasts so far
+        self._runtime: dict[str, tuple[float, int]] = {}
+        self._window = predictor.window
+        self._scales = predictor.scales
         self._score_of, self._metrics = _metrics_of(predictor)
         self._wait = predictor.seconds_ahead + GRACE
         self._pending: collections.deque[Forecast] = collections.deque()
@@ -62,27 +63,32 @@ class Analytics:
         for name, regions in self.regions.items():
             regions.learn()
             self._scales[name] = regions.scale
-        while (
-            self._pending and self._window.stamp >= self._pending[0].stamp + self._wait
-        ):
+        complete = self._window.stamp - self._wait
+        while self._pending and self._pending[0].stamp <= complete:
             done.append(self._score(self._pending.popleft()))
-        if forecast is not None:
-            self.dropped.update(forecast.dropped.values())
-        if forecast is not None and len(forecast.ids):
-            self.forecasts += 1
-            for name, result in forecast.models.items():
-                total, count = self._runtime.get(name, (0.0, 0))
-                self._runtime[name] = total + 1e3 * result.runtime, count + 1
-            newest = self._pending[-1].stamp if self._pending else -np.inf
-            if forecast.stamp - newest >= self._window.period - SNAP:
-                self._pending.append(forecast)
-                for name, result in forecast.models.items():
-                    if len(result.draws) > 1:
-                        regions = self.regions.setdefault(
-                            name, Recalibration(self._window)
-                        )
-                        regions.add(forecast.stamp, forecast.ids, result.draws)
+        if forecast is None:
+            return done
+        self.dropped.update(forecast.dropped.values())
+        if len(forecast.ids):
+            self._follow(forecast)
         return done
+
+    def _follow(self, forecast: Forecast) -> None:
+        """Count a forecast; wait for its future if the last such one is a period old."""
+        self.forecasts += 1
+        for name, result in forecast.models.items():
+            total, count = self._runtime.get(name, (0.0, 0))
+            self._runtime[name] = total + 1e3 * result.runtime, count + 1
+        newest = self._pending[-1].stamp if self._pending else -np.inf
+        if forecast.stamp - newest < self._window.period - SNAP:
+            return
+        self._pending.append(forecast)
+        for name, result in forecast.models.items():
+            if len(result.draws) < 2:
+                continue
+            if name not in self.regions:
+                self.regions[name] = Recalibration(self._window)
+            self.regions[name].add(forecast.stamp, forecast.ids, result.draws)
 
     def finish(self) -> list[Forecast]:
         """At the end of a recording, score the forecasts that wait, and return them."""
@@ -138,35 +144,37 @@ class Analytics:
         """Compare a forecast with what happened: here truth meets what was forecast."""
         samples = _with_straight(forecast)
         steps = np.arange(1, samples[STRAIGHT].shape[2] + 1)
-        future = self._window.resampled(
-            forecast.ids, forecast.stamp + self._window.period * steps
-        )
-        is_known: Any = np.isfinite(future).all(axis=2)
+        times = forecast.stamp + self._window.period * steps
+        future = self._window.resampled(forecast.ids, times)
         for name, futures in samples.items():
-            sums, length = self._sums.setdefault(name, {}), futures.shape[2]
-            is_whole = is_known[:, :length].all(axis=1)
-            if not is_whole.any():
-                continue
-            count = int(is_whole.sum())
-            self._scored[name] += 1
-            self._people[name] += count
-            central = forecast.models[name].central if name in forecast.models else 0
-            off = np.linalg.norm(futures[central] - future[:, :length], axis=-1)[
-                is_whole
-            ]
-            for metric, total in zip(
-                PUBLISHED, (off.mean(axis=1).sum(), off[:, -1].sum())
-            ):
-                sums[metric] = sums.get(metric, 0) + np.array([total, count])
-            for metric, value in self._score_of(
-                futures, future[:, :length], is_whole
-            ).items():
-                sum_and_count = np.stack(
-                    np.broadcast_arrays(value.total[0], value.count[0])
-                )
-                sums[metric] = sums.get(metric, 0) + sum_and_count
-        self.dropped["future unknown"] += int((~is_known.all(axis=1)).sum())
+            central = 0
+            if name in forecast.models:
+                central = forecast.models[name].central
+            self._score_model(name, futures, central, future[:, : futures.shape[2]])
+        is_known = np.isfinite(future).all(axis=(1, 2))
+        self.dropped["future unknown"] += int(np.sum(~is_known))
         return dataclasses.replace(forecast, future=future)
+
+    def _score_model(
+        self, name: str, futures: np.ndarray, central: int, future: np.ndarray
+    ) -> None:
+        """Add the errors of `futures [k, N, T, 2]`, of people whose `future [N, T, 2]` is known."""
+        is_whole: Any = np.isfinite(future).all(axis=(1, 2))
+        if not is_whole.any():
+            return
+        count = int(is_whole.sum())
+        self._scored[name] += 1
+        self._people[name] += count
+        sums = self._sums.setdefault(name, {})
+
+        offset = futures[central, is_whole] - future[is_whole]
+        off = np.linalg.norm(offset, axis=-1)
+        totals = off.mean(axis=1).sum(), off[:, -1].sum()
+        for metric, total in zip(PUBLISHED, totals):
+            sums[metric] = sums.get(metric, 0) + np.array([total, count])
+        for metric, score in self._score_of(futures, future, is_whole).items():
+            total_and_count = np.broadcast_arrays(score.total[0], score.count[0])
+            sums[metric] = sums.get(metric, 0) + np.stack(total_and_count)
 
 
 def _metrics_of(predictor: Predictor) -> tuple[Callable[..., Any], list[str]]:
@@ -182,27 +190,25 @@ def _metrics_of(predictor: Predictor) -> tuple[Callable[..., Any], list[str]]:
 def _with_straight(forecast: Forecast) -> dict[str, np.ndarray]:
     """Samples by model, and of `STRAIGHT` as many as a model's, for the same program."""
     samples = {name: result.samples for name, result in forecast.models.items()}
-    first, steps = (
-        len(next(iter(samples.values()))),
-        max(s.shape[2] for s in samples.values()),
-    )
+    first = next(iter(samples.values()))
+    steps = max(futures.shape[2] for futures in samples.values())
     going_on = straight(forecast.observed, steps)
-    return samples | {STRAIGHT: np.repeat(going_on[None], first, axis=0)}
+    return samples | {STRAIGHT: np.repeat(going_on[None], len(first), axis=0)}
 
 
 def straight(observed: np.ndarray, steps: int) -> np.ndarray:
     """[N, steps, 2] of people `observed` [N, T, 2] who go on as between their last two steps."""
     step = np.diff(observed[:, -2:], axis=1).sum(axis=1, keepdims=True)
-    return observed[:, -1:] + np.arange(1, steps + 1)[:, None] * step
+    number = np.arange(1, steps + 1)[:, None]
+    return observed[:, -1:] + number * step
 
 
 class ReplayEvent(NamedTuple):
     """What follows from a frame."""
 
     frame: Frame  # as the predictor saw it, with mended ids if there is a stitcher
-    forecast: (
-        Forecast | None
-    )  # of nobody where nobody is; None if the frame was refused
+    # of nobody where nobody is; None if the frame was refused
+    forecast: Forecast | None
     scored: Sequence[Forecast] = ()  # those whose future is known now
     skipped: int = 0  # older frames that were observed, but not forecast
     age: float = math.nan  # seconds from stamp to forecast, by the recording's clock

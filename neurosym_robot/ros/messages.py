@@ -97,7 +97,8 @@ def filled(message: Any, /, **fields: Any) -> Any:
 
 def _time(seconds: float) -> dict[str, int]:
     """Fields of a time or a duration."""
-    return dict(zip(("sec", "nanosec"), divmod(round(seconds * 1e9), 10**9)))
+    whole, rest = divmod(round(seconds * 1e9), 10**9)
+    return {"sec": whole, "nanosec": rest}
 
 
 def _header(stamp: float, frame_id: str) -> dict[str, Any]:
@@ -108,19 +109,20 @@ def make_people(
     new: New, frame: Frame, frame_id: str = "map", velocity: np.ndarray | None = None
 ) -> Any:
     """The People message of a frame; of people without a `velocity` [N, 2] (m/s, NaN) it is 0."""
-    speeds = np.zeros_like(frame.xy) if velocity is None else np.nan_to_num(velocity)
-    people = [
-        filled(
+    speeds = np.zeros_like(frame.xy)
+    if velocity is not None:
+        speeds = np.nan_to_num(velocity)
+    rows = zip(frame.ids.tolist(), frame.xy.tolist(), speeds.tolist())
+    people = []
+    for id, (x, y), (vx, vy) in rows:
+        person = filled(
             new("people_msgs/msg/Person"),
             name=name_of(id),
             reliability=1.0,
             position={"x": x, "y": y},
             velocity={"x": vx, "y": vy},
         )
-        for id, (x, y), (vx, vy) in zip(
-            frame.ids.tolist(), frame.xy.tolist(), speeds.tolist()
-        )
-    ]
+        people.append(person)
     return filled(new(PEOPLE), header=_header(frame.stamp, frame_id), people=people)
 
 
@@ -139,36 +141,34 @@ def make_trajectories(
     `ids` are [N], `covariance` [N, T, 2, 2] square metres, `confidence` [N]; the stamp
     is that of the step `now`, the last one observed.
     """
-    positions, times = (
-        np.asarray(xy, np.float64),
-        np.asarray(steps, np.float64).tolist(),
-    )
-    people, length = positions.shape[:2]
+    positions = np.asarray(xy, np.float64)
+    times = np.asarray(steps, np.float64).tolist()
+    people, length, _ = positions.shape
+    velocity = np.zeros_like(positions)
+    if length > 1:
+        velocity = np.gradient(positions, times, axis=1)
     spread = np.zeros((people, length, 6, 6))
     spread[..., :2, :2] = covariance
     spread = spread.reshape(people, length, 36)
     sure = np.broadcast_to(confidence, people).tolist()
     # Only what differs is made for each, because a message has thousands of positions.
     empty = new("darko_perception_msgs/msg/Human")
-    centroid, turn = empty.centroid, filled(empty.centroid.pose.orientation, w=1.0)
-    place, pose, point = map(type, (centroid, centroid.pose, centroid.pose.position))
-
-    motion = type(empty.velocity), type(empty.velocity.twist)
-    vector, no_turn = type(empty.velocity.twist.linear), empty.velocity.twist.angular
+    pose, twist = empty.centroid.pose, empty.velocity.twist
+    turn = filled(pose.orientation, w=1.0)
+    no_turn = twist.angular
     unknown = np.zeros(36)
-    velocity = np.gradient(positions, times, axis=1) if length > 1 else 0 * positions
+    Place, Pose, Point = map(type, (empty.centroid, pose, pose.position))
+    Motion, Twist, Vector = map(type, (empty.velocity, twist, twist.linear))
 
     def human(n: int, step: int) -> Any:
-        centre = place(
-            pose(point(*positions[n, step].tolist(), 0.0), turn), spread[n, step]
-        )
-        twist = motion[1](vector(*velocity[n, step].tolist(), 0.0), no_turn)
+        point = Point(*positions[n, step].tolist(), 0.0)
+        vector = Vector(*velocity[n, step].tolist(), 0.0)
         return filled(
             copy.copy(empty),
             id=int(ids[n]) % 2**64,
             confidence=sure[n],
-            centroid=centre,
-            velocity=motion[0](twist, unknown),
+            centroid=Place(Pose(point, turn), spread[n, step]),
+            velocity=Motion(Twist(vector, no_turn), unknown),
         )
 
     def everybody(step: int) -> Any:
@@ -193,16 +193,22 @@ def forecast_message(
     The covariance of a position is that of the draws around their mean; the confidence
     of a person is the share of observed steps that were seen, not extrapolated.
     """
-    result, seen = forecast.models[model], forecast.observed.shape[1]
+    result = forecast.models[model]
+    seen = forecast.observed.shape[1]
     xy = np.concatenate([forecast.observed, result.samples[result.central]], axis=1)
     deviation = result.draws - result.draws.mean(axis=0)
+    products = np.einsum("knti,kntj->ntij", deviation, deviation)
     spread = np.zeros((*xy.shape, 2))
-    spread[:, seen:] = np.einsum("knti,kntj->ntij", deviation, deviation) / len(
-        deviation
-    )
-    steps, sure = _steps(forecast, xy, period), 1 - forecast.extrapolated / seen
+    spread[:, seen:] = products / len(deviation)
     return make_trajectories(
-        new, steps, forecast.ids, xy, spread, frame_id, sure, seen - 1
+        new,
+        _steps(forecast, xy, period),
+        forecast.ids,
+        xy,
+        covariance=spread,
+        frame_id=frame_id,
+        confidence=1 - forecast.extrapolated / seen,
+        now=seen - 1,
     )
 
 
@@ -219,16 +225,21 @@ def truth_message(
     is_whole = np.isfinite(xy).all(axis=(1, 2))
     if not is_whole.any():
         return None
-    steps, now = _steps(forecast, xy, period), forecast.observed.shape[1] - 1
     return make_trajectories(
-        new, steps, forecast.ids[is_whole], xy[is_whole], frame_id=frame_id, now=now
+        new,
+        _steps(forecast, xy, period),
+        forecast.ids[is_whole],
+        xy[is_whole],
+        frame_id=frame_id,
+        now=forecast.observed.shape[1] - 1,
     )
 
 
 def _steps(forecast: Forecast, xy: np.ndarray, period: float) -> np.ndarray:
     """[T] seconds of the steps of `xy` [N, T, 2], observed and future."""
     now = forecast.observed.shape[1] - 1
-    return forecast.stamp + period * np.arange(-now, xy.shape[1] - now)
+    number = np.arange(xy.shape[1]) - now
+    return forecast.stamp + period * number
 
 
 def samples_message(
@@ -236,10 +247,13 @@ def samples_message(
 ) -> Any:
     """The neurosym_msgs/Forecast of one model."""
     last = forecast.observed[:, -1]
+    before = forecast.observed[:, -2:-1].mean(axis=1)
+    velocity = (last - before) / period
     futures, weights, central = forecast.models[model].weighted
     regions = forecast.models[model].regions
-    velocity = (last - forecast.observed[:, -2:-1].mean(axis=1)) / period
+    covariance = regions.covariance[..., [0, 0, 1], [0, 1, 1]]
     present: Any = np.isfinite(forecast.whereabouts).all(axis=1)
+    other_ids = np.array([*forecast.dropped], np.int64)
     return filled(
         new(FORECAST),
         header=_header(forecast.stamp, frame_id),
@@ -254,18 +268,21 @@ def samples_message(
         extrapolated=forecast.extrapolated.astype(np.uint32),
         position=last.ravel(),
         seen=forecast.seen.astype(np.float32),
-        other_ids=np.array([*forecast.dropped], np.int64)[present],
+        other_ids=other_ids[present],
         other_position=forecast.whereabouts[present].ravel(),
         other_reason=[*itertools.compress(forecast.dropped.values(), present)],
         levels=np.array(LEVELS, np.float32),
-        mean=(regions.mean - last[:, None]).ravel().astype(np.float32),
-        covariance=regions.covariance[..., [0, 0, 1], [0, 1, 1]]
-        .ravel()
-        .astype(np.float32),
-        radius=regions.radius.ravel().astype(np.float32),
-        velocity=velocity.ravel().astype(np.float32),
-        futures=(futures - last[:, None]).ravel().astype(np.float32),
+        mean=_flat(regions.mean - last[:, None]),
+        covariance=_flat(covariance),
+        radius=_flat(regions.radius),
+        velocity=_flat(velocity),
+        futures=_flat(futures - last[:, None]),
     )
+
+
+def _flat(values: np.ndarray) -> np.ndarray:
+    """The values as a message has them."""
+    return values.ravel().astype(np.float32)
 
 
 def markers_message(
@@ -277,9 +294,10 @@ def markers_message(
 
     Lines of people who are not seen at the moment are faint.
     """
-    result, last = forecast.models[model], forecast.observed[:, -1:]
+    result = forecast.models[model]
+    last = forecast.observed[:, -1:]
     paths = np.append(last, result.samples[result.central], axis=1)
-    people, points = paths.shape[:2]
+    people, points, _ = paths.shape
     xyz = np.pad(paths, [(0, 0), (0, 0), (0, 1)]).reshape(people, 3 * points)
     empty = new(MARKER, points)
     filled(
@@ -291,29 +309,23 @@ def markers_message(
         # The line disappears by itself when the node ends.
         lifetime=_time(2 * period),
     )
-    colour, line = type(empty.color), type(empty.points)
-    opacity, colours = (
-        np.where(forecast.extrapolated, FAINT, 1.0),
-        np.divide(COLOURS, 255).tolist(),
-    )
-    looks = map(
-        colour,
-        *zip(*itertools.islice(itertools.cycle(colours), people)),
-        opacity.tolist(),
-    )
-    markers = [
-        filled(
-            copy.copy(empty),
-            ns=f"{model}/{name_of(id)}",
-            color=look,
-            points=line(points, path),
-        )
-        for id, look, path in zip(forecast.ids.tolist(), looks, xyz)
-    ]
-    nothing = line(points, np.zeros(3 * points))
+    Colour, Line = type(empty.color), type(empty.points)
+    nothing = Line(points, np.zeros(3 * points))
     clear = copy.copy(empty)
     filled(clear, ns=model, action=empty.DELETEALL, points=nothing)
-    return filled(new(MARKERS, points), markers=[clear, *markers])
+
+    markers = [clear]
+    colours = itertools.cycle(np.divide(COLOURS, 255).tolist())
+    opacity = np.where(forecast.extrapolated, FAINT, 1.0).tolist()
+    for id, colour, alpha, path in zip(forecast.ids.tolist(), colours, opacity, xyz):
+        marker = filled(
+            copy.copy(empty),
+            ns=f"{model}/{name_of(id)}",
+            color=Colour(*colour, alpha),
+            points=Line(points, path),
+        )
+        markers.append(marker)
+    return filled(new(MARKERS, points), markers=markers)
 
 
 class CostmapMaker:
@@ -382,10 +394,10 @@ def events_message(
 def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:
     """Status of the stream, for /diagnostics at `now` [s]: 0 is well, 3 is stale."""
     state = status.now()
-    values = {f"{key} [{unit}]": state[key] for key, unit in UNITS.items()} | state[
-        "wrong"
-    ]
-    values |= {f"report {n}": text for n, text in enumerate(state["reports"], 1)}
+    values = {f"{key} [{unit}]": state[key] for key, unit in UNITS.items()}
+    values |= state["wrong"]
+    for number, text in enumerate(state["reports"], 1):
+        values[f"report {number}"] = text
     row = new("diagnostic_msgs/msg/DiagnosticStatus")
     filled(
         row,
