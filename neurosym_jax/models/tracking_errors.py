@@ -87,11 +87,14 @@ def repair_tracks(observed: "AnyArray", period: float) -> Repair:
     wrong, bridge, bridged = _errors(xp, steps, period)
 
     # A bridge replaces the step before it and the one after it.
-    none, nowhere = xp.zeros_like(wrong[:, :1]), xp.zeros_like(steps[:, :1])
+    none = xp.zeros_like(wrong[:, :1])
+    nowhere = xp.zeros_like(steps[:, :1])
     begins = xp.concatenate([bridged, none], 1)
     ends = xp.concatenate([none, bridged], 1)
-    step = xp.where(ends[..., None], xp.concatenate([nowhere, bridge], 1), steps)
-    step = xp.where(begins[..., None], xp.concatenate([bridge, nowhere], 1), step)
+    bridge_before = xp.concatenate([nowhere, bridge], 1)
+    bridge_after = xp.concatenate([bridge, nowhere], 1)
+    step = xp.where(ends[..., None], bridge_before, steps)
+    step = xp.where(begins[..., None], bridge_after, step)
     plausible = ~wrong | begins | ends
 
     # Each becomes the last plausible step up to it, or else the first one after it.
@@ -108,7 +111,9 @@ def repair_tracks(observed: "AnyArray", period: float) -> Repair:
     jump = steps[:, -1] - mended[:, -1]
     offset = xp.where(plausible[:, -1:], 0, jump)
     last = (observed[:, -1] - offset)[:, None]
-    way = xp.cumsum(mended[:, ::-1], axis=1)[:, ::-1]
+    # The way from each position to the last.
+    backwards = mended[:, ::-1]
+    way = xp.cumsum(backwards, axis=1)[:, ::-1]
     points = xp.concatenate([last - way, last], 1)
     # A track without errors keeps its bits.
     has_errors = wrong.any(1)[:, None, None]
@@ -153,7 +158,8 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
     typical_speed = xp.sqrt(_square(typical)) / period  # [N, 1]
     change = xp.clip(CHANGE_SHARE * typical_speed, TOP_CHANGE, FAST_CHANGE)
 
-    turn = _beyond(steps[:, 1:] - steps[:, :-1], change, period)
+    following = steps[:, 1:] - steps[:, :-1]
+    turn = _beyond(following, change, period)
     end = xp.ones_like(middle, bool)
     turn_before = xp.concatenate([end, turn], 1)
     turn_after = xp.concatenate([turn, end], 1)
@@ -176,8 +182,10 @@ def _errors(xp: Any, steps: Any, period: float) -> tuple[Any, Any, Any]:
     # Where too few steps agree, none is a witness.
     wrong = _beyond(steps, limit, period) | sudden | ~believed[:, None]
     bridge = (steps[:, 1:] + steps[:, :-1]) / 2
-    mends = ~_beyond(bridge, limit, period) & ~_beyond(bridge - typical, change, period)
-    return wrong, bridge, wrong[:, 1:] & wrong[:, :-1] & mends
+    is_slow = ~_beyond(bridge, limit, period)
+    is_like = ~_beyond(bridge - typical, change, period)
+    both = wrong[:, 1:] & wrong[:, :-1]
+    return wrong, bridge, both & (is_slow & is_like)
 
 
 def repair_scene(scene: "Scene", period: float) -> "tuple[Scene, Repair]":
@@ -198,7 +206,8 @@ def was_repaired(observed: np.ndarray, period: float) -> np.ndarray:
     steps = np.diff(observed, axis=1)
     turns = _beyond(np.diff(steps, axis=1), TOP_CHANGE, period).any(axis=1)
     # Steps that all agree are errors only where nobody is as fast; most tracks are such.
-    repaired = np.asarray(turns | _beyond(steps, FASTEST, period).any(axis=1))
+    too_fast = _beyond(steps, FASTEST, period).any(axis=1)
+    repaired = np.asarray(turns | too_fast)
     if repaired.any():
         group = observed[repaired]
         repair = repair_tracks(group, period)

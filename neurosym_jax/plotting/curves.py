@@ -56,6 +56,21 @@ def draw_horizon(axes: Axes, errors: Mapping[str, ArrayLike], period: float) -> 
     axes.set(xlim=(0, None), ylim=(0, None))
 
 
+def _draw_run(axes: Axes, name: str, curve: Curve, colour: str) -> None:
+    """Draw a curve of a run; of many points their running mean over the points, pale."""
+    steps = np.asarray(curve[0], np.float64)
+    values = np.asarray(curve[1], np.float64)
+    if len(steps) > 100:
+        axes.plot(steps, values, color=colour, linewidth=0.5, alpha=0.3)
+        half = len(steps) // 40
+        width = 2 * half + 1
+        values = np.convolve(values, np.full(width, 1 / width), "valid")
+        steps = steps[half:-half]
+    size = 2.5 if len(steps) <= 40 else 0
+    dots = {"linewidth": 1.4, "marker": "o", "markersize": size}
+    axes.plot(steps, values, color=colour, label=name, **dots)
+
+
 GOOD = """\
 Dotted: the state that is kept, step {}. Good: both fall, then level off. Errors
 that rise while the loss falls: too long, or too few data. Both still falling at
@@ -79,16 +94,7 @@ def plot_training(
     colours = cycle(style.PALETTE)
     for axes, curves in ((upper, losses), (lower, validation)):
         for (name, curve), colour in zip(curves.items(), colours):
-            steps, values = (np.asarray(numbers, np.float64) for numbers in curve)
-            if len(steps) > 100:
-                axes.plot(steps, values, color=colour, linewidth=0.5, alpha=0.3)
-                half = len(steps) // 40
-                width = 2 * half + 1
-                values = np.convolve(values, np.full(width, 1 / width), "valid")
-                steps = steps[half:-half]
-            size = 2.5 if len(steps) <= 40 else 0
-            dots = {"linewidth": 1.4, "marker": "o", "markersize": size}
-            axes.plot(steps, values, color=colour, label=name, **dots)
+            _draw_run(axes, name, curve, colour)
     style.dress(upper, "", "loss", title)
     style.dress(lower, "step", "validation error [m]")
     if best is not None:

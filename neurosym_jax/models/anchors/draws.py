@@ -90,8 +90,7 @@ def draw_scenes(
         chosen = (lots * len(points)).astype(int)
     else:
         ends = jnp.cumsum(weight, axis=1)
-        place = lots[..., None] * ends[:, -1:]
-        chosen = (ends[:, :-1] <= place).sum(axis=2)
+        chosen = _place_among(ends, lots)
     if points.shape[1] > 1:
         near, present = nearest(points, jnp.asarray(scene.valid), weight)
         table, rows = pair_terms(points, scene, near, present, period)
@@ -113,11 +112,19 @@ def equal_points(points: Array, weight: Array, key: Array, count: int) -> Array:
         return jax.random.uniform(agent_key, maxval=1 - 1e-6)
 
     # One for all points of a person: so none is taken twice whose part is less than one.
-    within = jax.vmap(draw)(jnp.arange(points.shape[1]))
-    place = (jnp.arange(count)[None] + within[:, None]) / count
+    people = jnp.arange(points.shape[1])
+    within = jax.vmap(draw)(people)
+    number = jnp.arange(count)
+    lots = (number[None] + within[:, None]) / count
     ends = jnp.cumsum(weight, axis=1)[:, None]
-    chosen = (ends[..., :-1] <= place[..., None] * ends[..., -1:]).sum(axis=2)
+    chosen = _place_among(ends, lots)
     return _take(points, chosen.T)
+
+
+def _place_among(ends: Array, lots: Array) -> Array:
+    """[...] points that `lots [...]` in [0, 1) fall on, whose probabilities end at `ends [..., P]`."""
+    place = lots[..., None] * ends[..., -1:]
+    return (ends[..., :-1] <= place).sum(axis=-1)
 
 
 @full_precision
@@ -152,12 +159,12 @@ def couple(
             cost = table[rows[agent], others].sum(1)  # [n, P]
             if weight is not None:
                 cost = jnp.where(weight[agent] > 0, cost, jnp.inf)
-            share = jnp.exp(cost.min(1, keepdims=True) - cost)
+            least = cost.min(1, keepdims=True)
+            share = jnp.exp(least - cost)
             if weight is not None:
                 share = weight[agent] * share
             ends = share @ up_to
-            place = lots[agent, :, None] * ends[:, -1:]
-            point = (ends[:, :-1] <= place).sum(1)
+            point = _place_among(ends, lots[agent])
             return chosen.at[:, agent].set(point)
 
         return jax.lax.fori_loop(0, number, choose, chosen)
@@ -179,7 +186,8 @@ def _lots(key: Array, agents: int, count: int, even: bool) -> Array:
         if not even:
             return jax.random.uniform(within, (count,))
         part = jax.random.uniform(order, (count,)).argsort()
-        lots = (part + jax.random.uniform(within, (count,))) / count
+        offset = jax.random.uniform(within, (count,))
+        lots = (part + offset) / count
         return jnp.minimum(lots, 1 - 1e-6)  # Rounding may reach 1.
 
     return jax.vmap(draw)(jnp.arange(agents))
@@ -196,25 +204,30 @@ def pair_terms(
     Most pairs neither meet nor walk together: theirs is the last row, of zeros.
     """
     observed, offset, _ = repair_tracks(jnp.asarray(scene.observed), period)
-    companionship = jnp.where(present, _companionship(observed, near, period), 0)
+    companionship = _companionship(observed, near, period)
+    companionship = jnp.where(present, companionship, 0)
     total = jnp.maximum(companionship.sum(1), 1)
     # Of a stream of people, all hold a person as one companion does.
     together = companionship / jnp.maximum(total[:, None], total[near])
     moved = points - offset[:, None] - observed[:, -1, None]
 
     agents, most = near.shape
-    related = present & (_can_meet(points, near) | (together > 0))
+    size = agents * most
+    may_act = _can_meet(points, near) | (together > 0)
+    related = present & may_act
     # Two who are near to each other are compared once.
-    backward = near[near] == jnp.arange(agents)[:, None, None]
-    twice = backward.any(axis=2) & (near < jnp.arange(agents)[:, None])
+    own = jnp.arange(agents)[:, None]
+    backward = near[near] == own[..., None]
+    twice = backward.any(axis=2) & (near < own)
     compared = (related & ~twice).ravel()
     number = jnp.cumsum(compared)
-    pairs = jnp.searchsorted(number, jnp.arange(1, agents * most + PART))
-    pairs = jnp.minimum(pairs, agents * most - 1)
-    person, other = pairs // most, near.ravel()[pairs]
+    pairs = jnp.searchsorted(number, jnp.arange(1, size + PART))
+    pairs = jnp.minimum(pairs, size - 1)
+    person = pairs // most
+    other = near.ravel()[pairs]
     hold = jnp.where(compared, together.ravel(), 0)[pairs]
 
-    half = agents * most + PART
+    half = size + PART
     count = len(points)
 
     def compare(part: Array, terms: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -223,8 +236,10 @@ def pair_terms(
         slots = begin + jnp.arange(PART)
         first, second = person[slots], other[slots]
         overlap = _overlaps(points, first, second)
-        parted = jnp.minimum(_partings(moved, first, second) / FAR, 1)
-        cost = REPULSION * overlap + COHESION * hold[slots, None, None] * parted
+        parted = _partings(moved, first, second) / FAR
+        parted = jnp.minimum(parted, 1)
+        bond = COHESION * hold[slots, None, None]
+        cost = REPULSION * overlap + bond * parted
         table = jax.lax.dynamic_update_slice_in_dim(table, cost, begin, 0)
         back = cost.swapaxes(1, 2)
         table = jax.lax.dynamic_update_slice_in_dim(table, back, half + begin, 0)
@@ -237,9 +252,11 @@ def pair_terms(
     table, acts = jax.lax.fori_loop(0, parts, compare, start)
 
     rows = number.reshape(near.shape) - 1
-    turned = jnp.take_along_axis(rows[near], backward.argmax(axis=2)[..., None], 2)
-    turned = turned[..., 0]
-    acts_there = related & acts[jnp.where(twice, turned, rows)]
+    # Of two who are compared once, the row of the other who has it.
+    place = backward.argmax(axis=2)[..., None]
+    turned = jnp.take_along_axis(rows[near], place, 2)[..., 0]
+    row_compared = jnp.where(twice, turned, rows)
+    acts_there = related & acts[row_compared]
     rows = jnp.where(twice, half + turned, rows)
     return table, jnp.where(acts_there, rows, 2 * half)
 
@@ -274,10 +291,11 @@ def _companionship(observed: Array, near: Array, period: float) -> Array:
     last = observed[:, -1]
     velocity = (last - observed[:, -4]) / (3 * period)
     distance, difference = COMPANY
-    offset = (last[:, None] - last[near]) / distance
-    change = (velocity[:, None] - velocity[near]) / difference
-    square = jnp.square(offset).sum(-1) + jnp.square(change).sum(-1)
-    companionship = jnp.exp(-square)
+    offset = last[:, None] - last[near]
+    change = velocity[:, None] - velocity[near]
+    square_offset = jnp.square(offset / distance).sum(-1)
+    square_change = jnp.square(change / difference).sum(-1)
+    companionship = jnp.exp(-(square_offset + square_change))
     return jnp.where(companionship > 0.02, companionship, 0)
 
 
@@ -288,7 +306,8 @@ def _can_meet(points: Array, near: Array) -> Array:
     low = low.at[:, 1:].min(low[:, :-1])
     high = high.at[:, 1:].max(high[:, :-1])
     gap = jnp.maximum(low[:, None] - high[near], low[near] - high[:, None])
-    square = jnp.square(jnp.maximum(gap, 0)).sum(axis=-1)
+    gap = jnp.maximum(gap, 0)
+    square = jnp.square(gap).sum(axis=-1)
     return (square < DISTANCE**2).any(axis=-1)
 
 

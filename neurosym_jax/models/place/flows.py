@@ -40,28 +40,34 @@ def flows_of(memory: Memory, origin: np.ndarray | None, most: int = 500) -> Flow
     person = person[known].astype(np.int64)
     start = np.asarray(memory.moment)[known, :2].astype(np.float64)
     way = np.asarray(memory.onward)[known, -1].astype(np.float64)
-    cell, cell_index = np.unique(_codes(start), return_inverse=True)
+    _, cell = np.unique(_codes(start), return_inverse=True)
+
     # A person counts once for each cell and direction.
-    flow_code = cell_index * (SECTORS + 1) + _sectors(way)
-    pair = np.unique(flow_code * 2**31 + person)
-    flow, people = np.unique(pair // 2**31, return_counts=True)
-    crowd = np.bincount(flow // (SECTORS + 1), people, minlength=len(cell))
-    in_cell = crowd[flow // (SECTORS + 1)]
+    kinds = SECTORS + 1
+    flow_of_moment = cell * kinds + _sectors(way)
+    flow_and_person = np.unique(flow_of_moment * 2**31 + person)
+    flow, people = np.unique(flow_and_person // 2**31, return_counts=True)
+    cell_of_flow = flow // kinds
+    crowd = np.bincount(cell_of_flow, people)
+    in_cell = crowd[cell_of_flow]
     share = people / np.maximum(in_cell, 1)
 
-    row = np.searchsorted(flow, flow_code)
+    row = np.searchsorted(flow, flow_of_moment)
     moments = np.bincount(row, minlength=len(flow))[:, None]
-    mean_start, mean_way = np.zeros((2, len(flow), 2))
-    np.add.at(mean_start, row, start)
-    np.add.at(mean_way, row, way)
+    start_sum = np.zeros((len(flow), 2))
+    way_sum = np.zeros((len(flow), 2))
+    np.add.at(start_sum, row, start)
+    np.add.at(way_sum, row, way)
     if origin is not None:
-        mean_start += origin * moments
+        start_sum += origin * moments
 
-    is_told = np.flatnonzero((in_cell >= PEOPLE) & (share >= LEAST))
-    kept = is_told[np.argsort(-people[is_told], kind="stable")[:most]]
+    is_told = (in_cell >= PEOPLE) & (share >= LEAST)
+    told = np.flatnonzero(is_told)
+    order = np.argsort(-people[told], kind="stable")
+    kept = told[order[:most]]
     return Flows(
-        start=mean_start[kept] / moments[kept],
-        way=mean_way[kept] / moments[kept],
+        start=start_sum[kept] / moments[kept],
+        way=way_sum[kept] / moments[kept],
         share=share[kept],
         people=people[kept],
     )
@@ -76,5 +82,7 @@ def _codes(position: np.ndarray) -> np.ndarray:
 def _sectors(way: np.ndarray) -> np.ndarray:
     """[R] the direction of `way [R, 2]`, `SECTORS` for a person who stays."""
     angle = np.arctan2(way[:, 1], way[:, 0])
-    sector = np.rint(angle / (2 * np.pi) * SECTORS).astype(np.int64) % SECTORS
-    return np.where(np.linalg.norm(way, axis=1) > STAYS, sector, SECTORS)
+    turns = angle / (2 * np.pi)
+    sector = np.rint(turns * SECTORS).astype(np.int64) % SECTORS
+    length = np.linalg.norm(way, axis=1)
+    return np.where(length > STAYS, sector, SECTORS)

@@ -44,19 +44,20 @@ class Remembered(NamedTuple):
         A distribution that is drawn in `parts` takes each point of the memory in one of
         them, so that a part has P + U / `parts` points.
         """
+        own_points = len(points)
+        people = self.share.shape[1]
         future = self._positions(points)
-        future = future.reshape(-1, parts, *future.shape[1:])
-        share = self.share.reshape(-1, parts, self.share.shape[1])
-        future = future[:, part]
-        share = share[:, part]
+        future = future.reshape(-1, parts, *future.shape[1:])[:, part]
+        share = self.share.reshape(-1, parts, people)[:, part]
         # Each part has the whole share, where it has a point of the memory.
         whole = self.share.sum(axis=0)
         total = share.sum(axis=0)
         share = share * whole / jnp.maximum(total, 1e-9)
-        rest = (1 - share.sum(axis=0)) / len(points)
-        own = jnp.broadcast_to(rest, (len(points), len(rest)))
+        rest = (1 - share.sum(axis=0)) / own_points
+        own = jnp.broadcast_to(rest, (own_points, people))
         weight = jnp.concatenate([own, share])
-        return jnp.concatenate([points, future]), weight.T
+        together = jnp.concatenate([points, future])
+        return together, weight.T
 
     def among(self, draws: Array, scene: Scene, key: Array, count: int) -> Array:
         """[count, N, T, 2] `draws [n, N, T, 2]`, some replaced by the memory's points.
@@ -71,13 +72,16 @@ class Remembered(NamedTuple):
         times = -(-count // len(draws))  # rounded up
         draws = jnp.repeat(draws, times, axis=0)[:count]
         people = draws.shape[1]
-        lot = jnp.arange(count)[:, None] + jax.random.uniform(shift, (people,))
-        lot = jax.random.permutation(order, lot / count, axis=0, independent=True)
+        # Lots of a person, one in each `count`-th part of [0, 1), in random order.
+        number = jnp.arange(count)[:, None]
+        lot = (number + jax.random.uniform(shift, (people,))) / count
+        lot = jax.random.permutation(order, lot, axis=0, independent=True)
 
         ends = jnp.cumsum(self.share, axis=0)
         point = (ends[:, None] <= lot).sum(axis=0)  # [count, N]
         last = len(ends) - 1
-        future = positions[jnp.minimum(point, last), jnp.arange(people)]
+        row = jnp.minimum(point, last)
+        future = positions[row, jnp.arange(people)]
         is_memory = point <= last
         return jnp.where(is_memory[..., None, None], future, draws)
 
@@ -102,12 +106,16 @@ def remembered(recall: Recall, shares: Array, last: Array) -> Remembered:
     share = jnp.einsum("nk,nku->nu", shares[:, 1:], recall.weight)
     total = share.sum(axis=1, keepdims=True)
     share, kept = jax.lax.top_k(share, min(DRAWN, share.shape[1]))
-    share *= total / jnp.maximum(share.sum(axis=1, keepdims=True), 1e-9)
+    kept_total = share.sum(axis=1, keepdims=True)
+    share *= total / jnp.maximum(kept_total, 1e-9)
     future = jnp.take_along_axis(recall.onward, kept[..., None, None], axis=1)
     mean_part = recall.mean_part[kept]
     # The mean of the network's points begins at the last position itself.
-    start = (1 - mean_part)[..., None, None] * last[:, None, None]
-    return Remembered((future + start).swapaxes(0, 1), share.T, mean_part.T)
+    own_part = (1 - mean_part)[..., None, None]
+    future = future + own_part * last[:, None, None]
+    return Remembered(
+        future=future.swapaxes(0, 1), share=share.T, mean_part=mean_part.T
+    )
 
 
 @jax.jit
@@ -123,8 +131,10 @@ def distances_apart(offsets: Array, recall: Recall) -> Array:
     points = points - points.mean(axis=1, keepdims=True)
     product = jnp.einsum("nid,njd->nij", points, points)
     square = jnp.square(points).sum(axis=-1)
-    gap = square[:, :, None] + square[:, None] - 2 * product
-    distance = jnp.sqrt(jnp.maximum(gap, 0) / offsets.shape[2])
+    squares = square[:, :, None] + square[:, None]
+    gap = jnp.maximum(squares - 2 * product, 0)
+    steps = offsets.shape[2]
+    distance = jnp.sqrt(gap / steps)
     weight = _weights(len(offsets), recall)
     return jnp.einsum("nci,nij,ndj->ncd", weight, distance, weight)
 
@@ -139,7 +149,8 @@ def errors(offsets: Array, recall: Recall, future: Array) -> Array:
     truth = future.reshape(len(future), 1, -1)
     points = _points(offsets, recall)
     gap = jnp.square(points - truth).sum(axis=-1)
-    distance = jnp.sqrt(gap / offsets.shape[2])
+    steps = offsets.shape[2]
+    distance = jnp.sqrt(gap / steps)
     weight = _weights(len(offsets), recall)
     return jnp.einsum("nci,ni->nc", weight, distance)
 
@@ -168,7 +179,8 @@ def _weights(count: int, recall: Recall) -> Array:
     """[N, 1 + K, P + U] probability of each point in each component, of P = `count`."""
     people, _components, points = recall.weight.shape
     rest = 1 - recall.weight.sum(axis=2)
-    network = jnp.concatenate([jnp.ones((people, 1)), rest], axis=1)
+    whole = jnp.ones((people, 1))
+    network = jnp.concatenate([whole, rest], axis=1)
     own = jnp.repeat(network[..., None] / count, count, axis=2)
     nothing = jnp.zeros((people, 1, points))
     others = jnp.concatenate([nothing, recall.weight], axis=1)
