@@ -20,7 +20,7 @@ from neurosym_jax.commands._options import (
 )
 from neurosym_jax.data.columns import SWAP, outside
 from neurosym_jax.data.evidence import pace_of, steps_of
-from neurosym_jax.data.recordings import files_in, is_folder, read_any
+from neurosym_jax.data.recordings import files_in, is_folder, open_source, read_any
 from neurosym_jax.data.tables import AS_IT_SAYS, FORMATS, ReadOptions
 from neurosym_jax.data.tracks import GAP, Tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
@@ -168,14 +168,16 @@ def _print_next(
 ) -> None:
     """Print the next commands for `path`, with what was guessed of its recordings."""
     options = _options_of(recordings, read)
-    file = shlex.quote(str(path))
     if moment is None:
         print("no forecast: nobody is seen for 6 s, 16 steps")
-        if recordings:
+        file = shlex.quote(str(path))
+        # A forecast needs two moments.
+        if any(np.ptp(tracks.stamp) > 0 for tracks in recordings):
             words = shlex.join(["--dashboard", *flags(options), *plugin_flags()])
             print("\nnext, for people who are seen for less:")
             print(f"  neurosym replay {file} --model {RECOMMENDED} {words}")
         return
+    file = shlex.quote(str(_data_of(path, moment, read)))
     people = len(moment.agent)
     options = ({} if people > 1 else {"min_agents": 1}) | options
     words = shlex.join([*flags(options), *plugin_flags()])
@@ -185,6 +187,19 @@ def _print_next(
         print(
             f"  neurosym symbols {file} --model {RECOMMENDED} --forecast {words}".rstrip()
         )
+
+
+def _data_of(path: Path, moment: Windows, read: ReadOptions) -> Path:
+    """`path`, or the busiest moment's folder where other commands cannot take `path`: they search
+    no subfolders."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        try:
+            open_source(path, read=read)
+        except InputError:
+            (reading,) = moment.reading
+            return Path(reading.file).parent if reading.file else path
+    return path
 
 
 def _options_of(recordings: Sequence[Tracks], read: ReadOptions) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import tyro
 import neurosym_jax as nj
 from neurosym_jax.commands import inspect, models
 from neurosym_jax.data import ReadOptions, read_any
+from neurosym_jax.data.recordings import open_source
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.models.disk import RECOMMENDED, find_model
 from neurosym_jax.plotting import tracks as drawing
@@ -142,6 +143,25 @@ def test_a_folder(tmp_path, capsys):
     assert out.endswith(f"--data {tmp_path} --model recommended --min-agents 1\n")
     with pytest.raises(InputError, match=r"min_agents=1 tests people alone, too$"):
         nj.evaluate(nj.load_model("recommended"), tmp_path / "alone.txt")
+
+
+def test_the_next_commands_of_nested_folders_find_the_recordings(tmp_path, capsys):
+    walk = "".join(f"{10 * step} 1 {step / 2} 0\n" for step in range(16))
+    more = walk + "".join(f"{10 * step} 2 {step / 2} 3\n" for step in range(16))
+    for folder, rows in {"one": walk, "two": more}.items():
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "walk.txt").write_text(rows)
+    assert inspect.run(tmp_path, None) == 0
+    evaluate, symbols = capsys.readouterr().out.split("next:\n")[1].splitlines()
+    data = shlex.split(evaluate)[3]
+    assert data == shlex.split(symbols)[2] == str(tmp_path / "two")
+    assert open_source(data).scenes == ("walk",)
+
+
+def test_no_forecast_is_offered_of_a_single_moment(tmp_path, capsys):
+    (tmp_path / "walk.csv").write_text("time,id,x,y\n0.5,1,0,0\n0.5,2,3,0\n")
+    assert inspect.run(tmp_path / "walk.csv", None) == 0
+    assert "replay" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
