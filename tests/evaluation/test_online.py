@@ -24,7 +24,7 @@ from neurosym_jax.models.forecast import draw_batch
 from tests.repository import slow
 
 PERIOD = 0.4
-OBSERVED, AHEAD = 8, 12
+OBSERVED, AHEAD = 5, 6
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +34,14 @@ def model():
 
 
 def corner(people=14, period=PERIOD, until=np.inf):
-    """Rows of people who turn left after 8 m, one every 3 seconds, up to a time."""
+    """Rows of people who turn left after 4 m, one every 2 seconds, up to a time."""
     rows = []
     for person in range(people):
         rng = np.random.default_rng(person)
         speed, side = rng.normal(1.2, 0.1), rng.normal(0, 0.2)
-        for step in range(round(14 / period)):
-            time, way = person * 3.2 + step * period, speed * step * period
-            place = (way, side) if way < 8 else (8 - side, way - 8)
+        for step in range(round(7 / period)):
+            time, way = person * 2.0 + step * period, speed * step * period
+            place = (way, side) if way < 4 else (4 - side, way - 4)
             if time <= until:
                 rows.append((time, person, *place))
     time, person, x, y = np.array(rows).T
@@ -57,7 +57,7 @@ def test_the_future_of_a_file_changes_no_earlier_forecast_by_a_bit(model, period
     """With steps of 0.3 s positions are interpolated, of which a half is known later."""
     whole, short = (
         on_grid(corner(people=11, period=period, until=until), PERIOD)
-        for until in (np.inf, 30.0)
+        for until in (np.inf, 18.0)
     )
     recalled, draws = [], []
     for tracks in (whole, short):
@@ -117,7 +117,7 @@ def test_a_file_of_the_place_is_where_it_begins(model, tmp_path):
 
 
 def test_rows_with_and_without_the_memory(model, tmp_path):
-    tracks = corner(people=12)
+    tracks = corner(people=7)
     test_set = TestSet("corner", OBSERVED, AHEAD)
     test = Test(test_set, [("mine", model)], cut(tracks), recordings=[tracks])
     names = ("joint_ade", "energy_score", "person_energy")
