@@ -78,16 +78,31 @@ def test_files_and_card_of_a_run(run, done, tmp_path):
     assert "| zara1 | constant velocity | 20 | 0.500 |" in text
 
 
-def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, interrupt_at, final):
+def assert_resumed_to_the_same_bits(run, folder, done, interrupt_at, final, steps):
+    """`done` is the folder of the run left alone; `steps` are those of its rows."""
     with pytest.raises(KeyboardInterrupt):
-        train_run(run, tmp_path, on_row=interrupt_at(75))
-    assert not (tmp_path / "run.json").exists()
+        train_run(run, folder, on_row=interrupt_at(steps[-1]))
+    assert not (folder / "run.json").exists()
     # What a kill may leave: rows beyond the saved state, half a line.
-    assert [row["step"] for row in rows_of(tmp_path)] == [25, 50, 75]
-    with (tmp_path / "metrics.jsonl").open("a") as file:
+    assert [row["step"] for row in rows_of(folder)] == steps
+    with (folder / "metrics.jsonl").open("a") as file:
         file.write('{"step": 10')
-    train_run(run, tmp_path, resume=True)
-    assert final(tmp_path) == final(done)
+    train_run(run, folder, resume=True)
+    assert final(folder) == final(done)
+
+
+def test_resumed_runs_end_with_the_same_bits(scripted, tmp_path, interrupt_at, final):
+    """Of states; test_stops.py holds it of optimisers and of the order of scenes."""
+    write_script([1.0, 2.0])
+    train_run(scripted, tmp_path / "alone")
+    folders = tmp_path / "run", tmp_path / "alone"
+    assert_resumed_to_the_same_bits(scripted, *folders, interrupt_at, final, [2, 4])
+
+
+@pytest.mark.slow
+def test_resumed_runs_of_sgan_do(run, done, tmp_path, interrupt_at, final):
+    steps = [25, 50, 75]
+    assert_resumed_to_the_same_bits(run, tmp_path, done, interrupt_at, final, steps)
 
 
 def test_a_kill_between_the_last_files_is_mended(scripted, tmp_path, final):
