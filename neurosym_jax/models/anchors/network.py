@@ -83,23 +83,28 @@ class AnchorTable(nn.Module):
         `AnchorNetwork`.
         """
         config = self.config
+        steps = config.pred_len
         repair = _repair(observed, seen, config.period)
         observed = repair.tracks
         expansion = expansion_of(jnp.diff(observed, axis=1), config.period)
         mix = self.param("mix", nn.initializers.constant(0.8), ())
-        mean = (observed[:, -1] - observed[:, -4]) / 3
-        velocity = mix * (observed[:, -1] - observed[:, -2]) + (1 - mix) * mean
-        shape = (config.samples, config.pred_len, 2)
-        number = np.arange(1, config.pred_len + 1, dtype=np.float32)
-        time = number[:, None] / config.pred_len
+        last = observed[:, -1]
+        mean = (last - observed[:, -4]) / 3
+        velocity = mix * (last - observed[:, -2]) + (1 - mix) * mean
+
+        shape = (config.samples, steps, 2)
+        number = np.arange(1, steps + 1, dtype=np.float32)
+        time = number[:, None] / steps
         moving = self.param("moving", _anchors(0.25, time, 1), shape)[:, None]
         still_anchor = self.param("still", _anchors(0.1, time, 1), shape)[:, None]
-        scale = (length(mean) * config.pred_len)[:, None, None]
+        scale = (length(mean) * steps)[:, None, None]
         heading = heading_of(mean, SLOW * config.period)[:, None]
-        residual = turned(moving * scale[None] + still_anchor, heading[None], 1)
-        likely = jnp.full(config.samples, -np.log(config.samples), observed.dtype)
-        planes = _straight_on(velocity, config.pred_len) + residual.transpose(PLANES)
+        in_own_frame = moving * scale[None] + still_anchor
+        residual = turned(in_own_frame, heading[None], 1)
+
+        planes = _straight_on(velocity, steps) + residual.transpose(PLANES)
         ahead = limit_displacement(planes, config.period, expansion)
+        likely = jnp.full(config.samples, -np.log(config.samples), observed.dtype)
         forecast = _settled(ahead, observed, repair, config.period)
         return AnchorForecast(forecast, likely, forecast[:0])
 
@@ -136,7 +141,8 @@ class AnchorNetwork(nn.Module):
         expansion = expansion_of(steps, config.period)
         steps = steps / expansion[:, None, None]
         velocity, roughness = self.velocity(steps, seen)
-        speed, heading = length(velocity), heading_of(velocity, SLOW * config.period)
+        speed = length(velocity)
+        heading = heading_of(velocity, SLOW * config.period)
         walking = jnp.square(heading).sum(-1)
         per_person = velocity, speed, heading, walking, expansion
         velocity, speed, heading, walking, expansion = computed_once(per_person)
@@ -250,18 +256,19 @@ class AnchorNetwork(nn.Module):
         `speed [N]` in metres a step, `heading [N, 2]` and its squared length `walking
         [N]`.
         """
-        config, shape = self.config, (count, BASIS, 2)
+        config = self.config
+        shape = (count, BASIS, 2)
         anchor = self.param(f"{prefix}anchor", _anchors(0.25, BENDS, BASIS), shape)
         still_anchor = self.param(f"{prefix}still", _anchors(0.1, BENDS, BASIS), shape)
-        bend = _dense(int(np.prod(shape)), f"{prefix}bend", 0.01)(state).reshape(
-            -1, *shape
-        )
+        bend = _dense(count * BASIS * 2, f"{prefix}bend", 0.01)(state)
+        bend = bend.reshape(-1, *shape)
         spread = _dense(count, f"{prefix}spread", 0.01)(state)
         spread = jnp.exp(jnp.clip(spread, -4, 4)).T[None, None]
         scale = (speed * config.pred_len + 0.5)[WIDE]
         # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
         horizon = config.pred_len * config.period / 2.4
-        standing = ((1 - jnp.sqrt(walking + 1e-6)) * horizon)[WIDE]
+        stillness = 1 - jnp.sqrt(walking + 1e-6)
+        standing = (stillness * horizon)[WIDE]
 
         curve = jnp.asarray(_polynomials(config.pred_len, BASIS), state.dtype)
         bend = jnp.einsum("tb,nkbc->ctkn", curve, bend)
@@ -285,13 +292,16 @@ class AnchorNetwork(nn.Module):
         differences = (jnp.diff(steps, axis=1), jnp.diff(steps, n=2, axis=1), steps)
         logs = [jnp.log(length(vector) + ROUGHNESS) for vector in differences]
         roughness = jnp.concatenate(logs, -1) / 2 + 1.5
+        count = steps.shape[1]
         hidden = nn.relu(nn.Dense(16, name="rough")(roughness))
-        recent = np.arange(steps.shape[1], dtype=np.float32)
-        score = recent[None] + nn.Dense(steps.shape[1], name="smooth")(hidden)
+        recent = np.arange(count, dtype=np.float32)
+        score = recent[None] + nn.Dense(count, name="smooth")(hidden)
         if seen is not None:
-            score = jnp.where(seen[:, 1:] & seen[:, :-1], score, score - 1e4)
+            is_seen = seen[:, 1:] & seen[:, :-1]
+            score = jnp.where(is_seen, score, score - 1e4)
         weight = nn.softmax(score)
-        return (weight[..., None] * steps).sum(1), roughness
+        velocity = (weight[..., None] * steps).sum(1)
+        return velocity, roughness
 
 
 def _repair(observed: Array, seen: Array | None, period: float) -> Repair:
@@ -299,17 +309,19 @@ def _repair(observed: Array, seen: Array | None, period: float) -> Repair:
     repair = repair_tracks(observed, period)
     if seen is None:
         return repair
-    return repair._replace(lost=repair.lost | (seen.sum(1) < 2))
+    is_unknown = seen.sum(1) < 2
+    return repair._replace(lost=repair.lost | is_unknown)
 
 
 def _polynomials(steps: int, count: int) -> np.ndarray:
     """`[steps, count]` orthogonal polynomials of time, 0 at time 0; the first is a line up to 1."""
     time = np.arange(1, steps + 1) / steps
-    basis, upper = np.linalg.qr(
-        time[:, None] ** np.arange(1, count + 1), mode="reduced"
-    )
-    basis = basis * np.sign(np.diag(upper)) * np.sqrt((time**2).sum())
-    return np.pad(basis, [(0, 0), (0, count - basis.shape[1])])
+    powers = time[:, None] ** np.arange(1, count + 1)
+    basis, upper = np.linalg.qr(powers, mode="reduced")
+    sign = np.sign(np.diag(upper))
+    basis = basis * sign * np.sqrt((time**2).sum())
+    missing = count - basis.shape[1]
+    return np.pad(basis, [(0, 0), (0, missing)])
 
 
 def _straight_on(velocity: Array, steps: int) -> Array:
@@ -324,7 +336,8 @@ def _settled(ahead: Array, observed: Array, repair: Repair, period: float) -> Ar
     unknown = jnp.asarray(unknown.transpose(2, 1, 0), ahead.dtype)
     ahead = jnp.where(repair.lost[WIDE], unknown[..., None], ahead)
     start = observed[:, -1] + repair.offset
-    return (start.T[:, None, None] + ahead).transpose(2, 3, 1, 0)
+    positions = start.T[:, None, None] + ahead
+    return positions.transpose(2, 3, 1, 0)
 
 
 class _Layer(nn.Module):
@@ -353,7 +366,9 @@ def _anchors(
     """Initialiser of `[k, S, 2]`: `draws` normal numbers (S or 1) by `weights [S, 1]`; first 0."""
 
     def initialise(key, shape, dtype=jnp.float32):
-        drawn = scale * nn.initializers.normal(1.0)(key, (shape[0], draws, 2), dtype)
-        return (drawn * weights[None].astype(dtype)).at[0].set(0.0)
+        normal = nn.initializers.normal(1.0)
+        drawn = scale * normal(key, (shape[0], draws, 2), dtype)
+        anchors = drawn * weights[None].astype(dtype)
+        return anchors.at[0].set(0.0)
 
     return initialise
