@@ -8,6 +8,7 @@ import re
 import shlex
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -219,9 +220,52 @@ def data(tmp_path_factory):
     return folder
 
 
+INNER: dict[str, dict[str, Any]] = {
+    "train": {
+        f"{C}.train.train_run": SimpleNamespace(step=3),
+        f"{C}.train._print_errors": None,
+        f"{C}.train._tensorboard": lambda: contextlib.nullcontext(print),
+    },
+    "sweep": {f"{C}.sweep.run_sweep": 0},
+    "compare-weightings": {
+        f"{C}.sweep.run_sweep": 0,
+        f"{C}.compare_weightings.compare_sweep": "",
+    },
+    "convert": {
+        f"{C}.convert.{name}": SimpleNamespace(name="model")
+        for name in ("load_model", "model_from_torch", "save_model")
+    }
+    | {
+        f"{C}.convert.read_torch_file": {},
+        f"{C}.convert.export_torch_checkpoint": None,
+        f"{C}.convert.left_out": [],
+    },
+    "export": {
+        f"{C}.export.load_model": SimpleNamespace(
+            name="model",
+            forecaster=SimpleNamespace(noise=SimpleNamespace(dim=0), count=int),
+        ),
+        f"{C}.export.export_model": b"",
+        f"{C}.export.export_onnx": b"",
+    },
+    "download": {f"{C}.download.download": (1, 1)},
+    "parity": {
+        f"{C}.parity.run_parity": Parity(()),
+        f"{C}.parity.run_torch": None,
+        f"{C}.parity.compare_training": Parity(()),
+        f"{C}.parity.new_folder": lambda: contextlib.nullcontext("kept"),
+        f"{C}.parity.read_torch_file": {},
+        f"{C}.parity.model_from_torch": SimpleNamespace(assumed=()),
+    },
+    "report": {f"{C}.report.compare_sweep": ""},
+    "models": {f"{C}.models.models_at_hand": []},
+}
+"""For each command: functions that are recorded and not run, with what they return."""
+
+
 @pytest.fixture(scope="module")
 def inner(data):
-    """For each command: functions that are recorded and not run, with what they return."""
+    """`INNER`, and functions of the commands that show what is evaluated or forecast."""
     source = open_source(data / "a" / "walk.txt")
     plan = make_plan(
         source, [], baselines=("constant_velocity", "constant_velocity_sampled")
@@ -232,17 +276,7 @@ def inner(data):
         "neurosym_jax.plotting.use_style": None,
     }
     shipped = [load_model.__globals__["find_model"](n) for n in ("sgan_simulations_8",)]
-    return {
-        "train": {
-            f"{C}.train.train_run": SimpleNamespace(step=3),
-            f"{C}.train._print_errors": None,
-            f"{C}.train._tensorboard": lambda: contextlib.nullcontext(print),
-        },
-        "sweep": {f"{C}.sweep.run_sweep": 0},
-        "compare-weightings": {
-            f"{C}.sweep.run_sweep": 0,
-            f"{C}.compare_weightings.compare_sweep": "",
-        },
+    return INNER | {
         "evaluate": {
             f"{C}.evaluate.evaluate_tests": lambda: iter(results),
             f"{C}.evaluate.map_for": contextlib.nullcontext,
@@ -266,34 +300,6 @@ def inner(data):
             "neurosym_jax.plotting.plot_tracks": None,
             f"{C}.inspect.predict": lambda: None,
         },
-        "convert": {
-            f"{C}.convert.{name}": SimpleNamespace(name="model")
-            for name in ("load_model", "model_from_torch", "save_model")
-        }
-        | {
-            f"{C}.convert.read_torch_file": {},
-            f"{C}.convert.export_torch_checkpoint": None,
-            f"{C}.convert.left_out": [],
-        },
-        "export": {
-            f"{C}.export.load_model": SimpleNamespace(
-                name="model",
-                forecaster=SimpleNamespace(noise=SimpleNamespace(dim=0), count=int),
-            ),
-            f"{C}.export.export_model": b"",
-            f"{C}.export.export_onnx": b"",
-        },
-        "download": {f"{C}.download.download": (1, 1)},
-        "parity": {
-            f"{C}.parity.run_parity": Parity(()),
-            f"{C}.parity.run_torch": None,
-            f"{C}.parity.compare_training": Parity(()),
-            f"{C}.parity.new_folder": lambda: contextlib.nullcontext("kept"),
-            f"{C}.parity.read_torch_file": {},
-            f"{C}.parity.model_from_torch": SimpleNamespace(assumed=()),
-        },
-        "report": {f"{C}.report.compare_sweep": ""},
-        "models": {f"{C}.models.models_at_hand": []},
     }
 
 
