@@ -204,11 +204,7 @@ def pair_terms(
     Most pairs neither meet nor walk together: theirs is the last row, of zeros.
     """
     observed, offset, _ = repair_tracks(jnp.asarray(scene.observed), period)
-    companionship = _companionship(observed, near, period)
-    companionship = jnp.where(present, companionship, 0)
-    total = jnp.maximum(companionship.sum(1), 1)
-    # Of a stream of people, all hold a person as one companion does.
-    together = companionship / jnp.maximum(total[:, None], total[near])
+    together = _together(observed, near, present, period)
     moved = points - offset[:, None] - observed[:, -1, None]
 
     agents, most = near.shape
@@ -236,8 +232,7 @@ def pair_terms(
         slots = begin + jnp.arange(PART)
         first, second = person[slots], other[slots]
         overlap = _overlaps(points, first, second)
-        parted = _partings(moved, first, second) / FAR
-        parted = jnp.minimum(parted, 1)
+        parted = jnp.minimum(_partings(moved, first, second) / FAR, 1)
         bond = COHESION * hold[slots, None, None]
         cost = REPULSION * overlap + bond * parted
         table = jax.lax.dynamic_update_slice_in_dim(table, cost, begin, 0)
@@ -284,6 +279,15 @@ def nearest(
     score = jnp.where(others, -clearance, -jnp.inf)
     score, near = jax.lax.top_k(score, min(agents - 1, NEAREST))
     return near, jnp.isfinite(score) & valid[:, None]
+
+
+def _together(observed: Array, near: Array, present: Array, period: float) -> Array:
+    """[N, M] how much each person and `near [N, M]` who are `present [N, M]` hold each other."""
+    companionship = _companionship(observed, near, period)
+    companionship = jnp.where(present, companionship, 0)
+    total = jnp.maximum(companionship.sum(1), 1)
+    # Of a stream of people, all hold a person as one companion does.
+    return companionship / jnp.maximum(total[:, None], total[near])
 
 
 def _companionship(observed: Array, near: Array, period: float) -> Array:
