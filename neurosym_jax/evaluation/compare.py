@@ -732,9 +732,9 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
         samples = np.asarray(_on_host(samples), np.float64)
         if samples.ndim == 3:
             samples = samples[None]
-        count = len(parts[0]) if parts else len(samples)
+        first = parts[0] if parts else samples
         people = end - begin
-        fits = samples.shape == (count, people, pred_len, 2)
+        fits = samples.shape == (*first.shape[:1], people, pred_len, 2)
         if not fits or not np.isfinite(samples).all():
             raise InputError(
                 f"{name}: must return finite [{people}, {pred_len}, 2] or "
@@ -743,6 +743,7 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
             )
         if probability is not None:
             probability = np.asarray(_on_host(probability), np.float64)
+            count = len(samples)
             fits = probability.shape == (count,)
             if not fits or not np.isclose(probability.sum(), 1, atol=1e-3):
                 raise InputError(

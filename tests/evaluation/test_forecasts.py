@@ -154,6 +154,7 @@ def test_functions_of_numpy_and_torch_score_as_a_model_does(recording):
     for wrong, message in (
         (lambda observed: observed[:, 1:], r"must return finite \[\d, 8, 2\] or"),
         (lambda observed: stay(observed) * np.nan, "must return finite"),
+        (lambda observed: None, "must return finite"),
         (lambda observed: (stay(observed)[None], [0.5]), "sum of 1"),
         ("constant", "is no model or function: str"),
     ):
