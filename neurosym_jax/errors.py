@@ -15,6 +15,7 @@ from typing import Any
 __all__ = [
     "InputError",
     "InputWarning",
+    "NoWindowsError",
     "TrainingError",
     "brief",
     "line_of",
@@ -43,6 +44,10 @@ def warn_caller(text: str) -> None:
         frame = frame.f_back
         level += 1
     warnings.warn(text, InputWarning, level)
+
+
+class NoWindowsError(InputError):
+    """Recordings that can be read, but are too short, or have too few people, for a window."""
 
 
 class TrainingError(InputError):

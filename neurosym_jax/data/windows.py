@@ -12,7 +12,7 @@ import numpy as np
 
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common, fields_at
-from neurosym_jax.errors import InputError, option
+from neurosym_jax.errors import InputError, NoWindowsError, option
 from neurosym_jax.scene import (
     WIDEST,
     Scene,
@@ -118,12 +118,13 @@ def cut_windows(
 ) -> Windows:
     """All windows of `recordings`, in order of recording, start stamp and agent id.
 
-    Each recording is on one grid (see `clock.on_grid`). A window starts at every
+    Each recording is on one grid (see `tracks.on_grid`). A window starts at every
     `skip`-th step; scenes with fewer than `min_agents` are dropped.
 
     Raises:
-        InputError: for a number below 1, or if there is no window, a recording is on no
-            grid, or recordings do not match.
+        NoWindowsError: if there is no window.
+        InputError: for a number below 1, or if a recording is on no grid, or recordings
+            do not match.
     """
     lengths = {"obs_len": obs_len, "pred_len": pred_len}
     refuse(Count, {**lengths, "skip": skip, "min_agents": min_agents})
@@ -147,7 +148,7 @@ def cut_windows(
             hint += f"windows by {option('obs_len')} and {option('pred_len')}"
         else:
             hint = "some people are, with too few others"
-        raise InputError(
+        raise NoWindowsError(
             f"{names}: no {steps} have at least {min_agents} people throughout: {hint} (longer "
             f"gaps than {option('max_gap')} are not filled)"
         )

@@ -32,7 +32,7 @@ from neurosym_jax.data.windows import (
     seen_before,
     single_scene,
 )
-from neurosym_jax.errors import InputError, option, warn_caller
+from neurosym_jax.errors import InputError, NoWindowsError, option, warn_caller
 from neurosym_jax.evaluation.forecasts import (
     ForecastFile,
     Forecasts,
@@ -109,6 +109,8 @@ TABLE = "anchor_table"
 """The baseline that ships trained: offsets to constant velocity, without a network."""
 LENGTH = 8
 """Steps observed, and forecast, where no model says how many."""
+ROUNDED = -1e-6
+"""Least probability that a function may return: 0, but for rounding."""
 
 Entries = list[tuple[str | None, Model]]
 """(path as given, model) of what is tested on one test set; baselines, first, have no path."""
@@ -122,6 +124,11 @@ class TestSet:
     """Its name, or names of recordings joined by `+`."""
     obs_len: int
     pred_len: int
+
+    @property
+    def lengths(self) -> tuple[int, int]:
+        """Steps observed and steps forecast."""
+        return self.obs_len, self.pred_len
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -228,7 +235,7 @@ def _ordered(
 
     plan = {}
     for test_set in sorted(tested, key=place):
-        lengths = test_set.obs_len, test_set.pred_len
+        lengths = test_set.lengths
         beside = baselines_of(baselines, *lengths, test_set.dataset, samples)
         plan[test_set] = [*beside, *tested[test_set]]
     return plan
@@ -322,16 +329,38 @@ def load_tests(
     test_on: Sequence[str] = (),
     min_agents: int = 2,
 ) -> list[Test]:
-    """Read the test sets of a plan (see `make_plan`), each recording once."""
+    """Read the test sets of a plan (see `make_plan`), each recording once.
+
+    Warns:
+        InputWarning: of a test set without a window, which is left out where another of
+            its steps has one.
+
+    Raises:
+        NoWindowsError: where no test set of some steps has a window.
+    """
     names = list(dict.fromkeys(test_set.dataset for test_set in plan))
     read = (lambda _: source.files(test_on)) if test_on else source.recordings
     # Side by side, for simulations are programs that are compiled first.
     with ThreadPoolExecutor(cpu_cores()) as pool:
         recordings = dict(zip(names, pool.map(read, names)))
-    return [
-        make_test(test_set, entries, recordings[test_set.dataset], min_agents)
-        for test_set, entries in plan.items()
-    ]
+    tests = []
+    empty = {}
+    for test_set, entries in plan.items():
+        try:
+            test = make_test(
+                test_set, entries, recordings[test_set.dataset], min_agents
+            )
+        except NoWindowsError as error:
+            empty[test_set] = error
+        else:
+            tests.append(test)
+
+    tested = {test.test_set.lengths for test in tests}
+    for test_set, error in empty.items():
+        if test_set.lengths not in tested:
+            raise error
+        warn_caller(f"{test_set.dataset} is left out: {error}")
+    return tests
 
 
 def make_test(
@@ -346,16 +375,16 @@ def make_test(
     reports.
 
     Raises:
-        InputError: for recordings without a window.
+        NoWindowsError: for recordings without a window.
     """
-    lengths = test_set.obs_len, test_set.pred_len
+    lengths = test_set.lengths
     try:
         windows = cut_windows(recordings, *lengths, min_agents=min_agents)
-    except InputError as error:
-        with contextlib.suppress(InputError):
+    except NoWindowsError as error:
+        with contextlib.suppress(NoWindowsError):
             cut_windows(recordings, *lengths, min_agents=1)
             hint = f"{option('min_agents', 1)} tests people alone, too"
-            error = InputError(f"{error}; {hint}")
+            error = NoWindowsError(f"{error}; {hint}")
         raise error from None
     return _told(Test(test_set, entries, windows, recordings=recordings))
 
@@ -744,17 +773,21 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
         if probability is not None:
             probability = np.asarray(_on_host(probability), np.float64)
             count = len(samples)
-            fits = probability.shape == (count,)
+            fits = probability.shape == (count,) and (probability > ROUNDED).all()
             if not fits or not np.isclose(probability.sum(), 1, atol=1e-3):
                 raise InputError(
-                    f"{name}: probabilities must be [{count}] with a sum of 1"
+                    f"{name}: probabilities must be [{count}], not negative, with a "
+                    "sum of 1"
                 )
         parts.append(samples)
         weights.append(probability)
     known = [probability for probability in weights if probability is not None]
-    probabilities = None
-    if len(known) == len(weights):
-        probabilities = np.stack(known, axis=1)
+    if known and len(known) < len(weights):
+        raise InputError(
+            f"{name}: returns probabilities of {len(known)} of {len(weights)} scenes: "
+            "return them of all, or of none"
+        )
+    probabilities = np.stack(known, axis=1) if known else None
     together = np.concatenate(parts, axis=1)
     return Forecasts(name, together, probabilities, float(np.median(seconds)))
 
@@ -861,8 +894,8 @@ def evaluate(
     samples: int = 20,
     seed: int = 0,
     min_agents: int = 2,
-    metrics: Sequence[str] | None = None,
-    baselines: Sequence[str] | None = None,
+    metrics: str | Sequence[str] | None = None,
+    baselines: str | Sequence[str] | None = None,
     obs_len: int | None = None,
     pred_len: int | None = None,
     period: float | None = None,
@@ -902,17 +935,24 @@ def evaluate(
     loaded, functions = _apart(models)
     files = read_named(forecasts) if forecasts else {}
     lengths = {"obs_len": obs_len, "pred_len": pred_len, "period": period}
-    options = {"baselines": baselines, "samples": samples, "min_agents": min_agents}
+    options: dict[str, Any] = {"samples": samples, "min_agents": min_agents}
+    options["baselines"] = _names(baselines)
     entries: Entries = list(loaded.items())
     if not isinstance(models, Mapping):
         entries = [(None, model) for model in loaded.values()]
     tests = _tests_of(recordings, files, entries, lengths, read, options)
     tests = add_forecasts(tests, files, functions, partial=partial)
-    chosen = None if metrics is None else tuple(metrics)
     labels = {str(file.path): name for name, file in files.items()}
     labels |= {name: name for name in loaded}
-    settings = Settings(samples, seed, chosen, labels=labels)
+    settings = Settings(samples, seed, _names(metrics), labels=labels)
     return rows_frame(with_tests(list(evaluate_tests(tests, settings))))
+
+
+def _names(names: str | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names as a tuple; a text is one name."""
+    if names is None:
+        return None
+    return (names,) if isinstance(names, str) else tuple(names)
 
 
 def _tests_of(

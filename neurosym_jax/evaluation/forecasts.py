@@ -276,11 +276,15 @@ def _match(
     missing = np.sum(matches < 0)
     unused = np.isin(names, own).sum() - len(used)
     if not complete.any() or ((missing or unused) and not partial):
+        hint = ""
+        truth = file.path.with_stem(f"{file.path.stem}_truth")
+        if truth.is_file():
+            hint = f"; they were saved with the recording {truth}"
         raise InputError(
             f"{file.path}: {missing} of {windows.agents} people in windows have no forecast, and "
             f"{unused} of {len(file.ids)} forecasts are of none of these (matched by frame and id; "
             f"the windows begin with frame {frames[0]:g}, id {windows.agent[0]}, the file with "
-            f"{file.frames[0]:g}, {file.ids[0]})"
+            f"{file.frames[0]:g}, {file.ids[0]}){hint}"
         )
     _check_fit(file, windows, matches)
     return complete, matches

@@ -211,6 +211,23 @@ def test_one_step_and_one_agent(options, tmp_path):
     assert row["collision_rate"] == 0
 
 
+def test_a_recording_without_a_window_is_left_out_beside_others(options, tmp_path):
+    steps = {"long": 9, "short": 5}
+    for name, count in steps.items():
+        rows = [f"{frame},1,{0.1 * frame:.1f},0" for frame in range(count)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(rows))
+    alone = {"pred_len": 1, "min_agents": 1, "samples": 2}
+    with pytest.warns(InputWarning, match="short is left out: short: no 9 consecutive"):
+        rows = run(options(data=tmp_path, **alone))
+    assert {row["dataset"] for row in rows} == {"long"}
+    for chosen in (
+        {"data": tmp_path, "dataset": "short"},
+        {"data": tmp_path / "short.csv"},
+    ):
+        with pytest.raises(InputError, match="no 9 consecutive steps"):
+            run(options(**chosen, **alone))
+
+
 @pytest.mark.slow
 def test_further_metrics_where_they_are_asked_for(options, capsys, tmp_path):
     rng = np.random.default_rng(0)

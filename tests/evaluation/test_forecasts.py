@@ -127,8 +127,14 @@ def test_functions_of_numpy_and_torch_score_as_a_model_does(recording):
         ahead = tensor[:, -1:] + velocity * torch.arange(1, 9)[:, None]
         return torch.stack([ahead, ahead + 99]), torch.tensor([0.9, 0.1])
 
+    calls = itertools.count()
+
+    def sometimes(observed):
+        samples = stay(observed)[None]
+        return (samples, [1 - 1e-17]) if next(calls) % 2 else samples
+
     options = {
-        "baselines": ["constant_velocity"],
+        "baselines": "constant_velocity",
         "metrics": [*SAME, "central_ade", "neighbour_move"],
     }
     rows = nj.evaluate(
@@ -156,6 +162,8 @@ def test_functions_of_numpy_and_torch_score_as_a_model_does(recording):
         (lambda observed: stay(observed) * np.nan, "must return finite"),
         (lambda observed: None, "must return finite"),
         (lambda observed: (stay(observed)[None], [0.5]), "sum of 1"),
+        (lambda observed: (np.stack(3 * [stay(observed)]), [1.5, -0.5, 0]), "negative"),
+        (sometimes, r"probabilities of \d+ of \d+ scenes"),
         ("constant", "is no model or function: str"),
     ):
         with pytest.raises(InputError, match=message):

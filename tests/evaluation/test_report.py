@@ -1,5 +1,6 @@
 """Files of an evaluation: reports are replaced whole; forecasts are those that were scored."""
 
+import dataclasses
 import json
 import sys
 
@@ -7,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+import neurosym_jax as nj
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.compare import TestSet as Case
@@ -125,6 +127,17 @@ def test_trajnet_has_the_most_probable_forecast_first(tmp_path):
     ]
     expected = arrays["samples"][best, np.arange(len(best))]
     np.testing.assert_allclose(np.reshape(first, expected.shape), expected, atol=1e-4)
+    elsewhere = walk("a", 3)
+    elsewhere = dataclasses.replace(elsewhere, stamp=elsewhere.stamp + 1e9)
+    with pytest.raises(
+        InputError, match=r"saved with the recording .*out_truth\.ndjson"
+    ):
+        nj.evaluate(recordings=elsewhere, forecasts=path, obs_len=4)
+    truth = path.with_stem("out_truth")
+    rows = nj.evaluate(
+        recordings=truth, forecasts=path, obs_len=4, metrics="central_ade"
+    )
+    assert rows["central_ade"][-1] > 0
 
 
 def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):
