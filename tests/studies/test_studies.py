@@ -134,6 +134,18 @@ def test_the_page_of_the_distribution_has_its_table():
     assert results.energy_scores() in beside_studies("distribution")
 
 
+def test_the_page_of_weighting_has_the_trainings_of_its_table():
+    page = (DOCS / "weighting.md").read_text(encoding="utf-8").replace("−", "-")
+    table = pl.read_csv(DOCS / "weighting_training.csv")
+    for row in table.filter(pl.col("reference") == "NeuroSyM, ones").to_dicts():
+        error = row["error_of_reference"]
+        half = (row["high_95"] - row["low_95"]) / 2
+        cells = [f"{error:.3f}", f"{100 * row['difference'] / error:+.1f} ± "]
+        cells[1] += f"{100 * half / error:.1f}"
+        line = [row["training"], str(row["pred_len"]), *cells]
+        assert f"| {' | '.join(line)} |" in page
+
+
 def beside_studies(name: str) -> str:
     """The page `name` beside the studies."""
     return (ROOT / "studies" / "pages" / f"{name}.md").read_text(encoding="utf-8")
