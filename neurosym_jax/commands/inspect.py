@@ -190,8 +190,8 @@ def _print_next(
 
 
 def _data_of(path: Path, moment: Windows, read: ReadOptions) -> Path:
-    """`path`, or the busiest moment's folder where other commands cannot take `path`: they search
-    no subfolders."""
+    """What other commands can take: `path`, or where its files lie in subfolders, which they do
+    not search, the folder of the busiest moment."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         try:

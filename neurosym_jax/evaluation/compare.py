@@ -109,8 +109,8 @@ TABLE = "anchor_table"
 """The baseline that ships trained: offsets to constant velocity, without a network."""
 LENGTH = 8
 """Steps observed, and forecast, where no model says how many."""
-ROUNDED = -1e-6
-"""Least probability that a function may return: 0, but for rounding."""
+LEAST_PROBABILITY = -1e-6
+"""That a function may return: 0, but for rounding."""
 
 Entries = list[tuple[str | None, Model]]
 """(path as given, model) of what is tested on one test set; baselines, first, have no path."""
@@ -773,7 +773,10 @@ def predict_windows(predictor: Predictor, name: str, windows: Windows) -> Foreca
         if probability is not None:
             probability = np.asarray(_on_host(probability), np.float64)
             count = len(samples)
-            fits = probability.shape == (count,) and (probability > ROUNDED).all()
+            fits = (
+                probability.shape == (count,)
+                and (probability > LEAST_PROBABILITY).all()
+            )
             if not fits or not np.isclose(probability.sum(), 1, atol=1e-3):
                 raise InputError(
                     f"{name}: probabilities must be [{count}], not negative, with a "

@@ -23,6 +23,8 @@ class Hub(BaseHTTPRequestHandler):
     """The part of the Hub's interface that an upload and a download of small files need."""
 
     files: dict[str, bytes]
+    commits: list[str]
+    """Paths of the repositories that were committed to."""
     made: dict[str, bool]
     """Whether the repository is private, as it was asked for first."""
 
@@ -43,6 +45,7 @@ class Hub(BaseHTTPRequestHandler):
             )
             return
         if "/commit/" in self.path:
+            self.commits.append(self.path)
             lines = [json.loads(line) for line in body.splitlines()]
             for file in (line["value"] for line in lines if line["key"] == "file"):
                 self.files[file["path"]] = base64.b64decode(file["content"])
@@ -90,10 +93,10 @@ class Hub(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def hub():
-    handler = type("OneHub", (Hub,), {"files": {}, "made": {}})
+    handler = type("OneHub", (Hub,), {"files": {}, "commits": [], "made": {}})
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}", handler.files, handler.made
+        yield f"http://127.0.0.1:{server.server_port}", handler
         server.shutdown()
 
 
@@ -145,9 +148,10 @@ def run(code, tmp_path, endpoint):
 
 PUSH = """
 model = nj.load_model('sgan_simulations_8')
-try: print(nj.interop.push_to_hub(model, 'me/walkers', private=True))
+try: print(nj.interop.push_to_hub(model, 'me/walkers'))
 except nj.errors.InputError as error: print(error)
 """
+PUSH_PRIVATE = PUSH.replace("'me/walkers'", "'me/walkers', private=True")
 PULL = """
 for name, revision in (('me/walkers', None), ('me/nobody', None), ('me/walkers', 'v0')):
     try: nj.save_model('back', nj.interop.from_pretrained(name, revision=revision))
@@ -158,8 +162,10 @@ for name, revision in (('me/walkers', None), ('me/nobody', None), ('me/walkers',
 def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path, monkeypatch):
     """A process costs two seconds: one goes there and back, one meets what others changed."""
     monkeypatch.chdir(tmp_path)
-    endpoint, files, made = hub
-    url, *missing = run(PUSH + PULL, tmp_path / "first", endpoint).splitlines()
+    endpoint, handler = hub
+    files, made = handler.files, handler.made
+    code = PUSH_PRIVATE + PULL
+    url, *missing = run(code, tmp_path / "first", endpoint).splitlines()
     assert url == f"{endpoint}/me/walkers/commit/{COMMIT}"
     assert made == {"private": True}
     assert sorted(files) == ["README.md", "config.json", "params.safetensors"]
@@ -169,11 +175,13 @@ def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path, monkeypatch):
 
     files["README.md"] += b"edited in the browser"
     made["private"] = False  # Somebody made it public.
-    before = dict(files)
-    damaged, refused = run(PULL + PUSH, tmp_path / "again", endpoint).splitlines()[::3]
+    code = PULL + PUSH_PRIVATE + PUSH
+    lines = run(code, tmp_path / "again", endpoint).splitlines()
+    damaged, _, _, refused, public = lines
     assert "damaged: its files do not match the digest" in damaged
     assert "me/walkers: is there already and public: nothing is sent" in refused
-    assert files == before
+    assert public == url
+    assert len(handler.commits) == 2
 
 
 def test_a_missing_model_is_named_in_one_line(monkeypatch):

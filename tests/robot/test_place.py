@@ -72,8 +72,8 @@ def taught(model):
 
 
 @pytest.fixture(scope="module")
-def begun(model):
-    """Taught by few people: enough for what is shown of it."""
+def taught_by_few(model):
+    """Enough for what is shown of it."""
     return teach(model, people=8)
 
 
@@ -151,17 +151,17 @@ def test_what_was_learned_elsewhere_harms_nobody(model, taught, tmp_path):
     assert used < 0.95 * alone
 
 
-def test_the_status_says_what_it_brought(begun):
-    predictor, _ = begun
+def test_the_status_says_what_it_brought(taught_by_few):
+    predictor, _ = taught_by_few
     status = Status(predictor, Analytics(predictor), interval=0.0)
     assert "memory of the place: up to " in status.line()
     assert "% lower than without it in 1 minutes" in status.now()["place"]
     assert status.now()["place"] in status.table()
 
 
-def test_the_page_shows_what_it_taught(begun):
+def test_the_page_shows_what_it_taught(taught_by_few):
     """Rows of flows turn where people turn, and come once in half a minute."""
-    predictor, forecasts = begun
+    predictor, forecasts = taught_by_few
     status = Status(predictor, Analytics(predictor), interval=0.0)
     moments = Moments(predictor)
     assert json.loads(moments.introduction)["place"] is True

@@ -100,7 +100,9 @@ def test_resumed_runs_end_with_the_same_bits(scripted, tmp_path, interrupt_at, f
 
 
 @pytest.mark.slow
-def test_resumed_runs_of_sgan_do(run, done, tmp_path, interrupt_at, final):
+def test_resumed_runs_of_sgan_end_with_the_same_bits(
+    run, done, tmp_path, interrupt_at, final
+):
     steps = [25, 50, 75]
     assert_resumed_to_the_same_bits(run, tmp_path, done, interrupt_at, final, steps)
 

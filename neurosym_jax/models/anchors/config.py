@@ -1,5 +1,5 @@
-"""Configurations of the anchors network and of the anchor table, what both forecast, and what
-configured people see of their neighbours.
+"""Configurations of the anchors network and of the anchor table, what both forecast, and the
+features of neighbours that a configuration chooses.
 
 These stand apart from the networks: a forecast by a kept program imports no Flax.
 """
